@@ -1,0 +1,1 @@
+"""Runs walking policies and excitation signals on a robot, safely."""

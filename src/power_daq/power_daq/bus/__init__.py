@@ -1,0 +1,1 @@
+"""The power board's and drives' CAN FD bus: its description and its interfaces."""

@@ -1,0 +1,31 @@
+"""What every command of the suite does on bad input: one line on stderr, exit code 2."""
+
+import sys
+from collections.abc import Callable, Sequence
+from functools import wraps
+
+
+class InputError(Exception):
+    """Bad input from the user; the message is one line that says what to do."""
+
+
+def command(
+    body: Callable[[Sequence[str] | None], int | None],
+) -> Callable[[Sequence[str] | None], int]:
+    """
+    Turn a function of the argument list into an entry point that returns an exit code.
+
+    InputError ends with its message on stderr and code 2, Ctrl-C with code 130.
+    """
+
+    @wraps(body)
+    def main(args: Sequence[str] | None = None) -> int:
+        try:
+            return body(args) or 0
+        except InputError as error:
+            print(f'{sys.argv[0].rsplit("/", 1)[-1]}: {error}', file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            return 130
+
+    return main

@@ -1,0 +1,1 @@
+"""Recordings: the bag writer, the card, reading back, and alignment."""

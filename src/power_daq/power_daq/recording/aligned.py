@@ -1,0 +1,77 @@
+"""The one form in which measured signals reach models: aligned arrays."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class AlignedDataset:
+    """
+    Signals of D drives on one time grid of T samples.
+
+    A segment is a stretch without gaps; whatever looks back in time (filters, networks,
+    derivatives) stops at its borders. What was not recorded is NaN.
+    """
+
+    rate: float  # Hz
+    names: tuple[str, ...]  # D drives
+    time: NDArray[np.float64]  # s [T], measurement time in ROS time
+    segment: NDArray[np.int32]  # [T], counts up over all recordings
+    position: Floats  # rad [T, D]
+    velocity: Floats  # rad/s [T, D]
+    torque: Floats  # N·m [T, D]
+    command: Floats  # rad [T, D], position target in force (zero-order hold)
+    power: Floats  # W [T, D], mean of voltage × current, positive = drawn by the drive
+    voltage: Floats  # V [T, D]
+    current: Floats  # A [T, D]
+    temperature: Floats  # °C [T, D], winding
+    supply: Floats  # W [T], drawn by the whole robot
+    recordings: tuple[str, ...]  # where the samples come from
+    recording: NDArray[np.int32]  # [T], index into recordings
+    extras: Mapping[str, Floats] = field(default_factory=dict)  # other signals by topic [T, ...]
+
+    @property
+    def position_error(self) -> Floats:
+        """Target minus position, rad [T, D]."""
+        return self.command - self.position
+
+    def rows(self, index: slice | NDArray[np.bool_] | NDArray[np.intp]) -> 'AlignedDataset':
+        """The samples at index."""
+        arrays = {
+            f.name: getattr(self, f.name)[index]
+            for f in fields(self)
+            if isinstance(getattr(self, f.name), np.ndarray)
+        }
+        extras = {name: values[index] for name, values in self.extras.items()}
+        return replace(self, **arrays, extras=extras)
+
+    def drives(self, names: Sequence[str]) -> 'AlignedDataset':
+        """The columns of the named drives; KeyError for one that is not there."""
+        missing = [name for name in names if name not in self.names]
+        if missing:
+            raise KeyError(f'no drive {missing[0]!r}; there are {", ".join(self.names)}')
+        columns = [self.names.index(name) for name in names]
+        per_drive = {
+            f.name: getattr(self, f.name)[:, columns]
+            for f in fields(self)
+            if isinstance(getattr(self, f.name), np.ndarray) and getattr(self, f.name).ndim == 2
+        }
+        return replace(self, names=tuple(names), **per_drive)
+
+    def measured_drives(self) -> tuple[str, ...]:
+        """Drives whose electrical power was measured at any time."""
+        measured = np.isfinite(self.power).any(axis=0)
+        return tuple(name for name, there in zip(self.names, measured, strict=True) if there)
+
+    def segments(self) -> Iterator[slice]:
+        """The gap-free stretches, in order."""
+        borders = np.flatnonzero(np.diff(self.segment)) + 1
+        edges = [0, *borders.tolist(), len(self.time)]
+        for start, stop in zip(edges[:-1], edges[1:], strict=True):
+            if stop > start:
+                yield slice(start, stop)
