@@ -1,0 +1,75 @@
+"""Ground to walk on: level, or uneven as in Section II-A of the paper."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_LEVEL_RADIUS = 1.0  # m around the start without noise
+_RIM = 4.0  # m over which the heights run out to the plane around the field
+_WAVES = 4
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """
+    A square patch of ground centred on the start, with a plane around it.
+
+    noise: uniform height noise of each cell's corners, ± m (the paper: 0.02).
+    slope: steepest incline of the undulation below the noise (the paper: 0.02).
+    cell: edge of a cell, m. extent: edge of the patch, m. seed: of noise and undulation.
+    ValueError for values outside the ranges given in the message.
+    """
+
+    noise: float = 0.0
+    slope: float = 0.0
+    cell: float = 0.2
+    extent: float = 60.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ('noise', 0.0, 0.2),
+            ('slope', 0.0, 0.2),
+            ('cell', 0.05, 1.0),
+            ('extent', 12.0, 200.0),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ValueError(f'terrain {name} is {value!r}; it must lie in {low}..{high} m')
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether a plane is all there is."""
+        return self.noise == 0.0 and self.slope == 0.0
+
+    def heights(self) -> NDArray[np.float64]:
+        """
+        Heights of the cells' corners, m [n, n], rows along y, columns along x, 0 at the start.
+
+        The undulation is a sum of plane waves whose gradients together stay below `slope`.
+        """
+        count = round(self.extent / self.cell) + 1
+        random = np.random.default_rng(self.seed)
+        axis = np.linspace(-self.extent / 2, self.extent / 2, count)
+        x, y = np.meshgrid(axis, axis)
+        heights = np.zeros((count, count))
+        for _ in range(_WAVES):
+            number = 2 * np.pi / random.uniform(8.0, 16.0)
+            heading, phase = random.uniform(0.0, 2 * np.pi, 2)
+            along = number * (np.cos(heading) * x + np.sin(heading) * y)
+            heights += self.slope / _WAVES / number * (np.sin(along + phase) - np.sin(phase))
+        distance = np.hypot(x, y)
+        rough = np.clip((distance - _LEVEL_RADIUS) / _LEVEL_RADIUS, 0.0, 1.0)
+        heights += rough * random.uniform(-self.noise, self.noise, heights.shape)
+        inside = self.extent / 2 - np.maximum(np.abs(x), np.abs(y))
+        low = heights.min()
+        return low + np.clip(inside / _RIM, 0.0, 1.0) * (heights - low)
+
+
+FLAT = Terrain()
+
+
+def rough(seed: int = 0) -> Terrain:
+    """Nearly flat ground of the paper (Section II-A): noise of ±2 cm, slopes up to 2 %."""
+    return Terrain(noise=0.02, slope=0.02, seed=seed)
