@@ -1,0 +1,88 @@
+"""Velocity commands that vary over time, as a person with a joystick would give them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_KINDS = ('stand', 'forward', 'lateral', 'turn', 'mixed')
+
+
+@dataclass(frozen=True)
+class CommandRange:
+    """
+    Span of random commands.
+
+    forward, backward, lateral: m/s; yaw: rad/s; period: mean time between new commands, s;
+    ramp: time over which one command turns into the next, s. ValueError if out of range.
+    """
+
+    forward: float = 0.6
+    backward: float = 0.4
+    lateral: float = 0.35
+    yaw: float = 0.7
+    period: float = 4.0
+    ramp: float = 0.6
+    weights: tuple[float, float, float, float, float] = (0.12, 0.35, 0.13, 0.15, 0.25)
+
+    def __post_init__(self) -> None:
+        for name, high in (('forward', 1.5), ('backward', 1.5), ('lateral', 1.0), ('yaw', 2.0)):
+            value = getattr(self, name)
+            if not 0.0 <= value <= high:
+                raise ValueError(f'command {name} is {value!r}; it must lie in 0..{high}')
+        if not 0.0 < self.ramp < self.period / 2:
+            raise ValueError(
+                f'ramp is {self.ramp!r} s; it must lie in 0..{self.period / 2} s, half the period'
+            )
+        if min(self.weights) < 0.0 or sum(self.weights) <= 0.0:
+            raise ValueError(f'weights are {self.weights!r}; they must be 0 or more, and not all 0')
+
+
+class RandomCommands:
+    """
+    Random (vx, vy, yaw rate) over time: the same for the same seed, at any time asked.
+
+    Stretches of forward, sideways, turning and mixed walking follow each other, with stretches
+    of standing between; the first second stands.
+    """
+
+    def __init__(self, seed: int = 0, range: CommandRange = CommandRange()) -> None:  # noqa: A002, B008
+        self._range = range
+        self._random = np.random.default_rng(seed)
+        self._starts = [0.0]
+        self._ends = [1.0]
+        self._values = [np.zeros(3)]
+
+    def __call__(self, time: float) -> NDArray[np.float64]:
+        """Give the command at `time` s after the start: m/s, m/s, rad/s [3]."""
+        while time >= self._ends[-1]:
+            self._append()
+        index = int(np.searchsorted(self._ends, time, side='right'))
+        value = self._values[index]
+        if index == 0:
+            return value.copy()
+        share = min((time - self._starts[index]) / self._range.ramp, 1.0)
+        return self._values[index - 1] + share * (value - self._values[index - 1])
+
+    def _append(self) -> None:
+        start = self._ends[-1]
+        self._starts.append(start)
+        self._ends.append(start + self._range.period * self._random.uniform(0.6, 1.4))
+        self._values.append(self._draw())
+
+    def _draw(self) -> NDArray[np.float64]:
+        span, random = self._range, self._random
+        weights = np.asarray(span.weights) / sum(span.weights)
+        kind = _KINDS[int(random.choice(len(_KINDS), p=weights))]
+        along = random.uniform(-span.backward, span.forward)
+        across = random.uniform(-span.lateral, span.lateral)
+        turn = random.uniform(-span.yaw, span.yaw)
+        return np.array(
+            {
+                'stand': (0.0, 0.0, 0.0),
+                'forward': (along, 0.0, 0.0),
+                'lateral': (0.0, across, 0.0),
+                'turn': (0.0, 0.0, turn),
+                'mixed': (along, 0.5 * across, 0.7 * turn),
+            }[kind]
+        )
