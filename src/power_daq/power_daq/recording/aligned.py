@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,13 +66,12 @@ class AlignedDataset:
 
     def measured_drives(self) -> tuple[str, ...]:
         """Drives whose electrical power was measured at any time."""
-        measured = np.isfinite(self.power).any(axis=0)
-        return tuple(name for name, there in zip(self.names, measured, strict=True) if there)
+        measured = np.flatnonzero(np.isfinite(self.power).any(axis=0))
+        return tuple(self.names[i] for i in measured)
 
     def segments(self) -> Iterator[slice]:
         """The gap-free stretches, in order."""
         borders = np.flatnonzero(np.diff(self.segment)) + 1
-        edges = [0, *borders.tolist(), len(self.time)]
-        for start, stop in zip(edges[:-1], edges[1:], strict=True):
+        for start, stop in pairwise([0, *borders.tolist(), len(self.time)]):
             if stop > start:
                 yield slice(start, stop)

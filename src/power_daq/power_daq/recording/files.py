@@ -1,0 +1,41 @@
+"""Files that are there whole or not at all, and the errors of a disk in words."""
+
+import errno
+import os
+from pathlib import Path
+
+from power_daq.cli import InputError
+
+_ADVICE = {
+    errno.ENOSPC: 'the disk is full: free some space or choose another disk',
+    errno.EDQUOT: 'the disk quota is used up: free some space or choose another disk',
+    errno.EFBIG: 'the file may not grow further (ulimit -f or the file system)',
+    errno.EACCES: 'no permission to write there: choose another folder',
+    errno.EPERM: 'no permission to write there: choose another folder',
+    errno.EROFS: 'the file system is read-only: choose another folder',
+    errno.ENOENT: 'there is no such folder: create it first',
+    errno.ENOTDIR: 'part of the path is a file: choose another folder',
+}
+
+
+class RecordingError(InputError):
+    """A recording cannot be written on; the message says what was kept and what was lost."""
+
+
+def advice(error: OSError) -> str:
+    """What went wrong on the disk and what to do about it."""
+    return _ADVICE.get(error.errno or 0, error.strerror or str(error))
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write text under a temporary name, then rename it to path; RecordingError if it cannot."""
+    temporary = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        with temporary.open('w', encoding='utf-8') as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise RecordingError(f'cannot write {path}: {advice(error)}') from error

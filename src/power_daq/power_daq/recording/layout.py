@@ -1,0 +1,151 @@
+"""Many messages of one shape as columns: where the numbers lie in the CDR bytes."""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rosbags.interfaces import Nodetype
+from rosbags.typesys.store import Typestore
+
+Bytes = NDArray[np.uint8]
+
+_ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
+_DTYPES = {
+    'bool': 'u1',
+    'byte': 'u1',
+    'octet': 'u1',
+    'char': 'u1',
+    'float32': 'f4',
+    'float64': 'f8',
+}
+_DTYPES |= {f'{sign}int{8 * n}': f'{sign or "i"}{n}' for sign in ('', 'u') for n in (1, 2, 4, 8)}
+
+
+@dataclass(frozen=True)
+class Column:
+    """Numbers of one field: `count` in a row, or None for a single value."""
+
+    offset: int
+    dtype: 'np.dtype[Any]'
+    count: int | None
+
+    @property
+    def end(self) -> int:
+        """Offset of the byte after the last number."""
+        return self.offset + self.dtype.itemsize * (1 if self.count is None else self.count)
+
+
+class Layout:
+    """
+    Offsets of all numbers in a CDR message, taken from an example.
+
+    They hold for every message of the type whose strings and array lengths are the same.
+    `columns` and `strings` go by dotted path, e.g. `header.stamp.sec`.
+    Raises ValueError for an example that is cut off or not plain CDR (XCDR version 1).
+    """
+
+    def __init__(self, store: Typestore, type_name: str, example: bytes) -> None:
+        order = _ORDERS.get(bytes(example[:2]))
+        if order is None:
+            raise ValueError(f'encapsulation {bytes(example[:2]).hex()} is not plain CDR')
+        self.type_name = type_name
+        self.size = len(example)
+        self.columns: dict[str, Column] = {}
+        self.strings: dict[str, str | tuple[str, ...]] = {}
+        self._store = store
+        self._order = order
+        self._example = bytes(example)
+        self._position = 4
+        self._shape = np.zeros(len(example), bool)
+        self._shape[:2] = True
+        try:
+            self._walk(type_name, '')
+        except struct.error as error:
+            raise ValueError(f'cut off after {len(example)} bytes') from error
+        if self._position > len(example):
+            raise ValueError(f'cut off after {len(example)} bytes')
+        self._fixed = np.flatnonzero(self._shape)
+        self._fixed_bytes = np.frombuffer(self._example, np.uint8)[self._fixed]
+
+    def matches(self, messages: Bytes) -> NDArray[np.bool_]:
+        """Which of messages [N, size] have this layout."""
+        same = messages[:, self._fixed] == self._fixed_bytes
+        return np.asarray(same.all(axis=1), np.bool_)
+
+    def decode(self, messages: Bytes, path: str) -> NDArray[Any]:
+        """The numbers of a field out of messages [N, size]: [N] or [N, count], native order."""
+        column = self.columns[path]
+        raw = np.ascontiguousarray(messages[:, column.offset : column.end])
+        values = raw.view(column.dtype) if column.count != 0 else np.zeros((len(raw), 0))
+        return values[:, 0] if column.count is None else values
+
+    def encode(self, count: int, columns: Mapping[str, ArrayLike]) -> list[bytes]:
+        """`count` messages: the example with the given columns put in; KeyError if unknown."""
+        block = np.tile(np.frombuffer(self._example, np.uint8), (count, 1))
+        for path, values in columns.items():
+            column = self.columns[path]
+            shape = (count, 1 if column.count is None else column.count)
+            array = np.asarray(values)
+            if array.shape not in {shape, shape[: array.ndim]}:
+                raise ValueError(f'{path} has shape {array.shape}; expected {shape}')
+            numbers = np.ascontiguousarray(array.reshape(shape).astype(column.dtype))
+            block[:, column.offset : column.end] = numbers.view(np.uint8)
+        data, size = block.tobytes(), self.size
+        return [data[i : i + size] for i in range(0, count * size, size)]
+
+    def _walk(self, type_name: str, prefix: str) -> None:
+        for name, desc in self._store.fielddefs[type_name][1]:
+            self._field(f'{prefix}{name}', desc)
+
+    def _field(self, path: str, desc: Any) -> None:
+        kind, rest = desc
+        if kind == Nodetype.NAME:
+            self._walk(rest, f'{path}.')
+        elif kind == Nodetype.BASE:
+            if rest[0] == 'string':
+                self.strings[path] = self._string()
+            else:
+                self._numbers(path, rest[0], None)
+        else:
+            (item_kind, item), count = rest
+            if kind == Nodetype.SEQUENCE:
+                count = self._length()
+            if item_kind == Nodetype.NAME:
+                for i in range(count):
+                    self._walk(item, f'{path}[{i}].')
+            elif item[0] == 'string':
+                self.strings[path] = tuple(self._string() for _ in range(count))
+            else:
+                self._numbers(path, item[0], count)
+
+    def _numbers(self, path: str, kind: str, count: int | None) -> None:
+        dtype = np.dtype(self._order + _DTYPES[kind])
+        if count != 0:
+            self._align(dtype.itemsize)
+        column = Column(self._position, dtype, count)
+        self.columns[path] = column
+        self._position = column.end
+
+    def _length(self) -> int:
+        self._align(4)
+        (length,) = struct.unpack_from(f'{self._order}I', self._example, self._position)
+        self._fix(4)
+        if length > self.size:
+            raise ValueError(f'an array of {length} in a message of {self.size} bytes')
+        return int(length)
+
+    def _string(self) -> str:
+        length = self._length()
+        start = self._position
+        self._fix(length)
+        return self._example[start : start + max(length - 1, 0)].decode('utf-8', 'replace')
+
+    def _fix(self, size: int) -> None:
+        self._shape[self._position : self._position + size] = True
+        self._position += size
+
+    def _align(self, size: int) -> None:
+        self._position += -(self._position - 4) % size
