@@ -1,0 +1,189 @@
+"""All effects by name: those shipped, and those of a user's own file."""
+
+import importlib.util
+import inspect
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from power_daq.cli import InputError
+
+from power_estimator.effects.cogging import Cogging
+from power_estimator.effects.copper_loss import CopperLoss
+from power_estimator.effects.coulomb_friction import CoulombFriction
+from power_estimator.effects.effect import Effect, Excitation, Floats, Shape, Term
+from power_estimator.effects.field_weakening import FieldWeakening
+from power_estimator.effects.idle import Idle
+from power_estimator.effects.inverter_loss import InverterLoss
+from power_estimator.effects.iron_loss import IronLoss
+from power_estimator.effects.line_resistance import LineResistance
+from power_estimator.effects.load_friction import LoadFriction
+from power_estimator.effects.measurement import (
+    CurrentOffset,
+    PowerGain,
+    TimeOffset,
+    TorqueBias,
+    VelocityLag,
+)
+from power_estimator.effects.regeneration_efficiency import RegenerationEfficiency
+from power_estimator.effects.regeneration_limit import RegenerationLimit
+from power_estimator.effects.rotor_inertia import RotorInertia
+from power_estimator.effects.shaft import Shaft
+from power_estimator.effects.signals import Signals
+from power_estimator.effects.spring import Spring
+from power_estimator.effects.stribeck_friction import StribeckFriction
+from power_estimator.effects.viscous_friction import ViscousFriction
+from power_estimator.effects.winding_heating import WindingHeating
+
+_BUILTIN: tuple[type[Effect], ...] = (
+    Shaft,
+    CopperLoss,
+    WindingHeating,
+    ViscousFriction,
+    CoulombFriction,
+    StribeckFriction,
+    LoadFriction,
+    IronLoss,
+    InverterLoss,
+    Idle,
+    RegenerationEfficiency,
+    RegenerationLimit,
+    FieldWeakening,
+    RotorInertia,
+    Spring,
+    Cogging,
+    LineResistance,
+    PowerGain,
+    CurrentOffset,
+    TorqueBias,
+    VelocityLag,
+    TimeOffset,
+)
+
+
+class Catalogue(Mapping[str, Effect]):
+    """Effects by name, in a fixed order."""
+
+    def __init__(self, effects: Sequence[Effect], origins: Mapping[str, Path] | None = None):
+        self._effects = {effect.name: effect for effect in effects}
+        self.origins = dict(origins or {})
+
+    def __getitem__(self, name: str) -> Effect:
+        return self._effects[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._effects)
+
+    def __len__(self) -> int:
+        return len(self._effects)
+
+    def get_known(self, name: str, where: str) -> Effect:
+        """The effect of that name; InputError that lists what exists."""
+        if name not in self._effects:
+            raise InputError(
+                f'{where}: unknown effect {name!r}; known are {", ".join(self._effects)}'
+                ' (your own go by --effects-path FILE.py)'
+            )
+        return self._effects[name]
+
+    def physics(self) -> tuple[Effect, ...]:
+        """Effects of the drive."""
+        return tuple(effect for effect in self._effects.values() if effect.kind == 'physics')
+
+    def measurement(self) -> tuple[Effect, ...]:
+        """Faults of the measurement."""
+        return tuple(effect for effect in self._effects.values() if effect.kind == 'measurement')
+
+
+def builtin_catalogue() -> Catalogue:
+    """The effects that are shipped."""
+    return Catalogue([effect() for effect in _BUILTIN])
+
+
+def load_catalogue(paths: Sequence[Path] = ()) -> Catalogue:
+    """
+    The shipped effects and those defined in the given Python files.
+
+    The files are run: name only files that you trust. InputError if a file cannot be read or
+    run, defines no effect, redefines a name, or defines one that is incomplete.
+    """
+    effects = [effect() for effect in _BUILTIN]
+    origins: dict[str, Path] = {}
+    for path in paths:
+        for effect in _effects_in(path):
+            if effect.name in {known.name for known in effects}:
+                raise InputError(f'{path}: effect {effect.name!r} exists already; rename yours')
+            effects.append(effect)
+            origins[effect.name] = path
+    return Catalogue(effects, origins)
+
+
+def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
+    """
+    What the effect computes, checked: finite, [T, D, n].
+
+    InputError names an effect that raises, or returns another shape or NaN.
+    """
+    try:
+        columns = np.asarray(effect.regressors(signals, **shape), dtype=np.float64)
+    except InputError:
+        raise
+    except Exception as error:  # a user's code may raise anything
+        raise InputError(
+            f'effect {effect.name!r} raised {type(error).__name__}: {error}'
+        ) from error
+    expected = (*signals.torque.shape, len(effect.terms))
+    if columns.shape != expected:
+        raise InputError(
+            f'effect {effect.name!r} returned regressors of shape {columns.shape}; '
+            f'[time, drive, term] is {expected}'
+        )
+    if not np.isfinite(columns).all():
+        raise InputError(f'effect {effect.name!r} returned NaN or infinite regressors')
+    return columns
+
+
+def _effects_in(path: Path) -> list[Effect]:
+    module = _run(path)
+    classes = [
+        value
+        for value in vars(module).values()
+        if inspect.isclass(value)
+        and issubclass(value, Effect)
+        and value.__module__ == module.__name__
+    ]
+    if not classes:
+        raise InputError(f'{path}: defines no class derived from Effect')
+    return [_checked(kind, path) for kind in classes]
+
+
+def _run(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise InputError(f'{path}: no such file of effects')
+    spec = importlib.util.spec_from_file_location(f'user_effects_{path.stem}', path)
+    if spec is None or spec.loader is None:
+        raise InputError(f'{path}: not a Python file')
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # a user's code may raise anything
+        raise InputError(f'{path}: {type(error).__name__}: {error}') from error
+    return module
+
+
+def _checked(kind: type[Effect], path: Path) -> Effect:
+    where = f'{path}: class {kind.__name__}'
+    for attribute in ('name', 'physics', 'formula', 'terms'):
+        if not getattr(kind, attribute, None):
+            raise InputError(f'{where} has no {attribute!r}')
+    if inspect.isabstract(kind):
+        raise InputError(f'{where} has no method regressors(self, signals, **shape)')
+    if not getattr(kind, 'excitation', None):
+        kind.excitation = Excitation('not given by its author')
+    for term in kind.terms:
+        if not isinstance(term, Term) or not term.unit or not term.lower <= term.upper:
+            raise InputError(f'{where}: terms are Term(symbol, unit, lower, upper); got {term!r}')
+    if kind.acts_on not in ('power', 'torque'):
+        raise InputError(f"{where}: acts_on is 'power' or 'torque', not {kind.acts_on!r}")
+    return kind()

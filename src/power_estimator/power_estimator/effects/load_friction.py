@@ -1,0 +1,26 @@
+"""Friction that grows with the load on the gear."""
+
+import numpy as np
+
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term, smooth_sign
+from power_estimator.effects.signals import Signals
+
+
+class LoadFriction(Effect):
+    """The gear's teeth rub harder under load."""
+
+    name = 'load_friction'
+    physics = 'gear friction in proportion to the load: the efficiency of the gear'
+    formula = 'c·|torque·w| + 2·k·c·torque·|torque|·sgn w'
+    terms = (Term('c', '1', 0.0, 1.0),)
+    acts_on = 'torque'
+    near = ('regeneration_efficiency', 'shaft')
+    excitation = Excitation(
+        'three loads, driving and back-driving, at two speeds',
+        speeds=(1.0, 3.0, -1.0, -3.0),
+        loads=(-25.0, 0.0, 25.0),
+    )
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """The load's size with the sign of the speed."""
+        return (np.abs(signals.torque) * smooth_sign(signals.velocity))[..., None]

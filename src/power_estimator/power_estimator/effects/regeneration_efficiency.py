@@ -1,0 +1,25 @@
+"""Losses on the way back into the bus."""
+
+import numpy as np
+
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.signals import Signals
+
+
+class RegenerationEfficiency(Effect):
+    """Only a part of the power that flows back arrives."""
+
+    name = 'regeneration_efficiency'
+    physics = 'of the power that a braking drive returns only the part eta arrives at the bus'
+    formula = '(1 − eta)·max(0, −P)'
+    terms = (Term('1 − eta', '1', 0.0, 1.0),)
+    near = ('regeneration_limit', 'load_friction')
+    excitation = Excitation(
+        'back-driving at three loads and two speeds while other drives draw',
+        speeds=(2.0, 4.0, -2.0, -4.0),
+        loads=(-30.0, -15.0, 15.0, 30.0),
+    )
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """The power that would flow back."""
+        return np.maximum(0.0, -signals.drawn)[..., None]

@@ -1,0 +1,54 @@
+"""The signals that effects are computed from."""
+
+import itertools
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Signals:
+    """
+    Signals of D drives at the rate at which products are formed, [T, D] unless said otherwise.
+
+    motor_torque and drawn are the model's own estimates so far: torque at the motor including
+    friction and rotor inertia, and power drawn at the drive's input. They let an effect depend
+    on what the other effects add.
+    """
+
+    rate: float  # Hz
+    names: tuple[str, ...]  # D drives
+    time: Floats  # s [T]
+    segment: NDArray[np.int32]  # [T], stretches without gaps
+    recording: NDArray[np.int32]  # [T]
+    position: Floats  # rad
+    velocity: Floats  # rad/s, lag of the sensor's filter removed
+    acceleration: Floats  # rad/s²
+    torque: Floats  # N·m at the joint
+    torque_rate: Floats  # N·m/s
+    voltage: Floats  # V
+    temperature: Floats  # °C winding, NaN where not measured
+    motor_torque: Floats  # N·m
+    drawn: Floats  # W
+
+    def with_estimates(self, motor_torque: Floats, drawn: Floats) -> 'Signals':
+        """The same signals with the model's own estimates of [T, D] torque and power."""
+        return replace(self, motor_torque=motor_torque, drawn=drawn)
+
+    def drive(self, index: int) -> 'Signals':
+        """The signals of one drive, D = 1."""
+        columns = {
+            f.name: getattr(self, f.name)[:, index : index + 1]
+            for f in fields(self)
+            if isinstance(getattr(self, f.name), np.ndarray) and getattr(self, f.name).ndim == 2
+        }
+        return replace(self, names=(self.names[index],), **columns)
+
+    def stretches(self) -> list[slice]:
+        """The gap-free stretches, in order."""
+        borders = np.flatnonzero(np.diff(self.segment)) + 1
+        edges = [0, *borders.tolist(), len(self.time)]
+        return [slice(start, stop) for start, stop in itertools.pairwise(edges) if stop > start]
