@@ -1,0 +1,78 @@
+"""Which drives share a model: drive types and the name patterns that find them, for any robot."""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+from power_daq.cli import InputError
+
+_LEG = re.compile(r'^(?:[LR][FHMBR]|[FHMBR][LR]|left|right)_(?P<type>.+)$', re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class DriveType:
+    """Drives of one build in one place of the kinematic chain, found by name patterns (`*_HAA`)."""
+
+    name: str
+    patterns: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r'[\w.-]+', self.name):
+            raise InputError(f'drive type {self.name!r}: use letters, digits, "_", "." and "-"')
+        if not self.patterns:
+            raise InputError(f'drive type {self.name!r} has no name pattern; give one like *_HAA')
+
+    def matches(self, drive: str) -> bool:
+        """Whether the drive's name fits one of the patterns."""
+        return any(fnmatchcase(drive, pattern) for pattern in self.patterns)
+
+
+def infer_types(drives: Sequence[str]) -> tuple[DriveType, ...]:
+    """
+    Group drives by name: `LF_HAA` and `RH_HAA` are of type HAA, `arm_1` is a type of its own.
+
+    What follows a leg's prefix (LF, RH, FL, left, …) is the type; so is an ending that several
+    drives share (`a_hip`, `b_hip`). Every other drive is its own type.
+    """
+    endings = Counter(drive.split('_', 1)[1] for drive in drives if '_' in drive)
+    types: dict[str, list[str]] = {}
+    for drive in drives:
+        leg = _LEG.match(drive)
+        if leg:
+            ending = leg['type']
+        else:
+            ending = drive.split('_', 1)[1] if '_' in drive else ''
+            if endings[ending] < 2:
+                ending = ''
+        name, pattern = (ending, f'*_{ending}') if ending else (drive, drive)
+        name = re.sub(r'[^\w.-]', '.', name)
+        if pattern not in types.setdefault(name, []):
+            types[name].append(pattern)
+    return tuple(DriveType(name, tuple(patterns)) for name, patterns in types.items())
+
+
+def parse_types(texts: Sequence[str]) -> tuple[DriveType, ...]:
+    """Drive types from `NAME=PATTERN[,PATTERN…]`; InputError for another form or a name twice."""
+    types = []
+    for text in texts:
+        name, equals, patterns = text.partition('=')
+        if not equals or not name or not patterns:
+            raise InputError(f'--type {text!r} is not NAME=PATTERN, for example HAA=*_HAA')
+        types.append(DriveType(name, tuple(p for p in patterns.split(',') if p)))
+    names = [t.name for t in types]
+    if len(set(names)) < len(names):
+        raise InputError(f'--type: a name is given twice in {", ".join(names)}')
+    return tuple(types)
+
+
+def assign(drives: Sequence[str], types: Sequence[DriveType]) -> dict[str, list[int]]:
+    """Columns of each type among the drives, by type name; a drive goes to its first match."""
+    columns: dict[str, list[int]] = {t.name: [] for t in types}
+    for column, drive in enumerate(drives):
+        for t in types:
+            if t.matches(drive):
+                columns[t.name].append(column)
+                break
+    return columns

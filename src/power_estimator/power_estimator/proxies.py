@@ -1,0 +1,76 @@
+"""The stand-ins for power that rewards commonly penalise (Fig. 4), scaled to the measured mean."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from power_daq.cli import InputError
+from power_daq.recording.aligned import AlignedDataset
+
+from power_estimator.drive_types import DriveType, assign, infer_types
+
+Floats = NDArray[np.float32]
+
+
+def acceleration(data: AlignedDataset) -> Floats:
+    """Joint acceleration in rad/s² [T, D]: central differences of speed inside each segment."""
+    result = np.full_like(data.velocity, np.nan)
+    for run in data.segments():
+        if run.stop - run.start > 1:
+            result[run] = np.gradient(data.velocity[run], 1 / data.rate, axis=0)
+    return result
+
+
+PROXIES: Mapping[str, Callable[[AlignedDataset], Floats]] = {
+    'torque_squared': lambda data: data.torque**2,
+    'torque_abs': lambda data: np.abs(data.torque),
+    'mechanical_power': lambda data: np.abs(data.torque * data.velocity),
+    'mechanical_power_positive': lambda data: np.maximum(data.torque * data.velocity, 0),
+    'acceleration_squared': lambda data: acceleration(data) ** 2,
+}
+
+
+@dataclass(frozen=True)
+class Proxy:
+    """
+    A signal times one factor per drive type, so that its mean equals that of the measured power.
+
+    The factor comes from `fit`; a proxy without one takes it from the power measured in the data
+    that it is asked about, as Section II-A of the paper does.
+    """
+
+    name: str
+    types: tuple[DriveType, ...] = ()
+    factors: Mapping[str, float] = field(default_factory=dict)  # W per unit, by drive type
+
+    def __post_init__(self) -> None:
+        if self.name not in PROXIES:
+            raise InputError(f'proxy {self.name!r} is not one of {", ".join(PROXIES)}')
+
+    def fit(self, data: AlignedDataset, types: tuple[DriveType, ...] = ()) -> 'Proxy':
+        """The same proxy with its mean set to the measured mean, per drive type."""
+        types = types or infer_types(data.names)
+        signal = PROXIES[self.name](data)
+        factors = {}
+        for name, columns in assign(data.names, types).items():
+            both = np.isfinite(signal[:, columns]) & np.isfinite(data.power[:, columns])
+            mean = signal[:, columns][both].mean(dtype=float) if both.any() else 0.0
+            if mean > 0:
+                factors[name] = float(data.power[:, columns][both].mean(dtype=float) / mean)
+        return replace(self, types=types, factors=factors)
+
+    def predict(self, data: AlignedDataset) -> Floats:
+        """Scaled signal in W [T, D]; NaN for drives without a factor."""
+        proxy = self if self.factors else self.fit(data)
+        if not proxy.factors:
+            raise InputError(
+                f'{self.name} has no unit of power: it needs measured power to be scaled to, and '
+                f'{", ".join(data.recordings) or "the input"} has none'
+            )
+        result = np.full(data.torque.shape, np.nan, np.float32)
+        signal = PROXIES[self.name](data)
+        for name, columns in assign(data.names, proxy.types).items():
+            if name in proxy.factors:
+                result[:, columns] = signal[:, columns] * proxy.factors[name]
+        return result

@@ -1,0 +1,92 @@
+"""How good an estimate of power is: R² as the paper defines it, errors in watts and in joules."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Score:
+    """What is said of one estimate; NaN where it cannot be said."""
+
+    r2: float
+    rmse_w: float
+    bias_w: float  # mean of estimated − measured
+    energy_error: float  # see energy_error()
+    samples: int
+
+
+def r2(measured: ArrayLike, estimated: ArrayLike) -> float:
+    """Coefficient of determination 1 − SS_res/SS_tot (Section II-A); NaN if measured is constant."""
+    y, f = _pairs(measured, estimated)
+    total = np.sum((y - y.mean()) ** 2) if y.size else 0.0
+    return float(1 - np.sum((y - f) ** 2) / total) if total > 0 else float('nan')
+
+
+def rmse(measured: ArrayLike, estimated: ArrayLike) -> float:
+    """Root of the mean squared error, in the unit of the inputs."""
+    y, f = _pairs(measured, estimated)
+    return float(np.sqrt(np.mean((y - f) ** 2))) if y.size else float('nan')
+
+
+def bias(measured: ArrayLike, estimated: ArrayLike) -> float:
+    """Mean of estimated minus measured, in the unit of the inputs."""
+    y, f = _pairs(measured, estimated)
+    return float(np.mean(f - y)) if y.size else float('nan')
+
+
+def energy_error(
+    measured: ArrayLike, estimated: ArrayLike, rate: float, window: float = 60.0
+) -> float:
+    """
+    Mean |error| of the energy over windows (s), as a fraction of the mean measured energy.
+
+    Whatever is left after the last full window counts only if there is no full window.
+    """
+    y, f = _pairs(measured, estimated)
+    n = min(round(window * rate), y.size)
+    if not n:
+        return float('nan')
+    count = y.size // n
+    energy = y[: count * n].reshape(count, n).sum(axis=1)
+    error = f[: count * n].reshape(count, n).sum(axis=1) - energy
+    drawn = np.abs(energy).mean()
+    return float(np.abs(error).mean() / drawn) if drawn > 0 else float('nan')
+
+
+def score(measured: ArrayLike, estimated: ArrayLike, rate: float) -> Score:
+    """All scores of one estimate sampled at rate (Hz); pairs with a NaN are left out."""
+    y, f = _pairs(measured, estimated)
+    return Score(r2(y, f), rmse(y, f), bias(y, f), energy_error(y, f, rate), int(y.size))
+
+
+def block_means(values: Floats, runs: Iterable[slice], block: int = 4) -> Floats:
+    """
+    Mean of each block of rows: the paper's 200 Hz → 50 Hz (Section II-A).
+
+    values [T, …] → [N, …]; blocks lie inside the runs, rows that fill no block are left out, and
+    a block with a NaN is NaN.
+    """
+    parts = []
+    for run in runs:
+        rows = values[run]
+        count = len(rows) // block
+        parts.append(rows[: count * block].reshape(count, block, *rows.shape[1:]).mean(axis=1))
+    if not parts:
+        return np.empty((0, *values.shape[1:]), np.float32)
+    return np.concatenate(parts).astype(np.float32, copy=False)
+
+
+def _pairs(
+    measured: ArrayLike, estimated: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    y = np.asarray(measured, np.float64).ravel()
+    f = np.asarray(estimated, np.float64).ravel()
+    if y.shape != f.shape:
+        raise ValueError(f'measured has {y.size} values, estimated {f.size}')
+    both = np.isfinite(y) & np.isfinite(f)
+    return y[both], f[both]
