@@ -27,12 +27,13 @@ def advice(error: OSError) -> str:
     return _ADVICE.get(error.errno or 0, error.strerror or str(error))
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write text under a temporary name, then rename it to path; RecordingError if it cannot."""
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write content under a temporary name, then rename it to path; RecordingError if it cannot."""
+    data = content.encode() if isinstance(content, str) else content
     temporary = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
-        with temporary.open('w', encoding='utf-8') as file:
-            file.write(text)
+        with temporary.open('wb') as file:
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
