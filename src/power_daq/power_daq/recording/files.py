@@ -28,7 +28,7 @@ def advice(error: OSError) -> str:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write content under a temporary name, then rename it to path; RecordingError if it cannot."""
+    """Write under a temporary name, then rename it to path; RecordingError if it cannot."""
     data = content.encode() if isinstance(content, str) else content
     temporary = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
