@@ -17,7 +17,10 @@ setup(
     zip_safe=False,
     maintainer='wattwalk maintainers',
     maintainer_email='wattwalk@example.org',
-    description='A walking robot and its drives, simulated to the terminals of the power meter, behind the CAN bus of the hardware.',
+    description=(
+        'A walking robot and its drives, simulated to the terminals of the power meter, '
+        'behind the CAN bus of the hardware.'
+    ),
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

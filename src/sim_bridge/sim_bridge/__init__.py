@@ -1,1 +1,1 @@
-"""A walking robot and its drives, simulated to the terminals of the power meter, behind the CAN bus of the hardware."""
+"""A walking robot and its drives, simulated to the power meter's terminals, behind a CAN bus."""

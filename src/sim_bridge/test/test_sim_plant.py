@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+from power_daq.cli import InputError
+from sim_bridge.effects import Effects
+from sim_bridge.plant import PLANTS, Plant
+from sim_bridge.robot import JOINT_NAMES
+
+
+@pytest.mark.parametrize('path', sorted(PLANTS.glob('*.yaml')), ids=lambda path: path.stem)
+def test_shipped_plants_load_and_know_every_joint_of_the_robot(path):
+    plant = Plant.load(path.stem)
+    assert plant.name == path.stem
+    assert plant.resolve(JOINT_NAMES)['resistance'].shape == (12,)
+
+
+def test_a_saved_plant_loads_as_the_same_plant(tmp_path):
+    plant = Plant.load('anymal_c').with_effects(fan=0.5, cogging=False).unit(7)
+    plant.save(tmp_path / 'mine.yaml')
+    assert Plant.load(tmp_path / 'mine.yaml') == plant
+
+
+@pytest.mark.parametrize(
+    ('text', 'quoted'),
+    [
+        ('drive_types: {KFE: {resistance: -1}}', r'drive_types.KFE.resistance is -1.*0.01..10'),
+        ('drive_types: {KFE: {resistence: 1}}', "no 'resistence'"),
+        ('drive_types: {KFE: {resistance: warm}}', "'warm'"),
+        ('drive_types: []', r'drive_types is \[\]'),
+        ('effects: {gravity: true}', "no effect 'gravity'.*copper_loss"),
+        ('effects: {idle: -2}', r'effects.idle.strength is -2.*0..10'),
+        ('effects: {idle: {enabled: 3}}', 'effects.idle.enabled is 3'),
+        ('effects: {spring: true, rotor_inertia: false}', 'spring is on without rotor_inertia'),
+        ('meter: {bits: 99}', 'meter.bits is 99.*6..24'),
+        ('supply: 48', 'supply is 48'),
+        ('sensors: {ambient: .nan}', 'sensors.ambient is nan'),
+        ('motor: {}', "no 'motor'"),
+        ('unit_number: -1', 'unit_number is -1'),
+        ('[1, 2]', 'must be a mapping'),
+        ('a: b: c', 'is no YAML'),
+    ],
+)
+def test_a_wrong_plant_file_is_refused_with_the_value_in_the_message(tmp_path, text, quoted):
+    path = tmp_path / 'plant.yaml'
+    path.write_text(text)
+    with pytest.raises(InputError, match=quoted) as caught:
+        Plant.load(path)
+    assert '\n' not in str(caught.value)
+
+
+def test_a_missing_plant_file_names_the_shipped_ones(tmp_path):
+    with pytest.raises(InputError, match='anymal_c, ideal'):
+        Plant.load(tmp_path / 'nowhere.yaml')
+
+
+def test_a_drive_without_a_type_is_named():
+    plant = Plant.parse({'drive_types': {'HAA': {}}})
+    with pytest.raises(InputError, match="'LF_KFE'"):
+        plant.resolve(['LF_KFE'])
+
+
+def test_unit_0_is_as_written_and_other_units_differ_by_a_few_percent():
+    plant = Plant.load('anymal_c')
+    nominal = plant.resolve(JOINT_NAMES)
+    assert np.ptp(nominal['resistance']) == 0.0
+    for name, low, high in (('resistance', 0.005, 0.08), ('coulomb', 0.03, 0.3)):
+        spread = np.log(plant.unit(2).resolve(JOINT_NAMES)[name] / nominal[name])
+        assert low < spread.std() < high
+        assert abs(spread).max() < 2.6 * high
+
+
+def test_a_unit_is_the_same_each_time_and_whichever_drives_are_asked_for():
+    plant = Plant.load('anymal_c').unit(3)
+    whole, alone = plant.resolve(JOINT_NAMES), plant.resolve(['LH_KFE'])
+    index = JOINT_NAMES.index('LH_KFE')
+    assert all(whole[name][index] == alone[name][0] for name in alone)
+    assert plant.unit(4).resolve(['LH_KFE'])['resistance'] != alone['resistance']
+
+
+def test_effects_switch_and_scale_by_name():
+    effects = Effects.parse(
+        {'idle': False, 'fan': 2.5, 'cogging': {'enabled': True, 'strength': 0.5}}
+    )
+    assert (effects.idle.scale, effects.fan.scale, effects.cogging.scale) == (0.0, 2.5, 0.5)
+    assert all(effect.scale == 0.0 for _, effect in Effects.none())
