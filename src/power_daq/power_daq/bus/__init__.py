@@ -1,1 +1,1 @@
-"""The power board's and drives' CAN FD bus: its description and its interfaces."""
+"""The CAN bus of the drives: its description (DBC and mapping), its interfaces, its decoding."""

@@ -1,0 +1,221 @@
+"""What travels on the bus of a robot: a DBC and the mapping of its signals to drives."""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+
+import can
+import cantools
+import numpy as np
+from cantools.database.can.database import Database
+from numpy.typing import ArrayLike
+
+from power_daq.bus.group import (
+    Frame,
+    Group,
+    Route,
+    bind_frame,
+    find_message,
+    head_layout,
+    head_values,
+)
+from power_daq.bus.layout import Field, Floats, Layout
+from power_daq.bus.mapping import BusMapping, load_mapping
+from power_daq.cli import InputError
+
+_FOLDER = Path(__file__).parent
+DEFAULT_DBC = _FOLDER / 'drives.dbc'
+DEFAULT_MAPPING = _FOLDER / 'anymal.yaml'
+UNDERRANGE, OVERRANGE, DEVICE_ERROR, STALE = 1, 2, 4, 8
+
+
+class BusDescription:
+    """
+    Encodes and decodes the frames of a bus; D is the number of drives that it names.
+
+    Encoding is for simulated hardware. Voltages are in V, currents in A and positive while the
+    drive draws, positions in rad, velocities in rad/s, torques in N·m, temperatures in °C.
+    """
+
+    def __init__(self, database: Database, mapping: BusMapping) -> None:
+        self.device = mapping.device
+        self.drives = mapping.drives
+        self.groups: Mapping[str, Group] = {
+            name: Group(group, database, self.drives) for name, group in mapping.groups.items()
+        }
+        self._sync: Frame | None = None
+        if mapping.sync is not None:
+            message = find_message(database, mapping.sync)
+            self._sync = bind_frame(message, mapping.sync, [])
+        self.known = frozenset(m.frame_id | m.is_extended_frame << 31 for m in database.messages)
+        self.clocks = self._clocks(mapping)
+
+    @classmethod
+    def load(cls, dbc: Path | None = None, mapping: Path | None = None) -> 'BusDescription':
+        """
+        Read both files; without arguments the shipped ones, of an ANYmal's twelve drives.
+
+        Raises InputError for what cannot be read, does not parse or names what is not there.
+        """
+        database = load_database(DEFAULT_DBC if dbc is None else dbc)
+        return cls(database, load_mapping(DEFAULT_MAPPING if mapping is None else mapping))
+
+    def _clocks(self, mapping: BusMapping) -> Mapping[str, tuple[float, int]]:
+        clocks: dict[str, tuple[float, int]] = {}
+        for frame in self._all_frames():
+            form = frame.ns_per_tick, frame.time.length
+            if clocks.setdefault(frame.clock, form) != form:
+                raise InputError(
+                    f'mapping {mapping.path}: message {frame.message.name!r} shows clock '
+                    f'{frame.clock!r} in another resolution or size than the frames before it; '
+                    "give it a name of its own with 'clock'"
+                )
+        return clocks
+
+    def _all_frames(self) -> list[Frame]:
+        frames = [frame for group in self.groups.values() for frame in group.frames]
+        return frames if self._sync is None else [self._sync, *frames]
+
+    @cached_property
+    def routes(self) -> Mapping[int, tuple[Route, ...]]:
+        """By identifier (bit 31 set if extended): where the frames of that identifier belong."""
+        routes: dict[int, tuple[Route, ...]] = {}
+        slots = [
+            (group.name, slot, frame)
+            for group in self.groups.values()
+            for slot, frame in enumerate(group.frames)
+        ]
+        if self._sync is not None:
+            slots.append(('sync', 0, self._sync))
+        for name, slot, frame in slots:
+            selector = None
+            if frame.selector is not None:
+                selector = Field.of(frame.selector[0]), frame.selector[1]
+            time, counter = Field.of(frame.time), Field.of(frame.counter)
+            route = Route(name, slot, frame.size, time, counter, frame.clock, selector)
+            routes[frame.key] = (*routes.get(frame.key, ()), route)
+        return routes
+
+    def encode_sync(self, counter: int, device_us: int) -> list[can.Message]:
+        """The frame on which all drives take their sample; none if the bus has no such frame."""
+        if self._sync is None:
+            return []
+        payload = self._sync_layout.encode(head_values(self._sync, counter, device_us))
+        return [_message(self._sync, payload)]
+
+    @cached_property
+    def _sync_layout(self) -> Layout:
+        assert self._sync is not None
+        return head_layout(self._sync)
+
+    def encode_electrical(
+        self,
+        counter: int,
+        device_us: int,
+        voltage: ArrayLike,
+        current: ArrayLike,
+        status: ArrayLike | None = None,
+    ) -> list[can.Message]:
+        """
+        Frames of one sample of voltage [D] and current [D] with status flags [D].
+
+        Values beyond the range of the wire are clipped and flagged under- or overrange, values
+        that are not a number become 0 and are flagged as an error of the device.
+        """
+        group = self._group('electrical')
+        values = np.zeros((3, len(self.drives)))
+        values[0], values[1] = voltage, current
+        if status is not None:
+            values[2] = status
+        values = values[:, group.columns]
+        least, greatest = group.limits
+        if not ((values >= least) & (values <= greatest)).all():
+            values[2] = _flag(values[:2], least[:2], greatest[:2], values[2])
+        return _messages(group, group.encode(counter, device_us, values))
+
+    def encode_joints(
+        self,
+        counter: int,
+        device_us: int,
+        position: ArrayLike,
+        velocity: ArrayLike,
+        torque: ArrayLike,
+    ) -> list[can.Message]:
+        """Frames of one sample of position [D], velocity [D] and torque [D]."""
+        values = np.array([position, velocity, torque], float)
+        group = self._group('joints')
+        return _messages(group, group.encode(counter, device_us, values[:, group.columns]))
+
+    def encode_temperature(
+        self, counter: int, device_us: int, temperature: ArrayLike
+    ) -> list[can.Message]:
+        """Frames of one sample of winding temperature [D]."""
+        values = np.array([temperature], float)
+        group = self._group('temperature')
+        return _messages(group, group.encode(counter, device_us, values[:, group.columns]))
+
+    def quantise_electrical(self, voltage: ArrayLike, current: ArrayLike) -> tuple[Floats, Floats]:
+        """Voltage and current [..., D] as they come off the wire; NaN for drives not on it."""
+        status = np.zeros(np.shape(voltage))
+        result = self._quantise('electrical', voltage, current, status)
+        return result[..., 0, :], result[..., 1, :]
+
+    def quantise_joints(
+        self, position: ArrayLike, velocity: ArrayLike, torque: ArrayLike
+    ) -> tuple[Floats, Floats, Floats]:
+        """Position, velocity and torque [..., D] as they come off the wire."""
+        result = self._quantise('joints', position, velocity, torque)
+        return result[..., 0, :], result[..., 1, :], result[..., 2, :]
+
+    def quantise_temperature(self, temperature: ArrayLike) -> Floats:
+        """Temperature [..., D] as it comes off the wire."""
+        return self._quantise('temperature', temperature)[..., 0, :]
+
+    def _quantise(self, name: str, *quantities: ArrayLike) -> Floats:
+        group = self._group(name)
+        values = np.stack([np.asarray(q, float) for q in quantities], axis=-2)
+        result = np.full(values.shape, np.nan)
+        result[..., group.columns] = group.quantise(values[..., group.columns])
+        return result
+
+    def _group(self, name: str) -> Group:
+        if name not in self.groups:
+            raise ValueError(f'the bus carries no {name} frames, only {", ".join(self.groups)}')
+        return self.groups[name]
+
+
+def load_database(path: Path) -> Database:
+    """Read a DBC (or what else cantools reads); InputError for what does not parse."""
+    try:
+        database = cantools.database.load_file(path, cache_dir=None)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f'cannot read DBC {path}: {error}') from error
+    except (cantools.database.Error, ValueError, KeyError, IndexError) as error:
+        reason = ' '.join(str(error).split())[:300]
+        raise InputError(f'{path} does not parse as a DBC: {reason}') from error
+    if not isinstance(database, Database) or not database.messages:
+        raise InputError(f'{path} holds no CAN messages')
+    return database
+
+
+def _message(frame: Frame, payload: bytes) -> can.Message:
+    return can.Message(
+        arbitration_id=frame.message.frame_id,
+        is_extended_id=frame.message.is_extended_frame,
+        is_fd=frame.message.is_fd,
+        bitrate_switch=frame.message.is_fd,
+        data=payload,
+        check=False,
+    )
+
+
+def _messages(group: Group, payloads: Sequence[bytes]) -> list[can.Message]:
+    return [_message(frame, data) for frame, data in zip(group.frames, payloads, strict=True)]
+
+
+def _flag(values: Floats, least: Floats, greatest: Floats, status: Floats) -> Floats:
+    flags = status.astype(np.uint8)
+    flags[np.isnan(values).any(axis=0)] |= DEVICE_ERROR
+    flags[(values < least).any(axis=0)] |= UNDERRANGE
+    flags[(values > greatest).any(axis=0)] |= OVERRANGE
+    return flags.astype(float)
