@@ -1,6 +1,5 @@
 """Trained networks on disk: one safetensors file with a YAML card inside, never a pickle."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from power_daq.cli import InputError
+from power_daq.recording.files import write_whole
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
@@ -98,7 +98,7 @@ class Checkpoint:
             'training': dict(self.training),
             'recordings': [asdict(recording) for recording in self.recordings],
         }
-        write_atomically(path, save(tensors, {'card': yaml.safe_dump(card, sort_keys=False)}))
+        write_whole(path, save(tensors, {'card': yaml.safe_dump(card, sort_keys=False)}))
 
     @classmethod
     def load(cls, path: Path) -> 'Checkpoint':
@@ -111,20 +111,6 @@ class Checkpoint:
             raise InputError(f'{file}: {error}') from None
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(f'{file}: its card is incomplete or damaged ({error!r})') from None
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write under a temporary name, then rename; InputError if the folder cannot be written."""
-    temporary = path.with_name(f'.{path.name}.part')
-    try:
-        with temporary.open('wb') as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f'{path}: cannot be written ({error.strerror})') from None
 
 
 def _type_card(network: Network) -> dict[str, Any]:

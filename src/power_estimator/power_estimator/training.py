@@ -1,0 +1,253 @@
+"""From aligned recordings to cross-validated networks, one per drive type."""
+
+import threading
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from power_daq.cli import InputError
+from power_daq.recording.aligned import AlignedDataset
+
+from power_estimator.checkpoint import Checkpoint, Network, NetworkConfig, TrainingRecording
+from power_estimator.drive_types import DriveType, assign
+from power_estimator.evaluation import Comparison, Evaluation, compare, evaluate, merge, rows_of
+from power_estimator.features import check_units, features
+from power_estimator.model import PowerModel
+from power_estimator.network import Epoch, Tracks, Trainer, TrainingConfig
+from power_estimator.ppn import PowerPredictionNetwork
+from power_estimator.protocol import Part, Protocol, runs
+from power_estimator.proxies import PROXIES, Proxy
+from power_estimator.run_folder import RunFolder
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Job:
+    """The network of one drive type in one fold."""
+
+    type: DriveType
+    fold: int
+
+    @property
+    def name(self) -> str:
+        """How files and progress bars call it."""
+        return f'{self.type.name}-{self.fold}'
+
+
+class CrossValidation:
+    """
+    Trains and judges one network per drive type and fold (Section II-A).
+
+    data holds the smoothed signals that targets and scores are made of; `others` are the same
+    samples with other features (unfiltered ones), which training mixes in.
+    """
+
+    def __init__(
+        self,
+        data: AlignedDataset,
+        types: Sequence[DriveType],
+        *,
+        network: NetworkConfig = NetworkConfig(),
+        training: TrainingConfig = TrainingConfig(),
+        protocol: Protocol = Protocol(),
+        others: Sequence[AlignedDataset] = (),
+        recordings: Sequence[TrainingRecording] = (),
+    ) -> None:
+        if protocol.margin < network.history:
+            raise ValueError('the margin between parts is shorter than the history')
+        if abs(data.rate - network.rate) > 1e-3 * network.rate:
+            raise InputError(f'data at {data.rate:g} Hz, the network wants {network.rate:g} Hz')
+        check_units(data)
+        self.data = data
+        self.config = network
+        self._training = training
+        self._protocol = protocol
+        self._views = np.stack([features(d) for d in (data, *others)])
+        self._recordings = recordings
+        measured = np.isfinite(data.power) & np.isfinite(self._views).all(axis=(0, 3))
+        self._columns = {
+            name: [c for c in columns if measured[:, c].any()]
+            for name, columns in assign(data.names, types).items()
+        }
+        self.types = tuple(t for t in types if self._columns[t.name])
+        if not self.types:
+            raise InputError(
+                f'{", ".join(data.recordings)}: no drive has measured power together with '
+                f'position, command, torque and speed'
+            )
+        self._measured = measured
+        self._segments = {t.name: self._usable(t) for t in self.types}
+        self.jobs = tuple(Job(t, fold) for fold in range(protocol.folds) for t in self.types)
+
+    def labels(self, job: Job) -> NDArray[np.int8]:
+        """Part of each sample [T] for the job."""
+        return self._protocol.labels(self._segments[job.type.name], job.fold)
+
+    def trainer(self, job: Job) -> Trainer:
+        """A fresh trainer of the job's network."""
+        labels = self.labels(job)
+        seed = np.random.SeedSequence(
+            [self._training.seed, job.fold, zlib.crc32(job.type.name.encode())]
+        )
+        try:
+            return Trainer(
+                self._tracks(job, labels, Part.TRAIN, self._training.chunk),
+                self._tracks(job, labels, Part.VALIDATION, self.config.warm_up + 8),
+                hidden=self.config.hidden,
+                warm_up=self.config.warm_up,
+                block=self.config.block,
+                config=replace(self._training, seed=int(seed.generate_state(1)[0]) >> 1),
+            )
+        except InputError as error:
+            raise InputError(
+                f'{", ".join(self.data.recordings)}: {job.type.name}: {error}'
+            ) from None
+
+    def run(
+        self,
+        folder: RunFolder,
+        progress: Callable[[Job, Epoch], None] = lambda job, epoch: None,
+        workers: int = 2,
+    ) -> dict[Job, Trainer]:
+        """
+        Train all jobs on `workers` threads, each on a core of its own, keeping their state.
+
+        Ctrl-C ends at the next epoch; what was reached stays in the folder.
+        """
+        stop = threading.Event()
+
+        def work(job: Job) -> Trainer:
+            torch.set_num_threads(1)
+            trainer = self.trainer(job)
+            kept = folder.load_state(job.name)
+            if kept is not None:
+                _restore(trainer, kept, job)
+                for epoch in trainer.history:
+                    progress(job, epoch)
+            while not trainer.done and not stop.is_set():
+                epoch = trainer.epoch()
+                folder.save_state(job.name, trainer.state())
+                progress(job, epoch)
+            return trainer
+
+        torch.set_num_threads(1)
+        with ThreadPoolExecutor(workers) as pool:
+            futures = {pool.submit(work, job): job for job in self.jobs}
+            try:
+                for future in _completed(futures):
+                    future.result()
+            finally:
+                stop.set()
+                pool.shutdown(cancel_futures=True)
+        return {job: future.result() for future, job in futures.items()}
+
+    def checkpoint(self, fold: int, trainers: Mapping[Job, Trainer]) -> Checkpoint:
+        """The networks of a fold with all that is needed to use and to judge them."""
+        networks = []
+        held_out: dict[str, list[slice]] = {}
+        for job, trainer in trainers.items():
+            if job.fold != fold:
+                continue
+            labels = self.labels(job)
+            x, _ = self._pooled(job, labels == Part.TRAIN)
+            low, high = x.min(axis=0), x.max(axis=0)
+            networks.append(
+                Network(
+                    job.type,
+                    trainer.scaling,
+                    (float(low[0]), float(low[1]), float(low[2])),
+                    (float(high[0]), float(high[1]), float(high[2])),
+                    trainer.best,
+                )
+            )
+            held_out[job.type.name] = list(runs(labels, self.data.segment, Part.TEST))
+        about = {**asdict(self._training), **asdict(self._protocol), 'fold': fold}
+        recordings = tuple(
+            replace(r, held_out={t: self._spans(runs_, i) for t, runs_ in held_out.items()})
+            for i, r in enumerate(self._recordings)
+        )
+        return Checkpoint(
+            self.config, tuple(networks), recordings, about, version('power_estimator')
+        )
+
+    def test(
+        self, fold: int, checkpoint: Checkpoint
+    ) -> tuple[dict[str, Evaluation], dict[str, Comparison]]:
+        """The networks and all proxies on the fold's test part: scores, and series by type."""
+        ppn = PowerPredictionNetwork(checkpoint)
+        jobs = [job for job in self.jobs if job.fold == fold]
+        labels = [self.labels(job) for job in jobs]
+        series, parts = {}, []
+        for job, label in zip(jobs, labels, strict=True):
+            drives = self.data.drives([self.data.names[c] for c in self._columns[job.type.name]])
+            proxies = self._proxies(rows_of(drives, label, Part.TRAIN))
+            series[job.type.name] = compare([ppn, *proxies], rows_of(drives, label, Part.TEST))
+            parts.append(evaluate(series[job.type.name], [job.type]))
+        scores = merge(parts)
+        if all(np.array_equal(labels[0], label) for label in labels):
+            columns = sorted(c for cs in self._columns.values() for c in cs)
+            drives = self.data.drives([self.data.names[c] for c in columns])
+            proxies = self._proxies(rows_of(drives, labels[0], Part.TRAIN))
+            whole = compare([ppn, *proxies], rows_of(drives, labels[0], Part.TEST))
+            totals = evaluate(whole, self.types)
+            scores = {m: replace(e, total=totals[m].total) for m, e in scores.items()}
+        return scores, series
+
+    def _proxies(self, training: AlignedDataset) -> list[PowerModel]:
+        return [Proxy(name).fit(training, self.types) for name in PROXIES]
+
+    def _usable(self, kind: DriveType) -> NDArray[np.int32]:
+        used = self._measured[:, self._columns[kind.name]].any(axis=1)
+        if np.count_nonzero(used) < self._protocol.minimum():
+            need = self._protocol.minimum() / self.data.rate
+            raise InputError(
+                f'{", ".join(self.data.recordings)}: {kind.name} was measured for '
+                f'{np.count_nonzero(used) / self.data.rate:.1f} s; training needs {need:.0f} s'
+            )
+        return np.where(used, self.data.segment, -1)
+
+    def _tracks(self, job: Job, labels: NDArray[np.int8], part: Part, shortest: int) -> Tracks:
+        tracks = []
+        for column in self._columns[job.type.name]:
+            there = np.where(self._measured[:, column], labels, Part.UNUSED)
+            tracks += [
+                (self._views[:, run, column], self.data.power[run, column])
+                for run in runs(there, self.data.segment, part, shortest)
+            ]
+        return Tracks.join(tracks)
+
+    def _pooled(self, job: Job, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+        columns = self._columns[job.type.name]
+        used = rows[:, None] & self._measured[:, columns]
+        x = self._views[:, :, columns][:, used].reshape(-1, self._views.shape[3])
+        return x, self.data.power[:, columns][used]
+
+    def _spans(self, stretches: Sequence[slice], recording: int) -> list[list[float]]:
+        return [
+            [float(self.data.time[s.start]), float(self.data.time[s.stop - 1])]
+            for s in stretches
+            if self.data.recording[s.start] == recording
+        ]
+
+
+def _restore(trainer: Trainer, kept: Mapping[str, NDArray[np.floating]], job: Job) -> None:
+    try:
+        trainer.restore(kept)
+    except (KeyError, RuntimeError, ValueError, TypeError) as error:
+        raise InputError(
+            f'the state of {job.name} does not fit ({type(error).__name__}); start another run'
+        ) from None
+
+
+def _completed(futures: Mapping[Future[Trainer], Job]) -> Iterator[Future[Trainer]]:
+    """Futures as they end; waits in pieces, so that Ctrl-C is served."""
+    pending = set(futures)
+    while pending:
+        done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
+        yield from done
