@@ -35,7 +35,9 @@ class CommandRange:
                 f'ramp is {self.ramp!r} s; it must lie in 0..{self.period / 2} s, half the period'
             )
         if min(self.weights) < 0.0 or sum(self.weights) <= 0.0:
-            raise ValueError(f'weights are {self.weights!r}; they must be 0 or more, and not all 0')
+            raise ValueError(
+                f'weights are {self.weights!r}; they must be 0 or more, and not all 0'
+            )
 
 
 class RandomCommands:

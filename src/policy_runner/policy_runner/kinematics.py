@@ -84,9 +84,7 @@ def inverse(feet: Floats) -> Floats:
     reach = np.clip(np.hypot(x, drop), *_REACH)
     fold = np.arccos((reach**2 - _THIGH**2 - _SHANK**2) / (2 * _THIGH * _SHANK))
     knee = -FRONT * fold
-    hfe = np.arctan2(-x, -drop) - np.arctan2(
-        _SHANK * np.sin(knee), _THIGH + _SHANK * np.cos(knee)
-    )
+    hfe = np.arctan2(-x, -drop) - np.arctan2(_SHANK * np.sin(knee), _THIGH + _SHANK * np.cos(knee))
     return np.column_stack([haa, hfe, knee - _BEND])
 
 
@@ -107,9 +105,7 @@ def leg_weight_torque(angles: Floats, gravity: Floats) -> Floats:
     shank_x, shank_z = centre_x * cs + centre_z * ss, centre_z * cs - centre_x * ss
     moment_x = _THIGH_MASS * thigh_x + _SHANK_MASS * (knee_x + shank_x)
     moment_z = _THIGH_MASS * thigh_z + _SHANK_MASS * (knee_z + shank_z)
-    moment_y = (
-        _HIP_MASS * 0.0174 * LEFT + _THIGH_MASS * _THIGH_ASIDE + _SHANK_MASS * _SHANK_ASIDE
-    )
+    moment_y = _HIP_MASS * 0.0174 * LEFT + _THIGH_MASS * _THIGH_ASIDE + _SHANK_MASS * _SHANK_ASIDE
     return np.column_stack(
         [
             moment_z * pull_y - moment_y * pull_z,
