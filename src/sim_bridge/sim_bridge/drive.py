@@ -147,6 +147,7 @@ class Drives:
         self.inertia: Floats = p['rotor_inertia'] * effects.rotor_inertia.scale
         self.elastic = effects.spring.enabled
         self.stiffness: Floats = p['spring_stiffness'] / max(effects.spring.strength, 1e-3)
+        self.damping: Floats = p['spring_damping']
         self._step = step
         self._cogging = p['cogging'] * effects.cogging.scale
         self._order = p['cogging_order']
@@ -235,6 +236,7 @@ class Drives:
         if self.elastic:
             np.subtract(self.rotor, position, out=b)
             np.multiply(self.stiffness, b, out=b)
+            b += self.damping * (speed - velocity)
             out[:] = b
             self._turn(a - b)
         else:
