@@ -1,0 +1,276 @@
+"""
+From a device's own clock to ROS time, by a running fit of offset and drift.
+
+Every frame carries the device time of its sample and arrives some delay later. Delays are never
+negative, so the mapping is the lower envelope of arrival time over device time: the line that
+lies below all points and as close to them as it can (Moon, Skelly and Towsley, "Estimation and
+removal of clock skew from network delay measurements", INFOCOM 1999). Arrivals are taken on the
+steady clock, so that a step of the system time never bends the fit.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+_MS = 1_000_000
+_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class ClockLimits:
+    """
+    What the fit takes for noise, what for a change of the clocks; ns where not said otherwise.
+
+    bin: stretch of which the least delayed frame is kept; window: bins that are fitted; settle:
+    span after which stamps are trusted; drift_after: span after which drift is fitted; recent:
+    bins that fix the offset before that; backward, early: a device clock that goes back, or a
+    frame that comes before its sample, by more than this is a jump; shift: change of the least
+    delay that makes older bins worthless; shift_bins: how long a rise has to last for that;
+    correction: largest change of the mapping that is faded in; drift: largest believable (1).
+    """
+
+    bin: int = 100 * _MS
+    window: int = 200
+    settle: int = 250 * _MS
+    drift_after: int = 2 * _S
+    recent: int = 5
+    backward: int = 100 * _MS
+    early: int = 5 * _MS
+    shift: int = 500_000
+    shift_bins: int = 30
+    correction: int = 20 * _MS
+    drift: float = 500e-6
+
+
+class WrappingCounter:
+    """A counter of so many bits, unwrapped with the help of how far it should have come."""
+
+    def __init__(self, bits: int) -> None:
+        self._size = 1 << bits
+        self._half = self._size >> 1
+
+    def advance(self, previous: int, current: int, expected: int) -> int:
+        """Counts from previous to current (both as read): the possible number next to expected."""
+        surplus = (current - previous - expected + self._half) % self._size - self._half
+        return expected + surplus
+
+
+Point = tuple[int, int]
+
+
+def line_below(points: Sequence[Point], largest_slope: float) -> tuple[Point, float] | None:
+    """
+    The line below all points that comes closest to them on average: a point on it and its slope.
+
+    It is the edge of the lower convex hull over the mean of x. None if there is no such edge or
+    it is steeper than believable. Points are in the order of x.
+    """
+    hull: list[Point] = []
+    for x, y in points:
+        while len(hull) > 1:
+            (x1, y1), (x2, y2) = hull[-2], hull[-1]
+            if (y2 - y1) * (x - x1) < (y - y1) * (x2 - x1):
+                break
+            hull.pop()
+        hull.append((x, y))
+    middle = sum(x for x, _ in points) / max(1, len(points))
+    for (x1, y1), (x2, y2) in pairwise(hull):
+        if x2 >= middle:
+            slope = (y2 - y1) / (x2 - x1) if x2 > x1 else 2 * largest_slope
+            return ((x2, y2), slope) if abs(slope) <= largest_slope else None
+    return None
+
+
+class ClockMapping:
+    """
+    Maps one device clock to the steady clock of this machine.
+
+    ns_per_tick and bits are those of the clock on the wire. A device clock that jumps or starts
+    again begins a new epoch: nothing is known of its offset, the drift is kept.
+    """
+
+    def __init__(self, ns_per_tick: float, bits: int, limits: ClockLimits | None = None) -> None:
+        self._limits = limits or ClockLimits()
+        self._tick = ns_per_tick
+        self._counter = WrappingCounter(bits)
+        self._raw: int | None = None
+        self._ticks = self._arrival = 0
+        self.epoch = 0
+        self.drift = 0.0  # steady time gained per device time (1)
+        self.delay_mean = self.delay_worst = 0.0  # ns beyond the least delay, of the last bin
+        self._begin(0, 0)
+
+    def _begin(self, device: int, lag: int) -> None:
+        self._start = self._newest = device
+        self._settled = False
+        self._base = lag
+        self._fade_from, self._correction = device, 0.0
+        self._forget(device, lag)
+
+    def _forget(self, device: int, lag: int) -> None:
+        """Start the fit over from one point, with the drift as it is."""
+        self._fit_start = device
+        self._points: deque[Point] = deque(maxlen=self._limits.window)
+        self._floors: deque[float] = deque(maxlen=self._limits.shift_bins)
+        self._anchor, self._level = device, float(lag - self._base)
+        self._open_bin(device, lag)
+
+    def _open_bin(self, device: int, lag: int) -> None:
+        self._bin_end = device - device % self._limits.bin + self._limits.bin
+        self._best = device, lag
+        self._least = lag - self._base - self._line(device)
+        self._sum, self._count, self._worst = 0.0, 0, 0.0
+
+    @property
+    def settled(self) -> bool:
+        """Whether enough was seen in this epoch for stamps to be trusted."""
+        return self._settled
+
+    def update(self, raw: int, arrival: int) -> int:
+        """
+        Take in a frame: device time as on the wire, arrival in ns on the steady clock.
+
+        Returns the device time in ns, unwrapped since the start of the epoch.
+        """
+        if self._raw is None:
+            self._raw, self._ticks, self._arrival = raw, raw, arrival
+            device = round(raw * self._tick)
+            self._begin(device, arrival - device)
+            return device
+        expected = round((arrival - self._arrival) / self._tick)
+        self._ticks += self._counter.advance(self._raw, raw, expected)
+        self._raw, self._arrival = raw, arrival
+        device = round(self._ticks * self._tick)
+        lag = arrival - device
+        late = lag - self._base - self._line(device)
+        drifting = device - self._fit_start >= self._limits.drift_after
+        backward = device < self._newest - self._limits.backward
+        if backward or (drifting and late < -self._limits.early):
+            self.epoch += 1
+            self._ticks = raw
+            device = round(raw * self._tick)
+            self._begin(device, arrival - device)
+            return device
+        self._newest = max(self._newest, device)
+        self._sum += late
+        self._count += 1
+        self._worst = max(self._worst, late)
+        if late < self._least:
+            self._best, self._least = (device, lag), late
+            if late < (-self._limits.shift if drifting else 0):
+                self._move(device, lag, drifting)
+        if device >= self._bin_end:
+            self._close_bin(device, lag)
+        return device
+
+    def _move(self, device: int, lag: int, forget: bool) -> None:
+        """Bring the line down to a point below it."""
+        published = self._published(device)
+        if forget:
+            self._forget(device, lag)
+        else:
+            self._anchor, self._level = device, float(lag - self._base)
+            self._least = 0.0
+        self._blend(device, published)
+
+    def _close_bin(self, device: int, lag: int) -> None:
+        limits = self._limits
+        self.delay_mean = self._sum / self._count if self._count else 0.0
+        self.delay_worst = self._worst
+        x, y = self._best
+        self._points.append((x - self._start, y - self._base))
+        self._floors.append(self._least)
+        if len(self._floors) == limits.shift_bins and min(self._floors) > limits.shift:
+            kept = list(self._points)[-limits.shift_bins :]
+            self._points.clear()
+            self._points.extend(kept)
+            self._floors.clear()
+        published = self._published(device)
+        self._fit(device)
+        self._blend(device, published)
+        self._settled = self._settled or device - self._start >= limits.settle
+        self._open_bin(device, lag)
+
+    def _fit(self, device: int) -> None:
+        if self._points[-1][0] - self._points[0][0] >= self._limits.drift_after:
+            found = line_below(self._points, self._limits.drift)
+            if found is not None:
+                (x, y), self.drift = found
+                self._anchor, self._level = x + self._start, float(y)
+                return
+        recent = list(self._points)[-self._limits.recent :]
+        origin = self._points[-1][0]
+        self._anchor = origin + self._start
+        self._level = min(y - self.drift * (x - origin) for x, y in recent)
+
+    def _blend(self, device: int, published: float) -> None:
+        self._fade_from = device
+        self._correction = published - self._line(device) if self._settled else 0.0
+        if abs(self._correction) > self._limits.correction:
+            self.epoch += 1
+            self._correction = 0.0
+
+    def _line(self, device: int) -> float:
+        return self._level + self.drift * (device - self._anchor)
+
+    def _published(self, device: int) -> float:
+        fade = 1.0 - (device - self._fade_from) / self._limits.bin
+        return self._line(device) + self._correction * min(1.0, max(0.0, fade))
+
+    def to_steady(self, device: int) -> int:
+        """Steady time (ns) at which the device clock showed this time (ns)."""
+        return device + self._base + round(self._published(device))
+
+    @property
+    def offset(self) -> float:
+        """Steady time minus device time at the newest frame, s."""
+        return (self._base + self._line(self._newest)) / _S
+
+
+class RosTime:
+    """
+    The system clock seen from the steady one.
+
+    The difference is followed as it is, so stamps always agree with the ROS time of the other
+    nodes. A step beyond `step` ns is counted and begins a new epoch, since stamps may then
+    repeat.
+    """
+
+    def __init__(
+        self,
+        now: Callable[[], int] = time.time_ns,
+        steady: Callable[[], int] = time.monotonic_ns,
+        step: int = _MS,
+        period: int = 100 * _MS,
+    ) -> None:
+        self._now, self._steady = now, steady
+        self._step, self._period = step, period
+        self.steps = 0
+        self.offset = self._measure()
+        self._next = steady() + period
+
+    def _measure(self) -> int:
+        """ROS minus steady time, ns, by the reading that was least interrupted."""
+        readings = []
+        for _ in range(3):
+            before = self._steady()
+            now = self._now()
+            after = self._steady()
+            readings.append((after - before, now - (before + after) // 2))
+        return min(readings)[1]
+
+    def follow(self, steady: int) -> None:
+        """Look for a step of the system clock, at most once a period."""
+        if steady < self._next:
+            return
+        self._next = steady + self._period
+        offset = self._measure()
+        if abs(offset - self.offset) > self._step:
+            self.steps += 1
+        self.offset = offset
+
+    def of(self, steady: int) -> int:
+        """ROS time (ns) of a steady time (ns)."""
+        return steady + self.offset
