@@ -35,6 +35,7 @@ class AlignedDataset:
     recordings: tuple[str, ...]  # where the samples come from
     recording: NDArray[np.int32]  # [T], index into recordings
     extras: Mapping[str, Floats] = field(default_factory=dict)  # other signals by topic [T, ...]
+    notes: tuple[str, ...] = ()  # what was left out of the recordings, in words
 
     @property
     def position_error(self) -> Floats:

@@ -1,0 +1,115 @@
+"""What a recording holds, as arrays: one class for each kind of topic."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+Stamps = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """N samples at the times at which they were measured, in ns of ROS time, ascending."""
+
+    stamp_ns: Stamps  # [N]
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def rows(self, index: Any) -> Self:
+        """The samples at index."""
+        arrays = {
+            f.name: getattr(self, f.name)[index]
+            for f in fields(self)
+            if isinstance(getattr(self, f.name), np.ndarray)
+        }
+        return replace(self, **arrays)
+
+
+@dataclass(frozen=True)
+class JointSamples(Samples):
+    """Joint states or commands of D joints; NaN where a message leaves a field out."""
+
+    names: tuple[str, ...]
+    position: Floats  # rad [N, D]
+    velocity: Floats  # rad/s [N, D]
+    effort: Floats  # N·m [N, D]
+
+
+@dataclass(frozen=True)
+class DriveSamples(Samples):
+    """Electrical samples of D drives."""
+
+    names: tuple[str, ...]
+    sequence: NDArray[np.uint64]  # [N], a jump by more than one is a loss
+    device_time: NDArray[np.uint64]  # ns of the device's clock [N]
+    voltage: Floats  # V [N, D]
+    current: Floats  # A [N, D], positive = drawn by the drive
+    temperature: Floats  # °C [N, D], winding; NaN if unknown
+    status: NDArray[np.uint8]  # [N, D], 0 = good
+
+    @property
+    def power(self) -> Floats:
+        """W [N, D], drawn by each drive."""
+        return self.voltage * self.current
+
+
+@dataclass(frozen=True)
+class SupplySamples(Samples):
+    """The whole robot's supply."""
+
+    voltage: Floats  # V [N]
+    current: Floats  # A [N], negative while drawing (sensor_msgs/BatteryState)
+
+    @property
+    def power(self) -> Floats:
+        """W [N], positive = drawn by the robot."""
+        return -self.voltage * self.current
+
+
+@dataclass(frozen=True)
+class FootForceSamples(Samples):
+    """Normal forces of F feet."""
+
+    names: tuple[str, ...]
+    force: Floats  # N [N, F]
+
+
+@dataclass(frozen=True)
+class ImuSamples(Samples):
+    """Inertial measurements, in the frame of the sensor."""
+
+    orientation: Floats  # x y z w [N, 4]
+    angular_velocity: Floats  # rad/s [N, 3]
+    linear_acceleration: Floats  # m/s² [N, 3]
+
+
+@dataclass(frozen=True)
+class OdomSamples(Samples):
+    """Odometry: pose in the world, velocities in the base."""
+
+    position: Floats  # m [N, 3]
+    orientation: Floats  # x y z w [N, 4]
+    linear_velocity: Floats  # m/s [N, 3]
+    angular_velocity: Floats  # rad/s [N, 3]
+
+
+@dataclass(frozen=True)
+class CmdVelSamples(Samples):
+    """Velocity commands."""
+
+    velocity: Floats  # [N, 3]: vx, vy m/s, yaw rate rad/s
+
+
+@dataclass(frozen=True)
+class EstimateSamples(Samples):
+    """Estimates of the live node."""
+
+    names: tuple[str, ...]
+    model: tuple[str, ...]  # the models that made them
+    power: Floats  # W [N, D]
+    total: Floats  # W [N]
+    status: NDArray[np.uint8]  # [N], 0 = good
