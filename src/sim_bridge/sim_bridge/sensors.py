@@ -16,6 +16,7 @@ Steps = NDArray[np.int64]
 TEMPERATURE_PERIOD: Final = 200  # steps: 10 Hz
 SUPPLY_PERIOD: Final = 20  # steps: 100 Hz
 GRAVITY: Final = 9.81  # m/s²
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 _IMU_BANDWIDTH: Final = 150.0  # Hz
 _ACCELERATION_NOISE, _RATE_NOISE, _FORCE_NOISE = 0.03, 0.003, 1.0  # m/s², rad/s, N
 
@@ -181,11 +182,11 @@ class SupplySensor:
 def into_base(attitude: Floats, vector: Floats) -> Floats:
     """Turn vectors of the world [N, 3] into the frame of quaternions w x y z [N, 4]."""
     scalar, axis = attitude[:, :1], -attitude[:, 1:]
-    twist = 2.0 * np.cross(axis, vector)
-    turned: Floats = vector + scalar * twist + np.cross(axis, twist)
+    twist = 2.0 * _cross(axis, vector)
+    turned: Floats = vector + scalar * twist + _cross(axis, twist)
     return turned
 
 
-def into_world(attitude: Floats, vector: Floats) -> Floats:
-    """Turn vectors of the base [N, 3] into the world by quaternions w x y z [N, 4]."""
-    return into_base(attitude * np.array([1.0, -1.0, -1.0, -1.0]), vector)
+def _cross(a: Floats, b: Floats) -> Floats:
+    product: Floats = a[:, _NEXT] * b[:, _LAST] - a[:, _LAST] * b[:, _NEXT]
+    return product

@@ -1,7 +1,8 @@
 """Rigid bodies, drives, circuit and bus in one loop of 0.5 ms steps."""
 
+from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import mujoco
@@ -52,6 +53,16 @@ class Block:
         """End of each step, s [B] since the start."""
         counts = np.arange(self.first + 1, self.first + self.steps + 1, dtype=np.float64)
         return STEP * counts
+
+    @classmethod
+    def join(cls, blocks: Sequence['Block']) -> 'Block':
+        """Blocks that follow each other as one; its temperature is that of the last."""
+        stacked = {
+            item.name: np.concatenate([getattr(block, item.name) for block in blocks])
+            for item in fields(cls)
+            if item.name not in ('first', 'temperature')
+        }
+        return cls(first=blocks[0].first, temperature=blocks[-1].temperature, **stacked)
 
     @property
     def current(self) -> Floats:
