@@ -1,0 +1,9 @@
+"""Messages of builtin_interfaces, made on first use."""
+
+from typing import Any
+
+from rosidl_embedded import message_class
+
+
+def __getattr__(name: str) -> Any:
+    return message_class('builtin_interfaces', name)

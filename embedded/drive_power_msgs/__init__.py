@@ -1,0 +1,1 @@
+"""The interfaces of drive_power_msgs."""

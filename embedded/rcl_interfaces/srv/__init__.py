@@ -1,0 +1,9 @@
+"""Services of rcl_interfaces, made on first use."""
+
+from typing import Any
+
+from rosidl_embedded import service_class
+
+
+def __getattr__(name: str) -> Any:
+    return service_class('rcl_interfaces', name)

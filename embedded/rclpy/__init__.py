@@ -1,0 +1,136 @@
+"""
+The subset of rclpy that the nodes use, for machines without ROS 2.
+
+Same API, same wire: nodes see and are seen by ROS 2 Jazzy nodes on rmw_cyclonedds.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.signals import (
+    SignalHandlerOptions,
+    install_signal_handlers,
+    uninstall_signal_handlers,
+)
+from rclpy.task import Future
+from rclpy.utilities import (
+    get_default_context,
+    get_rmw_implementation_identifier,
+    ok,
+    try_shutdown,
+)
+from rclpy.utilities import shutdown as _shutdown
+
+__all__ = [
+    'create_node',
+    'get_default_context',
+    'get_global_executor',
+    'get_rmw_implementation_identifier',
+    'init',
+    'ok',
+    'shutdown',
+    'spin',
+    'spin_once',
+    'spin_until_future_complete',
+    'try_shutdown',
+]
+
+_executor: Any = None
+
+
+def init(
+    *,
+    args: Sequence[str] | None = None,
+    context: Context | None = None,
+    domain_id: int | None = None,
+    signal_handler_options: SignalHandlerOptions | None = None,
+) -> None:
+    """
+    Start a context, by default the default one, with the process's arguments.
+
+    SIGINT and SIGTERM then shut it down, unless another context or other options are given.
+    Raises RuntimeError where it was started before.
+    """
+    default = get_default_context()
+    chosen = default if context is None else context
+    chosen.init(args, domain_id=domain_id)
+    if signal_handler_options is None:
+        is_default = chosen is default
+        signal_handler_options = (
+            SignalHandlerOptions.ALL if is_default else SignalHandlerOptions.NO
+        )
+    install_signal_handlers(signal_handler_options)
+
+
+def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
+    """Shut a context down; raise RuntimeError where it was not started."""
+    default = get_default_context()
+    _shutdown(context=context)
+    if uninstall_handlers or (uninstall_handlers is None and context in (None, default)):
+        uninstall_signal_handlers()
+
+
+def create_node(node_name: str, **options: Any) -> Any:
+    """Make a plain node; the options are those of Node."""
+    from rclpy.node import Node
+
+    return Node(node_name, **options)
+
+
+def get_global_executor() -> Any:
+    """Return the executor that spins where none is given."""
+    global _executor
+    from rclpy.executors import SingleThreadedExecutor
+
+    context = get_default_context()
+    if _executor is None or _executor.context is not context:
+        _executor = SingleThreadedExecutor(context=context)
+        context.on_shutdown(_reset_executor)
+    return _executor
+
+
+def _reset_executor() -> None:
+    global _executor
+    if _executor is not None:
+        _executor.shutdown()
+        _executor = None
+
+
+def spin_once(node: Any, *, executor: Any = None, timeout_sec: float | None = None) -> None:
+    """Wait for one callback, at most `timeout_sec` [s], and run it."""
+    chosen = get_global_executor() if executor is None else executor
+    added = chosen.add_node(node)
+    try:
+        chosen.spin_once(timeout_sec=timeout_sec)
+    finally:
+        if added:
+            chosen.remove_node(node)
+
+
+def spin(node: Any, executor: Any = None) -> None:
+    """
+    Run callbacks until the context is shut down.
+
+    Raises KeyboardInterrupt at Ctrl-C and ExternalShutdownException at SIGTERM.
+    """
+    chosen = get_global_executor() if executor is None else executor
+    added = chosen.add_node(node)
+    try:
+        chosen.spin()
+    finally:
+        if added:
+            chosen.remove_node(node)
+
+
+def spin_until_future_complete(
+    node: Any, future: Future, executor: Any = None, timeout_sec: float | None = None
+) -> None:
+    """Run callbacks until a future is done, at most `timeout_sec` [s]."""
+    chosen = get_global_executor() if executor is None else executor
+    added = chosen.add_node(node)
+    try:
+        chosen.spin_until_future_complete(future, timeout_sec)
+    finally:
+        if added:
+            chosen.remove_node(node)

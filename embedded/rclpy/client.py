@@ -1,0 +1,107 @@
+"""Service clients."""
+
+import threading
+import time
+from typing import Any
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.impl.service_transport import ServiceEnd
+from rclpy.qos import QoSProfile
+from rclpy.task import Future
+
+
+class Client:
+    """Sends requests to a service."""
+
+    def __init__(
+        self, node: Any, srv_type: Any, srv_name: str, callback_group: Any, qos_profile: QoSProfile
+    ):
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.callback_group = callback_group
+        self.qos_profile = qos_profile
+        self.context = node.context
+        self._logger = node.get_logger()
+        self._pending: dict[int, Future] = {}
+        self._lock = threading.Lock()
+        participant = node.context.participant
+        self._end: ServiceEnd | None = ServiceEnd(
+            participant, srv_type, srv_name, qos_profile, False
+        )
+
+    @property
+    def service_name(self) -> str:
+        """Absolute name of the service."""
+        return self.srv_name
+
+    @property
+    def gids(self) -> tuple[bytes, bytes]:
+        """Gids of reader and writer."""
+        return self._alive().gids
+
+    def _alive(self) -> ServiceEnd:
+        if self._end is None:
+            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+        return self._end
+
+    def call_async(self, request: Any) -> Future:
+        """Send a request; the future has its response once the node was spun."""
+        if not isinstance(request, self.srv_type.Request):
+            raise TypeError(f'Expected {self.srv_type.Request}, got {type(request)}')
+        future = Future()
+        with self._lock:
+            self._pending[self._alive().request(request)] = future
+        return future
+
+    def call(self, request: Any, timeout_sec: float | None = None) -> Any:
+        """Send a request and block until another thread's spin has got the response."""
+        done = threading.Event()
+        future = self.call_async(request)
+        future.add_done_callback(lambda _: done.set())
+        if not done.wait(timeout_sec):
+            self.remove_pending_request(future)
+            raise TimeoutError(f"no response from '{self.srv_name}' within {timeout_sec} s")
+        return future.result()
+
+    def remove_pending_request(self, future: Future) -> None:
+        """Wait no longer for a response."""
+        with self._lock:
+            self._pending = {key: value for key, value in self._pending.items() if value != future}
+
+    def service_is_ready(self) -> bool:
+        """Tell whether the service is there."""
+        return self._alive().server_is_there()
+
+    def wait_for_service(self, timeout_sec: float | None = None) -> bool:
+        """Block until the service is there; False at timeout or shutdown."""
+        end = float('inf') if timeout_sec is None else time.monotonic() + timeout_sec
+        while self.context.ok():
+            if self.service_is_ready():
+                return True
+            if time.monotonic() >= end:
+                return False
+            time.sleep(min(0.02, max(0.0, end - time.monotonic())))
+        return False
+
+    def _conditions(self) -> list[tuple[Any, Any]]:
+        return [] if self._end is None else [(self._end.unread, self._take)]
+
+    def _take(self) -> list[tuple[Any, Any]]:
+        if self._end is None:
+            return []
+        try:
+            mine = self._end.handle
+            return [(self._execute, reply) for reply in self._end.take() if reply[0] == mine]
+        except ValueError as error:
+            self._logger.error(f"reply of '{self.srv_name}' dropped: {error}")
+            return []
+
+    def _execute(self, taken: tuple[int, int, int, Any]) -> None:
+        with self._lock:
+            future = self._pending.pop(taken[1], None)
+        if future is not None:
+            future.set_result(taken[3])
+
+    def destroy(self) -> None:
+        """Stop waiting for responses."""
+        self._end = None

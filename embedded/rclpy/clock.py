@@ -1,0 +1,84 @@
+"""Clocks."""
+
+import time
+from typing import Any
+
+from rclpy.clock_type import ClockType
+from rclpy.time import Time
+
+__all__ = ['Clock', 'ClockType', 'ROSClock']
+
+
+class Clock:
+    """A clock of the kind asked for; `Clock(clock_type=ClockType.ROS_TIME)` is a ROSClock."""
+
+    _clock_type: ClockType
+
+    def __new__(cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> 'Clock':
+        if not isinstance(clock_type, ClockType):
+            raise TypeError('Clock type must be a ClockType enum')
+        kind: Any = ROSClock if clock_type is ClockType.ROS_TIME else cls
+        self = object.__new__(kind)
+        self._clock_type = clock_type
+        return self
+
+    def __init__(self, *, clock_type: ClockType = ClockType.SYSTEM_TIME):
+        pass
+
+    @property
+    def clock_type(self) -> ClockType:
+        """Kind of the clock."""
+        return self._clock_type
+
+    def __repr__(self) -> str:
+        return f'Clock(clock_type={self._clock_type.name})'
+
+    def nanoseconds(self) -> int:
+        """Return the time now in ns."""
+        if self._clock_type is ClockType.STEADY_TIME:
+            return time.monotonic_ns()
+        return time.time_ns()
+
+    def now(self) -> Time:
+        """Return the time now."""
+        now = object.__new__(Time)
+        now.nanoseconds = self.nanoseconds()
+        now.clock_type = self._clock_type
+        return now
+
+
+class ROSClock(Clock):
+    """System time, or the time of /clock while that is active."""
+
+    _simulated: int | None
+
+    def __new__(cls, **_: Any) -> 'ROSClock':
+        self = object.__new__(cls)
+        self._clock_type = ClockType.ROS_TIME
+        self._simulated = None
+        return self
+
+    def __init__(self, **_: Any):
+        pass
+
+    @property
+    def ros_time_is_active(self) -> bool:
+        """Whether the time comes from /clock."""
+        return self._simulated is not None
+
+    def _set_ros_time_is_active(self, enabled: bool) -> None:
+        if enabled:
+            self._simulated = self._simulated or 0
+        else:
+            self._simulated = None
+
+    def set_ros_time_override(self, value: Time) -> None:
+        """Set the time that is told while the time of /clock is active."""
+        if not isinstance(value, Time):
+            raise TypeError('Time must be specified as rclpy.time.Time.')
+        if self._simulated is not None:
+            self._simulated = value.nanoseconds
+
+    def nanoseconds(self) -> int:
+        """Return the time now in ns."""
+        return time.time_ns() if self._simulated is None else self._simulated

@@ -1,0 +1,160 @@
+"""The state between init and shutdown: arguments, participant, graph."""
+
+import atexit
+import os
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Any
+from weakref import WeakSet
+
+from rclpy import logging, signals
+from rclpy.exceptions import NotInitializedException, RCLError
+from rclpy.impl.arguments import RosArguments, parse
+from rclpy.impl.graph import Graph
+from rclpy.impl.transport import Participant
+
+MAX_DOMAIN_ID = 232
+
+
+def _domain_id(given: int | None) -> int:
+    if given is not None:
+        if given < 0:
+            raise RuntimeError(f'Domain id ({given}) should not be lower than zero.')
+        return given
+    text = os.environ.get('ROS_DOMAIN_ID') or '0'
+    if not text.isdecimal() or int(text) > MAX_DOMAIN_ID:
+        raise RCLError(
+            f"Failed to initialize init_options: ROS_DOMAIN_ID is '{text}', "
+            f'it must be an integer from 0 to {MAX_DOMAIN_ID}'
+        )
+    return int(text)
+
+
+class Context:
+    """One init-to-shutdown cycle; not to be used twice."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._callbacks: list[Callable[[], None]] = []
+        self._executors: WeakSet[Any] = WeakSet()
+        self._nodes: WeakSet[Any] = WeakSet()
+        self._participant: Participant | None = None
+        self._graph: Graph | None = None
+        self._domain_id = 0
+        self.arguments = RosArguments()
+        self.initialized = False
+        self.valid = False
+
+    def init(
+        self,
+        args: Sequence[str] | None = None,
+        *,
+        initialize_logging: bool = True,
+        domain_id: int | None = None,
+    ) -> None:
+        """
+        Start; the arguments default to those of the process.
+
+        Raises RuntimeError where it was called before, UnknownROSArgsError or
+        RCLInvalidROSArgsError for what cannot be read.
+        """
+        with self._lock:
+            if self.initialized:
+                raise RuntimeError('Context.init() must only be called once')
+            self._domain_id = _domain_id(domain_id)
+            self.arguments = parse(sys.argv if args is None else args)
+            if initialize_logging:
+                for name, level in self.arguments.log_levels.items():
+                    logging.set_logger_level(name, logging.get_logging_severity_from_string(level))
+            self.initialized = self.valid = True
+        signals._watch(self)
+        atexit.register(self._close)
+
+    def ok(self) -> bool:
+        """Tell whether it was started and not shut down."""
+        return self.valid
+
+    @property
+    def participant(self) -> Participant:
+        """DDS participant, made when it is first used."""
+        with self._lock:
+            if self._participant is None:
+                if not self.valid:
+                    raise NotInitializedException()
+                self._participant = Participant(self._domain_id, self.arguments.enclave)
+            return self._participant
+
+    @property
+    def graph(self) -> Graph:
+        """What is known of the nodes, topics and services of the domain."""
+        with self._lock:
+            if self._graph is None:
+                self._graph = Graph(self.participant)
+            return self._graph
+
+    def get_domain_id(self) -> int:
+        """Return the id of the domain."""
+        if not self.initialized:
+            raise RuntimeError('Context must be initialized before it can have a domain id')
+        return self._domain_id
+
+    def on_shutdown(self, callback: Callable[[], None]) -> None:
+        """Call back at shutdown, at once where that was."""
+        if not callable(callback):
+            raise TypeError(f'callback should be a callable, got {type(callback)}')
+        if self.initialized and not self.valid:
+            callback()
+        else:
+            self._callbacks.append(callback)
+
+    def _interrupt(self) -> None:
+        """Become invalid and wake what waits; a signal handler may call this."""
+        self.valid = False
+        for executor in list(self._executors):
+            executor.wake()
+
+    def shutdown(self) -> None:
+        """Stop; raise RuntimeError where it was not started."""
+        if not self.initialized:
+            raise RuntimeError('Context must be initialized before it can be shutdown')
+        self._shutdown()
+
+    def try_shutdown(self) -> None:
+        """Stop, where it was started and not stopped."""
+        if self.initialized:
+            self._shutdown()
+
+    def _shutdown(self) -> None:
+        with self._lock:
+            self._interrupt()
+            callbacks, self._callbacks = self._callbacks, []
+        for callback in callbacks:
+            callback()
+        self._close()
+
+    def _close(self) -> None:
+        """Leave the domain, so that other processes see the nodes go."""
+        atexit.unregister(self._close)
+        self.valid = False
+        for executor in list(self._executors):
+            executor.shutdown()
+        for node in list(self._nodes):
+            node._release()
+        with self._lock:
+            if self._graph is not None:
+                self._graph.close()
+            self._graph = self._participant = None
+
+    def __enter__(self) -> 'Context':
+        self.init()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.try_shutdown()

@@ -1,0 +1,135 @@
+"""The exceptions of rclpy."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rclpy.parameter import Parameter
+
+
+class RCLError(RuntimeError):
+    """Raised when something below fails."""
+
+
+class InvalidHandle(Exception):
+    """Raised when an entity is used after it was destroyed."""
+
+
+class UnknownROSArgsError(RuntimeError):
+    """Raised when there are unknown arguments after --ros-args."""
+
+
+class RCLInvalidROSArgsError(RCLError):
+    """Raised when arguments after --ros-args cannot be read."""
+
+
+class NotInitializedException(Exception):
+    """Raised when something is used before rclpy.init()."""
+
+    def __init__(self, message: str | None = None):
+        detail = f' msg:{message}' if message else ''
+        super().__init__(f'rclpy.init() has not been called.{detail}')
+
+
+class ROSInterruptException(Exception):
+    """Raised when an operation is canceled by rclpy shutting down."""
+
+    def __init__(self) -> None:
+        super().__init__('rclpy.shutdown() has been called')
+
+
+class NameValidationException(Exception):
+    """Raised when a topic name, node name, or namespace is invalid."""
+
+    def __init__(self, name_type: str, name: str, error_msg: str, invalid_index: int):
+        mark = ' ' * invalid_index
+        super().__init__(f"Invalid {name_type}: {error_msg}:\n  '{name}'\n   {mark}^")
+
+
+class InvalidNamespaceException(NameValidationException):
+    """Raised when a namespace is invalid."""
+
+    def __init__(self, name: str, error_msg: str, invalid_index: int):
+        super().__init__('namespace', name, error_msg, invalid_index)
+
+
+class InvalidNodeNameException(NameValidationException):
+    """Raised when a node name is invalid."""
+
+    def __init__(self, name: str, error_msg: str, invalid_index: int):
+        super().__init__('node name', name, error_msg, invalid_index)
+
+
+class InvalidTopicNameException(NameValidationException):
+    """Raised when a topic name is invalid."""
+
+    def __init__(self, name: str, error_msg: str, invalid_index: int):
+        super().__init__('topic name', name, error_msg, invalid_index)
+
+
+class InvalidServiceNameException(NameValidationException):
+    """Raised when a service name is invalid."""
+
+    def __init__(self, name: str, error_msg: str, invalid_index: int):
+        super().__init__('service name', name, error_msg, invalid_index)
+
+
+class ParameterException(Exception):
+    """Base of what concerns parameters."""
+
+    def __init__(self, error_msg: str, parameters: str | list[str]):
+        super().__init__(f'{error_msg}: {parameters}')
+
+
+class ParameterNotDeclaredException(ParameterException):
+    """Raised when an undeclared parameter is used."""
+
+    def __init__(self, parameters: str | list[str]):
+        super().__init__('Invalid access to undeclared parameter(s)', parameters)
+
+
+class ParameterAlreadyDeclaredException(ParameterException):
+    """Raised when a parameter is declared twice."""
+
+    def __init__(self, parameters: str | list[str]):
+        super().__init__('Parameter(s) already declared', parameters)
+
+
+class InvalidParameterException(ParameterException):
+    """Raised when a parameter to be declared has an invalid name."""
+
+    def __init__(self, parameter_name: str):
+        super().__init__('Invalid parameter name', parameter_name)
+
+
+class InvalidParameterTypeException(ParameterException):
+    """Raised when a parameter is rejected for its type."""
+
+    def __init__(self, desired_parameter: 'Parameter', expected_type: str):
+        super().__init__(
+            f"Trying to set parameter '{desired_parameter.name}' to '{desired_parameter.value}'"
+            f" of type '{desired_parameter.type_.name}', expecting type '{expected_type}'",
+            desired_parameter.name,
+        )
+
+
+class InvalidParameterValueException(ParameterException):
+    """Raised when a parameter is rejected by a callback or by its descriptor."""
+
+    def __init__(self, parameter: str, value: Any, reason: str):
+        super().__init__(
+            f'Invalid parameter value ({value}) for parameter. Reason: {reason}', parameter
+        )
+
+
+class ParameterImmutableException(ParameterException):
+    """Raised when a read-only parameter is modified."""
+
+    def __init__(self, parameter_name: str):
+        super().__init__('Attempted to modify read-only parameter', parameter_name)
+
+
+class ParameterUninitializedException(ParameterException):
+    """Raised when a parameter without a value is read."""
+
+    def __init__(self, parameter_name: str):
+        super().__init__(f"The parameter '{parameter_name}' is not initialized", parameter_name)

@@ -1,0 +1,1 @@
+"""What rclpy keeps behind its interface."""

@@ -1,0 +1,225 @@
+"""What stands between --ros-args and --: remappings, parameters, parameter files, log levels."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rclpy.exceptions import RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy.impl import names
+
+FLAGS_WITHOUT_VALUE = re.compile(r'--(?:enable|disable)-(?:rosout|stdout|external-lib)-logs?')
+NODE_PREFIX = re.compile(r'([A-Za-z_][A-Za-z0-9_]*|\*{1,2}|/[A-Za-z0-9_/*]*):(?!=)(.*)', re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Remap:
+    """One rule `[node:]source:=target`."""
+
+    node: str | None
+    source: str
+    target: str
+
+
+@dataclass
+class RosArguments:
+    """The ROS arguments of a process or of a node."""
+
+    remaps: list[Remap] = field(default_factory=list)
+    parameters: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    log_levels: dict[str, str] = field(default_factory=dict)
+    enclave: str = '/'
+
+    def node_name(self, name: str) -> str:
+        """Return the name that a node of this name has after remapping."""
+        for rule in self.remaps:
+            if rule.source in ('__node', '__name') and rule.node in (None, name):
+                return rule.target
+        return name
+
+    def namespace(self, name: str, namespace: str) -> str:
+        """Return the namespace that a node has after remapping."""
+        for rule in self.remaps:
+            if rule.source == '__ns' and rule.node in (None, name):
+                return rule.target
+        return namespace
+
+    def topic(self, absolute: str, node: str, namespace: str, is_service: bool) -> str:
+        """Return the absolute name that a topic or service has after remapping."""
+        scheme = 'rosservice://' if is_service else 'rostopic://'
+        for rule in self.remaps:
+            source = rule.source.removeprefix(scheme)
+            if source.startswith(('__', 'rostopic:', 'rosservice:')):
+                continue
+            if rule.node in (None, node) and names.expand(source, node, namespace) == absolute:
+                return names.expand(rule.target, node, namespace, is_service)
+        return absolute
+
+    def overrides(self, fully_qualified_name: str) -> dict[str, Any]:
+        """Return the parameter values given for a node; later ones win."""
+        values: dict[str, Any] = {}
+        for pattern, given in self.parameters:
+            if _matches(pattern, fully_qualified_name):
+                values |= given
+        return values
+
+
+def _matches(pattern: str, node: str) -> bool:
+    if pattern in ('/**', '**'):
+        return True
+    absolute = pattern if pattern.startswith('/') else f'/{pattern}'
+    if '*' not in absolute:
+        return absolute == node
+    parts = re.split(r'(\*\*|\*)', absolute)
+    wild = {'**': '.*', '*': '[^/]*'}
+    expression = ''.join(wild.get(part, re.escape(part)) for part in parts)
+    return re.fullmatch(expression.replace('/.*/', '/(?:.*/)?'), node) is not None
+
+
+def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the arguments that are not for ROS, and those that are."""
+    plain: list[str] = []
+    ros: list[str] = []
+    inside = False
+    for argument in argv:
+        if argument == '--ros-args':
+            inside = True
+        elif inside and argument == '--':
+            inside = False
+        else:
+            (ros if inside else plain).append(argument)
+    return plain, ros
+
+
+def _rule(text: str, flag: str) -> tuple[str | None, str, str]:
+    left, separator, target = text.partition(':=')
+    if not separator or not left:
+        raise RCLInvalidROSArgsError(
+            f"failed to parse arguments: Couldn't parse {flag} rule: '{flag} {text}'. "
+            "It must look like 'name:=value'"
+        )
+    node = None
+    if '://' not in left.partition(':=')[0] and (match := NODE_PREFIX.fullmatch(left)):
+        node, left = match[1], match[2]
+    return node, left, target
+
+
+def _flat(prefix: str, values: dict[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        name = f'{prefix}{key}'
+        if isinstance(value, dict):
+            flat |= _flat(f'{name}.', value)
+        else:
+            flat[name] = value
+    return flat
+
+
+def parameter_file(path: str) -> list[tuple[str, dict[str, Any]]]:
+    """
+    Return pairs of node pattern and values of a ROS parameter file.
+
+    Raises RCLInvalidROSArgsError where it is absent or no such file.
+    """
+    failed = f"failed to parse arguments: Couldn't parse params file: '--params-file {path}'."
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise RCLInvalidROSArgsError(f'{failed} Error: {error}') from error
+    entries: list[tuple[str, dict[str, Any]]] = []
+
+    def walk(node: str, block: Any) -> None:
+        if not isinstance(block, dict):
+            raise RCLInvalidROSArgsError(f"{failed} Error: no 'ros__parameters' below '{node}'")
+        for key, value in block.items():
+            if key == 'ros__parameters':
+                if not isinstance(value, dict):
+                    raise RCLInvalidROSArgsError(f"{failed} Error: no parameters below '{node}'")
+                entries.append((node, _flat('', value)))
+            else:
+                walk(f'{node}/{key}'.replace('//', '/') if node else str(key), value)
+
+    walk('', content)
+    return entries
+
+
+def _value_of(name: str, text: str) -> Any:
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise RCLInvalidROSArgsError(
+            f"failed to parse arguments: Couldn't parse parameter override rule: "
+            f"'-p {name}:={text}'. Error: {error}"
+        ) from error
+    return '' if value is None and text == '' else value
+
+
+def parse(argv: Sequence[str]) -> RosArguments:
+    """
+    Read the ROS arguments of a command line.
+
+    Raises UnknownROSArgsError or RCLInvalidROSArgsError, which quote the argument.
+    """
+    _, given = split(argv)
+    result = RosArguments()
+    remaining = iter(given)
+    for flag in remaining:
+        if FLAGS_WITHOUT_VALUE.fullmatch(flag):
+            continue
+        if flag not in FLAGS:
+            raise UnknownROSArgsError(f"found unknown ROS arguments: '{flag}'")
+        text = next(remaining, None)
+        if text is None:
+            raise RCLInvalidROSArgsError(
+                f"failed to parse arguments: Couldn't parse trailing {flag} flag. No value found"
+            )
+        FLAGS[flag](result, text)
+    return result
+
+
+def _remap(result: RosArguments, text: str) -> None:
+    result.remaps.append(Remap(*_rule(text, '-r')))
+
+
+def _parameter(result: RosArguments, text: str) -> None:
+    node, name, value = _rule(text, '-p')
+    result.parameters.append((node or '/**', {name: _value_of(name, value)}))
+
+
+def _parameters(result: RosArguments, text: str) -> None:
+    result.parameters += parameter_file(text)
+
+
+def _log_level(result: RosArguments, text: str) -> None:
+    name, _, level = text.rpartition(':=')
+    if level.upper() not in ('UNSET', 'DEBUG', 'INFO', 'WARN', 'ERROR', 'FATAL'):
+        raise RCLInvalidROSArgsError(
+            f"failed to parse arguments: Couldn't parse log level rule: '--log-level {text}'. "
+            'It must be one of debug, info, warn, error, fatal'
+        )
+    result.log_levels[name] = level
+
+
+def _enclave(result: RosArguments, text: str) -> None:
+    result.enclave = text
+
+
+def _ignored(result: RosArguments, text: str) -> None:
+    del result, text
+
+
+FLAGS = {
+    '-r': _remap,
+    '--remap': _remap,
+    '-p': _parameter,
+    '--param': _parameter,
+    '--params-file': _parameters,
+    '--log-level': _log_level,
+    '--enclave': _enclave,
+    '-e': _enclave,
+    '--log-config-file': _ignored,
+    '--log-file-name': _ignored,
+}

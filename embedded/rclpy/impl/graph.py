@@ -1,0 +1,196 @@
+"""The graph of nodes as rmw_dds_common exchanges it on `ros_discovery_info`."""
+
+import threading
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import Any
+
+from cyclonedds.builtin import (
+    BuiltinDataReader,
+    BuiltinTopicDcpsParticipant,
+    BuiltinTopicDcpsPublication,
+    BuiltinTopicDcpsSubscription,
+)
+from cyclonedds.core import InstanceState
+from cyclonedds.qos import Policy, Qos
+from rosidl_embedded import deserialize, message_class, serialize
+
+from rclpy.impl.transport import Participant, raw_type
+
+TOPIC = 'ros_discovery_info'
+TYPE = 'rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_'
+PREFIXES = {'rt': 'topic', 'rq': 'request', 'rr': 'reply'}
+LIMIT = 20_000
+
+
+@dataclass
+class NodeEntities:
+    """A node's endpoints: the gids of its readers and writers."""
+
+    name: str
+    namespace: str
+    readers: list[bytes] = field(default_factory=list)
+    writers: list[bytes] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A reader or a writer of the domain."""
+
+    gid: bytes
+    kind: str
+    name: str
+    type_name: str
+    qos: Any
+
+
+def ros_name(dds_name: str) -> tuple[str, str]:
+    """Return (kind, name) of a DDS topic: `rt/a` is ('topic', '/a'), foreign ones ('', name)."""
+    prefix, _, rest = dds_name.partition('/')
+    kind = PREFIXES.get(prefix, '')
+    if not kind or not rest:
+        return '', dds_name
+    if kind != 'topic':
+        rest = rest.removesuffix('Request' if kind == 'request' else 'Reply')
+    return kind, f'/{rest}'
+
+
+def ros_type(dds_type: str) -> str:
+    """Return `pkg/msg/Name` of `pkg::msg::dds_::Name_`, with the name alone of a service."""
+    name = dds_type.replace('::dds_::', '::').replace('::', '/').removesuffix('_')
+    if '/srv/' in name:
+        name = name.removesuffix('_Request').removesuffix('_Response')
+    return name
+
+
+def dds_type(type_name: str) -> str:
+    """Return `pkg::msg::dds_::Name_` of `pkg/msg/Name`."""
+    package, kind, name = type_name.split('/')
+    return f'{package}::{kind}::dds_::{name}_'
+
+
+def _qos(depth: int) -> Qos:
+    history = Policy.History.KeepLast(depth)
+    return Qos(
+        Policy.Reliability.Reliable(max_blocking_time=100_000_000),
+        Policy.Durability.TransientLocal,
+        history,
+        Policy.DurabilityService(0, history, -1, -1, -1),
+        Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
+    )
+
+
+class Graph:
+    """Tells others of this process's nodes and answers who else is there."""
+
+    def __init__(self, participant: Participant):
+        self._participant = participant
+        self._lock = threading.RLock()
+        self.nodes: list[NodeEntities] = []
+        self._raw: Any = raw_type(TYPE)
+        self._writer: Any = participant.writer(TOPIC, TYPE, _qos(1))
+        self._reader: Any = None
+        self._builtin: dict[str, Any] = {}
+        self._heard: dict[bytes, list[NodeEntities]] = {}
+
+    def close(self) -> None:
+        """Let go of the endpoints."""
+        self._writer = self._reader = None
+        self._builtin.clear()
+
+    def publish(self) -> None:
+        """Tell others of this process's nodes."""
+        make_gid = message_class('rmw_dds_common', 'Gid')
+        make_node = message_class('rmw_dds_common', 'NodeEntitiesInfo')
+        make_all = message_class('rmw_dds_common', 'ParticipantEntitiesInfo')
+
+        def gid(data: bytes) -> Any:
+            return make_gid(data=list(data))
+
+        with self._lock:
+            if self._writer is None:
+                return
+            nodes = [
+                make_node(
+                    node_namespace=node.namespace,
+                    node_name=node.name,
+                    reader_gid_seq=[gid(data) for data in node.readers],
+                    writer_gid_seq=[gid(data) for data in node.writers],
+                )
+                for node in self.nodes
+            ]
+            info = make_all(gid=gid(self._participant.gid), node_entities_info_seq=nodes)
+            self._writer.write(self._raw(serialize(info)))
+
+    def _listen(self) -> None:
+        if self._reader is None:
+            self._reader = self._participant.reader(TOPIC, TYPE, _qos(1000))
+            for kind, topic in (
+                ('participant', BuiltinTopicDcpsParticipant),
+                ('writer', BuiltinTopicDcpsPublication),
+                ('reader', BuiltinTopicDcpsSubscription),
+            ):
+                self._builtin[kind] = BuiltinDataReader(self._participant.dds, topic)
+
+    def _alive(self, kind: str) -> list[Any]:
+        self._listen()
+        samples = self._builtin[kind].read(LIMIT)
+        return [s for s in samples if s.sample_info.instance_state == InstanceState.Alive]
+
+    def participants(self) -> list[NodeEntities]:
+        """Return the nodes of all living participants, this process's own included."""
+        with self._lock:
+            self._listen()
+            cls = message_class('rmw_dds_common', 'ParticipantEntitiesInfo')
+            while samples := self._reader.take(100):
+                for sample in samples:
+                    if isinstance(sample, bytes):
+                        info = deserialize(sample, cls)
+                        self._heard[bytes(info.gid.data)] = [
+                            NodeEntities(
+                                node.node_name,
+                                node.node_namespace,
+                                [bytes(gid.data) for gid in node.reader_gid_seq],
+                                [bytes(gid.data) for gid in node.writer_gid_seq],
+                            )
+                            for node in info.node_entities_info_seq
+                        ]
+            alive = {s.key.bytes for s in self._alive('participant')}
+            self._heard = {gid: nodes for gid, nodes in self._heard.items() if gid in alive}
+            others = [
+                n for gid, ns in self._heard.items() for n in ns if gid != self._participant.gid
+            ]
+            return self.nodes + others
+
+    def endpoints(self, kind: str) -> list[Endpoint]:
+        """Return all readers (`reader`) or writers (`writer`) of the domain."""
+        with self._lock:
+            found = []
+            for sample in self._alive(kind):
+                name_kind, name = ros_name(sample.topic_name)
+                found.append(
+                    Endpoint(sample.key.bytes, name_kind, name, sample.type_name, sample.qos)
+                )
+            return found
+
+    def topics(self) -> dict[str, list[str]]:
+        """Return the types of each topic."""
+        return self._types('topic')
+
+    def services(self) -> dict[str, list[str]]:
+        """Return the types of each service that is served."""
+        return self._types('request', ('reader',))
+
+    def _types(
+        self, kind: str, sides: tuple[str, ...] = ('writer', 'reader')
+    ) -> dict[str, list[str]]:
+        types: defaultdict[str, set[str]] = defaultdict(set)
+        for side in sides:
+            for endpoint in self.endpoints(side):
+                if endpoint.kind == kind:
+                    types[endpoint.name].add(ros_type(endpoint.type_name))
+        return {name: sorted(found) for name, found in sorted(types.items())}
+
+    def count(self, kind: str, topic: str) -> int:
+        """Count the readers (`reader`) or writers (`writer`) of a topic."""
+        return sum(e.kind == 'topic' and e.name == topic for e in self.endpoints(kind))

@@ -1,0 +1,333 @@
+"""The parameters of a node: declared, described, validated, set."""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import (
+    ListParametersResult,
+    ParameterDescriptor,
+    ParameterType,
+    ParameterValue,
+    SetParametersResult,
+)
+
+from rclpy.exceptions import (
+    InvalidParameterException,
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterAlreadyDeclaredException,
+    ParameterImmutableException,
+    ParameterNotDeclaredException,
+    ParameterUninitializedException,
+)
+from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter, parameter_value_to_python
+
+OnSet = Callable[[list[Parameter]], Any]
+PostSet = Callable[[list[Parameter]], None]
+RELATIVE_TOLERANCE = 1e-6
+
+
+def out_of_range(parameter: Parameter, descriptor: Any) -> str:
+    """Return why a value is outside of its descriptor's range, '' where it is not."""
+    ranges = {
+        Parameter.Type.INTEGER: descriptor.integer_range,
+        Parameter.Type.DOUBLE: descriptor.floating_point_range,
+    }.get(parameter.type_)
+    if not ranges:
+        return ''
+    limits, value = ranges[0], parameter.value
+    low, high = sorted((limits.from_value, limits.to_value))
+    is_float = parameter.type_ is Parameter.Type.DOUBLE
+    near = [
+        math.isclose(value, edge, rel_tol=RELATIVE_TOLERANCE) if is_float else value == edge
+        for edge in (low, high)
+    ]
+    if any(near):
+        return ''
+    if not low < value < high:
+        dot = '' if is_float else '.'
+        return (
+            f'Parameter {parameter.name} out of range{dot} Min: {low}, Max: {high}, value: {value}'
+        )
+    if limits.step:
+        nearest = low + round((value - low) / limits.step) * limits.step
+        fits = (
+            math.isclose(nearest, value, rel_tol=RELATIVE_TOLERANCE)
+            if is_float
+            else nearest == value
+        )
+        if not fits:
+            how = 'close enough to a valid step' if is_float else 'a valid step'
+            return (
+                f'The parameter value for {parameter.name} is not {how}. '
+                f'Min: {low}, max: {high}, value: {value}, step: {limits.step}'
+            )
+    return ''
+
+
+class Parameters:
+    """The part of a node that holds its parameters."""
+
+    def __init__(self, overrides: dict[str, Any], allow_undeclared_parameters: bool):
+        self._parameters: dict[str, Parameter] = {}
+        self._descriptors: dict[str, Any] = {}
+        self._parameter_overrides = overrides
+        self._allow_undeclared_parameters = allow_undeclared_parameters
+        self._pre_set: list[Callable[[list[Parameter]], list[Parameter]]] = []
+        self._on_set: list[OnSet] = []
+        self._post_set: list[PostSet] = []
+
+    def declare_parameter(
+        self,
+        name: str,
+        value: Any = None,
+        descriptor: Any = None,
+        ignore_override: bool = False,
+    ) -> Parameter:
+        """
+        Declare a parameter by its default value or its Parameter.Type.
+
+        Raises ParameterAlreadyDeclaredException, InvalidParameterTypeException where the value
+        given from outside has another type, InvalidParameterValueException where it is refused.
+        """
+        given = ParameterDescriptor() if descriptor is None else descriptor
+        return self.declare_parameters('', [(name, value, given)], ignore_override)[0]
+
+    def declare_parameters(
+        self, namespace: str, parameters: Sequence[tuple[Any, ...]], ignore_override: bool = False
+    ) -> list[Parameter]:
+        """Declare parameters as tuples (name, value or type, descriptor)."""
+        declared: list[tuple[Parameter, Any]] = []
+        for index, entry in enumerate(parameters):
+            if not 1 <= len(entry) <= 3:
+                raise TypeError(
+                    f'Invalid parameter tuple length at index {index} in parameters list: '
+                    f'{entry}; expecting length between 1 and 3'
+                )
+            name = entry[0]
+            if not isinstance(name, str):
+                raise TypeError(
+                    f'First element {name} at index {index} in parameters list is not a str.'
+                )
+            name = f'{namespace}.{name}' if namespace else name
+            if not re.fullmatch(r'[^\s].*', name):
+                raise InvalidParameterException(name)
+            descriptor = entry[2] if len(entry) > 2 else ParameterDescriptor()
+            if not isinstance(descriptor, ParameterDescriptor):
+                raise TypeError(
+                    f'Third element {descriptor} at index {index} in parameters list '
+                    'is not a ParameterDescriptor.'
+                )
+            value = self._typed(name, entry[1] if len(entry) > 1 else None, descriptor)
+            if not ignore_override and name in self._parameter_overrides:
+                value = self._parameter_overrides[name]
+            declared.append((Parameter(name, value=value), descriptor))
+        known = [parameter.name for parameter, _ in declared if parameter.name in self._parameters]
+        if known:
+            raise ParameterAlreadyDeclaredException(known)
+        for parameter, descriptor in declared:
+            self._declare(parameter, descriptor)
+        return [self._parameters[parameter.name] for parameter, _ in declared]
+
+    @staticmethod
+    def _typed(name: str, default: Any, descriptor: Any) -> Any:
+        """Note the type in the descriptor and return the default value."""
+        if isinstance(default, ParameterValue):
+            default = parameter_value_to_python(default)
+        if isinstance(default, Parameter.Type):
+            if default is Parameter.Type.NOT_SET:
+                raise ValueError(
+                    f'Cannot declare parameter {{{name}}} as statically typed of type NOT_SET'
+                )
+            descriptor.type = default.value
+            return None
+        if not descriptor.dynamic_typing:
+            descriptor.type = Parameter.Type.from_parameter_value(default).value
+            if descriptor.type == ParameterType.PARAMETER_NOT_SET:
+                raise ValueError(
+                    'Cannot declare a statically typed parameter with default value '
+                    'of type PARAMETER_NOT_SET'
+                )
+        return default
+
+    def _declare(self, parameter: Parameter, descriptor: Any) -> None:
+        result = self._apply([parameter], {parameter.name: descriptor}, declaring=True)
+        if not result.successful:
+            if result.reason.startswith('Wrong parameter type'):
+                expected = Parameter.Type(descriptor.type).name
+                raise InvalidParameterTypeException(parameter, expected)
+            raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
+
+    def undeclare_parameter(self, name: str) -> None:
+        """Forget a parameter; raise where it is unknown or read-only."""
+        if name not in self._parameters:
+            raise ParameterNotDeclaredException(name)
+        if self._descriptors[name].read_only:
+            raise ParameterImmutableException(name)
+        del self._parameters[name], self._descriptors[name]
+
+    def has_parameter(self, name: str) -> bool:
+        """Tell whether a parameter is declared."""
+        return name in self._parameters
+
+    def get_parameter(self, name: str) -> Parameter:
+        """Return a parameter; raise where it is not declared or has no value."""
+        parameter = self._parameters.get(name)
+        if parameter is None:
+            if self._allow_undeclared_parameters:
+                return Parameter(name, Parameter.Type.NOT_SET, None)
+            raise ParameterNotDeclaredException(name)
+        unset = parameter.type_ is Parameter.Type.NOT_SET
+        if unset and not self._descriptors[name].dynamic_typing:
+            raise ParameterUninitializedException(name)
+        return parameter
+
+    def get_parameters(self, names: list[str]) -> list[Parameter]:
+        """Return parameters."""
+        if not all(isinstance(name, str) for name in names):
+            raise TypeError('All names must be instances of type str')
+        return [self.get_parameter(name) for name in names]
+
+    def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
+        """Return a parameter, or the alternative where it is not declared or has no value."""
+        parameter = self._parameters.get(name)
+        if parameter is None or parameter.type_ is Parameter.Type.NOT_SET:
+            return alternative_value or Parameter(name, Parameter.Type.NOT_SET)
+        return parameter
+
+    def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
+        """Return the parameters below a prefix, by the rest of their names."""
+        start = prefix + PARAMETER_SEPARATOR_STRING if prefix else ''
+        return {n[len(start) :]: p for n, p in self._parameters.items() if n.startswith(start)}
+
+    def describe_parameter(self, name: str) -> Any:
+        """Return the descriptor of a parameter; raise where it is not declared."""
+        if name in self._descriptors:
+            return self._descriptors[name]
+        if self._allow_undeclared_parameters:
+            return ParameterDescriptor()
+        raise ParameterNotDeclaredException(name)
+
+    def describe_parameters(self, names: list[str]) -> list[Any]:
+        """Return descriptors."""
+        return [self.describe_parameter(name) for name in names]
+
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
+        """Set parameters one by one; a refused one does not keep the others from being set."""
+        self._check_declared(parameter_list)
+        return [self._set([parameter]) for parameter in parameter_list]
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
+        """Set all parameters or, where one is refused, none."""
+        self._check_declared(parameter_list)
+        return self._set(parameter_list)
+
+    def _check_declared(self, parameter_list: list[Parameter]) -> None:
+        if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
+            raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
+        unknown = [p.name for p in parameter_list if p.name not in self._parameters]
+        if unknown and not self._allow_undeclared_parameters:
+            raise ParameterNotDeclaredException(unknown)
+
+    def _set(self, parameter_list: list[Parameter]) -> Any:
+        if self._pre_set:
+            parameter_list = [p for callback in self._pre_set for p in callback(parameter_list)]
+            if not parameter_list:
+                reason = (
+                    'parameter list is empty, this can happen after pre set parameter callbacks'
+                )
+                return SetParametersResult(successful=False, reason=reason)
+            self._check_declared(parameter_list)
+        return self._apply(parameter_list, self._descriptors, declaring=False)
+
+    def _apply(
+        self, parameter_list: list[Parameter], descriptors: dict[str, Any], declaring: bool
+    ) -> Any:
+        for parameter in parameter_list:
+            reason = self._refusal(parameter, descriptors.get(parameter.name), declaring)
+            if reason:
+                return SetParametersResult(successful=False, reason=reason)
+        for callback in self._on_set:
+            result = callback(parameter_list)
+            if not isinstance(result, SetParametersResult):
+                raise TypeError(f'Callback returned an invalid type: {type(result)}')
+            if not result.successful:
+                return result
+        for parameter in parameter_list:
+            descriptor = descriptors.get(parameter.name)
+            if descriptor is None:
+                descriptor = ParameterDescriptor(dynamic_typing=True)
+            descriptor.name = parameter.name
+            if descriptor.dynamic_typing:
+                descriptor.type = parameter.type_.value
+            self._descriptors[parameter.name] = descriptor
+            self._parameters[parameter.name] = parameter
+        for notify in self._post_set:
+            notify(parameter_list)
+        return SetParametersResult(successful=True)
+
+    @staticmethod
+    def _refusal(parameter: Parameter, descriptor: Any, declaring: bool) -> str:
+        """Return why the descriptor refuses a value, '' where it does not."""
+        if descriptor is None:
+            return ''
+        if descriptor.read_only and not declaring:
+            return f'Trying to set a read-only parameter: {parameter.name}.'
+        if not descriptor.dynamic_typing:
+            if parameter.type_ is Parameter.Type.NOT_SET:
+                return '' if declaring else 'Static parameter cannot be undeclared'
+            if parameter.type_.value != descriptor.type:
+                expected = Parameter.Type(descriptor.type)
+                return f"Wrong parameter type, expected '{expected}' got '{parameter.type_}'"
+        return out_of_range(parameter, descriptor)
+
+    def list_parameters(self, prefixes: list[str], depth: int) -> Any:
+        """Return the names below the prefixes, at most `depth` levels down; 0 is all levels."""
+        result = ListParametersResult()
+        for name in self._parameters:
+            rests = (
+                [name]
+                if not prefixes
+                else [
+                    name[len(prefix) + 1 :]
+                    for prefix in prefixes
+                    if f'{name}.'.startswith(f'{prefix}.')
+                ]
+            )
+            if not any(depth == 0 or rest.count('.') < depth for rest in rests):
+                continue
+            result.names.append(name)
+            parent = name.rpartition('.')[0]
+            if parent and parent not in result.prefixes:
+                result.prefixes.append(parent)
+        return result
+
+    def add_pre_set_parameters_callback(
+        self, callback: Callable[[list[Parameter]], list[Parameter]]
+    ) -> None:
+        """Let a callback change the list before it is validated."""
+        self._pre_set.insert(0, callback)
+
+    def add_on_set_parameters_callback(self, callback: OnSet) -> None:
+        """Let a callback validate, by a SetParametersResult, before parameters are set."""
+        self._on_set.insert(0, callback)
+
+    def add_post_set_parameters_callback(self, callback: PostSet) -> None:
+        """Tell a callback once parameters are set."""
+        self._post_set.insert(0, callback)
+
+    def remove_pre_set_parameters_callback(
+        self, callback: Callable[[list[Parameter]], list[Parameter]]
+    ) -> None:
+        """Take a callback out."""
+        self._pre_set.remove(callback)
+
+    def remove_on_set_parameters_callback(self, callback: OnSet) -> None:
+        """Take a callback out."""
+        self._on_set.remove(callback)
+
+    def remove_post_set_parameters_callback(self, callback: PostSet) -> None:
+        """Take a callback out."""
+        self._post_set.remove(callback)

@@ -1,0 +1,113 @@
+"""Services on DDS as rmw_cyclonedds does them: a header before request and reply."""
+
+import struct
+import threading
+import time
+from itertools import count
+from typing import Any
+
+from cyclonedds.core import DDSException
+from rosidl_embedded import codec, definitions
+
+from rclpy.impl.graph import dds_type
+from rclpy.impl.transport import Participant, Sample, raw_type, unread
+from rclpy.qos import QoSProfile, to_dds
+
+HEADER = struct.Struct('<Qq')
+MATCH_PATIENCE = 0.1
+_sequence = count(1)
+
+
+class ServiceEnd:
+    """One end of a service: a writer and a reader that know each other by an id."""
+
+    def __init__(
+        self, participant: Participant, srv_type: Any, name: str, qos: QoSProfile, is_server: bool
+    ):
+        codec.warm(srv_type.Request)
+        codec.warm(srv_type.Response)
+        request, reply = f'rq{name}Request', f'rr{name}Reply'
+        self._incoming = srv_type.Request if is_server else srv_type.Response
+        outgoing = srv_type.Response if is_server else srv_type.Request
+        self._lock = threading.Lock()
+        end_id = participant.next_end_id()
+        user_data = f'{"serviceid" if is_server else "clientid"}={end_id};'
+
+        def options(cls: Any) -> Any:
+            return to_dds(qos, f'{user_data}typehash={definitions.type_hash(cls._type_name)};')
+
+        name_in, name_out = dds_type(self._incoming._type_name), dds_type(outgoing._type_name)
+        topic_in, topic_out = (request, reply) if is_server else (reply, request)
+        self._raw: Any = raw_type(name_out)
+        self._writer: Any = participant.writer(topic_out, name_out, options(outgoing))
+        self.reader: Any = participant.reader(topic_in, name_in, options(self._incoming))
+        self.unread = unread(self.reader)
+        self.gids: tuple[bytes, bytes] = (self.reader.guid.bytes, self._writer.guid.bytes)
+        self.handle = self._writer.instance_handle & 0xFFFF_FFFF_FFFF_FFFF
+
+    def send(self, message: Any, guid: int, sequence: int) -> None:
+        """Send a request or a reply."""
+        self._writer.write(self._raw(codec.serialize(message, HEADER.pack(guid, sequence))))
+
+    def request(self, message: Any) -> int:
+        """Send a request; return the number that its reply will have."""
+        sequence = next(_sequence)
+        self.send(message, self.handle, sequence)
+        return sequence
+
+    def take(self) -> list[tuple[int, int, int, Any]]:
+        """
+        Take what came: (client's handle, number, handle of the writer, message).
+
+        Raises ValueError for what is no request or reply.
+        """
+        taken = []
+        for sample in self.reader.take(16):
+            if sample.__class__ is Sample and len(sample) >= 4 + HEADER.size:
+                order = '<Qq' if sample[1] else '>Qq'
+                guid, sequence = struct.unpack_from(order, sample, 4)
+                message = codec.deserialize(sample, self._incoming, HEADER.size)
+                taken.append((guid, sequence, sample.sample_info.publication_handle, message))
+        return taken
+
+    def wait_for_client(self, publication: int) -> None:
+        """Wait a moment for the reader of a client whose writer is known already."""
+        wanted = _user_data(self.reader.get_matched_publication_data, publication, 'clientid')
+        deadline = time.monotonic() + MATCH_PATIENCE
+        while wanted is not None and time.monotonic() < deadline:
+            if wanted in self._others(self._writer, 'clientid'):
+                return
+            time.sleep(0.005)
+
+    def server_is_there(self) -> bool:
+        """Tell whether a server has matched both with the writer and with the reader."""
+        readers = self._others(self._writer, 'serviceid')
+        writers = self._others(self.reader, 'serviceid')
+        return bool(readers & writers)
+
+    @staticmethod
+    def _others(endpoint: Any, key: str) -> set[str | None]:
+        if hasattr(endpoint, 'get_matched_subscriptions'):
+            handles, look = (
+                endpoint.get_matched_subscriptions(),
+                endpoint.get_matched_subscription_data,
+            )
+        else:
+            handles, look = (
+                endpoint.get_matched_publications(),
+                endpoint.get_matched_publication_data,
+            )
+        return {_user_data(look, handle, key) for handle in handles}
+
+
+def _user_data(look: Any, handle: int, key: str) -> str | None:
+    try:
+        endpoint = look(handle)
+    except (DDSException, TypeError):
+        return None
+    if endpoint is None:
+        return None
+    found = [policy for policy in endpoint.qos if policy.__scope__ == 'Userdata']
+    text = found[0].data.decode(errors='replace') if found else ''
+    pairs = dict(part.split('=', 1) for part in text.split(';') if '=' in part)
+    return pairs.get(key, '')

@@ -1,0 +1,186 @@
+"""Cyclone DDS underneath: participants, topics of raw CDR, and the set of entities waited for."""
+
+import ctypes
+import os
+from functools import cache
+from itertools import count
+from typing import Any
+from weakref import WeakValueDictionary
+
+from cyclonedds.core import (
+    DDSStatus,
+    Entity,
+    GuardCondition,
+    InstanceState,
+    ReadCondition,
+    SampleState,
+    ViewState,
+    WaitSet,
+)
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct, make_idl_struct
+from cyclonedds.idl.types import uint8
+from cyclonedds.internal import c_call, dds_c_t
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+MAX_PARTICIPANTS = 100
+LOOPBACK = (
+    '<General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>'
+    '<AllowMulticast>false</AllowMulticast></General>'
+)
+RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
+
+
+class Sample(bytes):
+    """The CDR bytes of a received sample; the reader adds `sample_info`."""
+
+    sample_info: Any
+
+
+class RawSample:
+    """Gives bytes to the writer of the wheel, which asks them of `serialize`."""
+
+    def __init__(self, cdr: bytes):
+        self.cdr = cdr
+
+    def serialize(self, **_: Any) -> bytes:
+        """Return the bytes as they are."""
+        return self.cdr
+
+
+@cache
+def raw_type(dds_type_name: str) -> type[IdlStruct]:
+    """Return a type of this name whose samples are CDR bytes, not looked into."""
+    idl = make_idl_struct('Raw', dds_type_name, {'structure': uint8}, dataclassify=False)
+    members = {'serialize': RawSample.serialize, '__init__': RawSample.__init__}
+    for name, member in members.items():
+        setattr(idl, name, member)
+    for name in ('deserialize', 'deserialize_key'):
+        setattr(idl, name, classmethod(lambda cls, data, **_: Sample(data)))
+    return idl
+
+
+def domain_configuration() -> str:
+    """
+    Return Cyclone's configuration for ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS.
+
+    The default is LOCALHOST: the loopback interface and no multicast. Raises RuntimeError for a
+    range that ROS does not know.
+    """
+    reach = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') or 'LOCALHOST'
+    if reach not in RANGES:
+        raise RuntimeError(
+            f"ROS_AUTOMATIC_DISCOVERY_RANGE is '{reach}', it must be one of {', '.join(RANGES)}"
+        )
+    if reach == 'SYSTEM_DEFAULT':
+        return '<CycloneDDS><Domain Id="any"/></CycloneDDS>'
+    if reach == 'OFF':
+        discovery = f'<ParticipantIndex>none</ParticipantIndex><Tag>off_{os.getpid()}</Tag>'
+        return _configuration(LOOPBACK, discovery)
+    peers = [peer for peer in os.environ.get('ROS_STATIC_PEERS', '').split(';') if peer]
+    if reach == 'LOCALHOST':
+        peers.insert(0, '127.0.0.1')
+    discovery = (
+        '<ParticipantIndex>auto</ParticipantIndex>'
+        f'<MaxAutoParticipantIndex>{MAX_PARTICIPANTS}</MaxAutoParticipantIndex>'
+    )
+    if peers:
+        entries = ''.join(f'<Peer address="{peer}"/>' for peer in peers)
+        discovery += f'<Peers>{entries}</Peers>'
+    return _configuration(LOOPBACK if reach == 'LOCALHOST' else '', discovery)
+
+
+def _configuration(general: str, discovery: str) -> str:
+    return (
+        f'<CycloneDDS><Domain Id="any">{general}<Discovery>{discovery}</Discovery>'
+        '</Domain></CycloneDDS>'
+    )
+
+
+_domains: WeakValueDictionary[int, Domain] = WeakValueDictionary()
+
+
+class Participant:
+    """One DDS participant; it makes readers and writers of raw CDR."""
+
+    def __init__(self, domain_id: int, enclave: str = '/'):
+        domain = _domains.get(domain_id)
+        if domain is None:
+            domain = Domain(domain_id, domain_configuration())
+            _domains[domain_id] = domain
+        self._domain = domain
+        user_data = Policy.Userdata(f'enclave={enclave};'.encode())
+        self.dds = DomainParticipant(domain_id, Qos(user_data))
+        self.gid: bytes = self.dds.guid.bytes
+        self._topics: WeakValueDictionary[tuple[str, str], Topic] = WeakValueDictionary()
+        self._ends = count(1)
+
+    def next_end_id(self) -> str:
+        """Return an id that no other client or server of the domain has."""
+        return f'{self.gid.hex(".")}.{next(self._ends)}'
+
+    def _topic(self, name: str, type_name: str) -> Topic:
+        topic = self._topics.get((name, type_name))
+        if topic is None:
+            topic = Topic(self.dds, name, raw_type(type_name))
+            self._topics[name, type_name] = topic
+        return topic
+
+    def writer(self, name: str, type_name: str, qos: Qos) -> DataWriter:
+        """Make a writer; `name` and `type_name` are those of DDS."""
+        return DataWriter(self.dds, self._topic(name, type_name), qos)
+
+    def reader(self, name: str, type_name: str, qos: Qos) -> DataReader:
+        """Make a reader; `name` and `type_name` are those of DDS."""
+        return DataReader(self.dds, self._topic(name, type_name), qos)
+
+
+class EntityWaitSet(WaitSet):
+    """A wait set that tells which of its entities triggered."""
+
+    def __init__(self, participant: Participant):
+        super().__init__(participant.dds)
+        self._slots: Any = (ctypes.c_void_p * 0)()
+        self._entities: dict[int, Entity] = {}
+
+    def _refresh(self) -> None:
+        self._entities = {ctypes.addressof(mark): entity for entity, mark in self.attached}
+        self._slots = (ctypes.c_void_p * max(1, len(self.attached)))()
+
+    def attach(self, entity: Entity) -> None:
+        """Wait for an entity as well."""
+        super().attach(entity)
+        self._refresh()
+
+    def detach(self, entity: Entity) -> None:
+        """Wait for an entity no longer."""
+        super().detach(entity)
+        self._refresh()
+
+    def wait_for_entities(self, timeout_ns: int) -> list[Entity]:
+        """Block until an entity triggers or the time is up; return those that triggered."""
+        slots, entities = self._slots, self._entities
+        count = self._wait_with_marks(self._ref, slots, len(slots), timeout_ns)
+        marks = slots[: min(max(count, 0), len(slots))]
+        return [entities[mark] for mark in marks if mark in entities]
+
+    @c_call('dds_waitset_wait')
+    def _wait_with_marks(
+        self,
+        waitset: dds_c_t.entity,
+        xs: ctypes.POINTER(dds_c_t.attach),
+        nxs: ctypes.c_size_t,
+        reltimeout: dds_c_t.duration,
+    ) -> dds_c_t.returnv:
+        pass
+
+
+def unread(reader: DataReader) -> ReadCondition:
+    """Return the condition that a reader holds samples that were not taken."""
+    return ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any)
+
+
+__all__ = ['DDSStatus', 'EntityWaitSet', 'GuardCondition', 'Participant', 'Sample', 'unread']

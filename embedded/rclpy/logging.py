@@ -1,0 +1,161 @@
+"""Loggers that write lines as ROS does: `[INFO] [seconds.nanoseconds] [name]: message`."""
+
+import os
+import sys
+import threading
+import time
+from enum import IntEnum
+from typing import Any
+
+DEFAULT_FORMAT = '[{severity}] [{time}] [{name}]: {message}'
+COLOURS = {'DEBUG': '32', 'WARN': '33', 'ERROR': '31', 'FATAL': '31'}
+
+
+class LoggingSeverity(IntEnum):
+    """Severities; UNSET takes that of the parent."""
+
+    UNSET = 0
+    DEBUG = 10
+    INFO = 20
+    WARN = 30
+    ERROR = 40
+    FATAL = 50
+
+
+_levels: dict[str, LoggingSeverity] = {'': LoggingSeverity.INFO}
+_loggers: dict[str, 'RcutilsLogger'] = {}
+_lock = threading.Lock()
+
+
+def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
+    """Return a severity by its name; raise RuntimeError where there is none of it."""
+    try:
+        return LoggingSeverity[log_severity.upper()]
+    except KeyError:
+        raise RuntimeError(f'{log_severity} is not a valid log level') from None
+
+
+def set_logger_level(name: str, level: int, detailed_error: bool = False) -> None:
+    """Set the severity from which on a logger writes; the name '' is the root."""
+    _levels[name] = LoggingSeverity(level)
+
+
+def get_logger_effective_level(name: str) -> LoggingSeverity:
+    """Return the severity of a logger or of its nearest ancestor that has one."""
+    while name:
+        level = _levels.get(name, LoggingSeverity.UNSET)
+        if level is not LoggingSeverity.UNSET:
+            return level
+        name = name.rpartition('.')[0]
+    return _levels[''] or LoggingSeverity.INFO
+
+
+def get_logger(name: str) -> 'RcutilsLogger':
+    """Return the logger of this name."""
+    if not name:
+        raise ValueError('Logger name must not be empty.')
+    return _loggers.setdefault(name, RcutilsLogger(name))
+
+
+def _write(severity: LoggingSeverity, name: str, message: str) -> None:
+    seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
+    line = os.environ.get('RCUTILS_CONSOLE_OUTPUT_FORMAT', DEFAULT_FORMAT)
+    line = line.replace('{severity}', severity.name).replace('{name}', name)
+    line = line.replace('{time}', f'{seconds}.{nanoseconds:09d}').replace('{message}', message)
+    wish = os.environ.get('RCUTILS_COLORIZED_OUTPUT')
+    if severity.name in COLOURS and (wish == '1' or (wish is None and sys.stderr.isatty())):
+        line = f'\033[{COLOURS[severity.name]}m{line}\033[0m'
+    with _lock:
+        print(line, file=sys.stderr, flush=True)
+
+
+class RcutilsLogger:
+    """Writes messages to stderr, all of them or, with options, only some."""
+
+    def __init__(self, name: str = ''):
+        self.name = name
+        self._seen: dict[tuple[str, int, str], int] = {}
+
+    def get_child(self, name: str) -> 'RcutilsLogger':
+        """Return the logger `parent.name`."""
+        if not name:
+            raise ValueError('Child logger name must not be empty.')
+        return get_logger(f'{self.name}.{name}' if self.name else name)
+
+    def set_level(self, level: int) -> None:
+        """Set the severity from which on this logger writes."""
+        set_logger_level(self.name, level)
+
+    def get_effective_level(self) -> LoggingSeverity:
+        """Return the severity from which on this logger writes."""
+        return get_logger_effective_level(self.name)
+
+    def is_enabled_for(self, severity: int) -> bool:
+        """Tell whether a message of this severity is written."""
+        return severity >= get_logger_effective_level(self.name)
+
+    def log(
+        self,
+        message: object,
+        severity: int,
+        *,
+        once: bool = False,
+        skip_first: bool = False,
+        throttle_duration_sec: float | None = None,
+        throttle_time_source_type: Any = None,
+    ) -> bool:
+        """
+        Write a message and tell whether it was written.
+
+        `once`, `skip_first` and `throttle_duration_sec` [s] count for each place in the code.
+        """
+        level = LoggingSeverity(severity)
+        if not self.is_enabled_for(level):
+            return False
+        if once or skip_first or throttle_duration_sec is not None:
+            if not self._is_due(
+                once, skip_first, throttle_duration_sec, throttle_time_source_type
+            ):
+                return False
+        _write(level, self.name, str(message))
+        return True
+
+    def _is_due(self, once: bool, skip_first: bool, throttle: float | None, source: Any) -> bool:
+        frame = sys._getframe(2)
+        while frame.f_code.co_filename == __file__ and frame.f_back is not None:
+            frame = frame.f_back
+        place = (frame.f_code.co_filename, frame.f_lineno, frame.f_code.co_name)
+        last = self._seen.get(place)
+        now = time.monotonic_ns() if source is None else source.now().nanoseconds
+        if once:
+            self._seen[place] = now
+            return last is None
+        if skip_first and last is None:
+            self._seen[place] = now - int((throttle or 0.0) * 1e9)
+            return False
+        if throttle is not None and last is not None and 0 <= now - last < throttle * 1e9:
+            return False
+        self._seen[place] = now
+        return True
+
+    def debug(self, message: object, **kwargs: Any) -> bool:
+        """Write at severity DEBUG."""
+        return self.log(message, LoggingSeverity.DEBUG, **kwargs)
+
+    def info(self, message: object, **kwargs: Any) -> bool:
+        """Write at severity INFO."""
+        return self.log(message, LoggingSeverity.INFO, **kwargs)
+
+    def warning(self, message: object, **kwargs: Any) -> bool:
+        """Write at severity WARN."""
+        return self.log(message, LoggingSeverity.WARN, **kwargs)
+
+    warn = warning
+
+    def error(self, message: object, **kwargs: Any) -> bool:
+        """Write at severity ERROR."""
+        return self.log(message, LoggingSeverity.ERROR, **kwargs)
+
+    def fatal(self, message: object, **kwargs: Any) -> bool:
+        """Write at severity FATAL."""
+        return self.log(message, LoggingSeverity.FATAL, **kwargs)

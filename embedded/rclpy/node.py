@@ -1,0 +1,372 @@
+"""Nodes."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
+from rclpy.client import Client
+from rclpy.clock import Clock, ROSClock
+from rclpy.context import Context
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidHandle, NotInitializedException
+from rclpy.impl import arguments, names
+from rclpy.impl.graph import NodeEntities
+from rclpy.impl.parameters import Parameters
+from rclpy.logging import RcutilsLogger, get_logger
+from rclpy.parameter import Parameter
+from rclpy.parameter_service import ParameterService
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, profile_of, qos_profile_services_default
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.time_source import TimeSource
+from rclpy.timer import Timer
+from rclpy.utilities import get_default_context
+
+
+class Node(Parameters):
+    """A node: publishers, subscriptions, services, clients, timers and parameters by one name."""
+
+    def __init__(
+        self,
+        node_name: str,
+        *,
+        context: Context | None = None,
+        cli_args: list[str] | None = None,
+        namespace: str | None = None,
+        use_global_arguments: bool = True,
+        enable_rosout: bool = True,
+        start_parameter_services: bool = True,
+        parameter_overrides: list[Parameter] | None = None,
+        allow_undeclared_parameters: bool = False,
+        automatically_declare_parameters_from_overrides: bool = False,
+        enable_logger_service: bool = False,
+    ):
+        self._context = get_default_context() if context is None else context
+        if not self._context.ok():
+            raise NotInitializedException('cannot create node')
+        own = arguments.parse(['--ros-args', *(cli_args or [])])
+        if use_global_arguments:
+            shared = self._context.arguments
+            own.remaps += shared.remaps
+            own.parameters = shared.parameters + own.parameters
+        self._arguments = own
+        self._set_names(node_name, namespace or '')
+        given = own.overrides(self.get_fully_qualified_name())
+        given |= {parameter.name: parameter.value for parameter in parameter_overrides or []}
+        super().__init__(given, allow_undeclared_parameters)
+        self._logger = get_logger(self.get_fully_qualified_name()[1:].replace('/', '.'))
+        self._default_callback_group = MutuallyExclusiveCallbackGroup()
+        self._entities: dict[type, list[Any]] = {
+            kind: [] for kind in (Publisher, Subscription, Client, Service, Timer)
+        }
+        self._executor: Any = None
+        self._destroyed = False
+        self._clock = ROSClock()
+        self._graph_entry = NodeEntities(self._name, self._namespace)
+        self._context.graph.nodes.append(self._graph_entry)
+        self._context._nodes.add(self)
+        if automatically_declare_parameters_from_overrides:
+            entries = [(name, value) for name, value in given.items()]
+            self.declare_parameters('', entries)
+        self._time_source = TimeSource(self, self._clock)
+        if start_parameter_services:
+            ParameterService(self)
+        self._tell()
+
+    def _set_names(self, node_name: str, namespace: str) -> None:
+        names.validate_node_name(node_name)
+        self._name = self._arguments.node_name(node_name)
+        names.validate_node_name(self._name)
+        namespace = self._arguments.namespace(node_name, namespace or '/')
+        self._namespace = namespace if namespace.startswith('/') else f'/{namespace}'
+        names.validate_namespace(self._namespace)
+
+    @property
+    def context(self) -> Context:
+        """Context of the node."""
+        return self._context
+
+    @property
+    def default_callback_group(self) -> CallbackGroup:
+        """Group of callbacks for which none was given."""
+        return self._default_callback_group
+
+    @property
+    def executor(self) -> Any:
+        """Executor that the node was added to."""
+        return self._executor
+
+    @executor.setter
+    def executor(self, new_executor: Any) -> None:
+        if new_executor is self._executor:
+            return
+        if self._executor is not None:
+            self._executor.remove_node(self)
+        if new_executor is not None:
+            new_executor.add_node(self)
+
+    @property
+    def publishers(self) -> Iterator[Publisher]:
+        """Publishers of the node."""
+        return iter(list(self._entities[Publisher]))
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Subscriptions of the node."""
+        return iter(list(self._entities[Subscription]))
+
+    @property
+    def clients(self) -> Iterator[Client]:
+        """Service clients of the node."""
+        return iter(list(self._entities[Client]))
+
+    @property
+    def services(self) -> Iterator[Service]:
+        """Service servers of the node."""
+        return iter(list(self._entities[Service]))
+
+    @property
+    def timers(self) -> Iterator[Timer]:
+        """Timers of the node."""
+        return iter(list(self._entities[Timer]))
+
+    def get_name(self) -> str:
+        """Return the name without namespace."""
+        return self._name
+
+    def get_namespace(self) -> str:
+        """Return the namespace."""
+        return self._namespace
+
+    def get_fully_qualified_name(self) -> str:
+        """Return namespace and name."""
+        return f'{self._namespace.rstrip("/")}/{self._name}'
+
+    def get_clock(self) -> Clock:
+        """Return the clock of ROS time."""
+        return self._clock
+
+    def get_logger(self) -> RcutilsLogger:
+        """Return the logger."""
+        return self._logger
+
+    def _resolve(self, name: str, is_service: bool, only_expand: bool = False) -> str:
+        if not isinstance(name, str):
+            raise TypeError(f'a name must be a str, got {type(name)}')
+        absolute = names.expand(name, self._name, self._namespace, is_service)
+        if only_expand:
+            return absolute
+        return self._arguments.topic(absolute, self._name, self._namespace, is_service)
+
+    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
+        """Return the absolute name of a topic after remapping."""
+        return self._resolve(topic, False, only_expand)
+
+    def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
+        """Return the absolute name of a service after remapping."""
+        return self._resolve(service, True, only_expand)
+
+    def _add(self, entity: Any) -> Any:
+        self._entities[type(entity)].append(entity)
+        self._note(entity, True)
+        if self._executor is not None:
+            self._executor.wake(changed=True)
+        return entity
+
+    def _note(self, entity: Any, added: bool) -> None:
+        """Keep the gids that others learn of up to date."""
+        entry = self._graph_entry
+        pairs: list[tuple[list[bytes], bytes]] = []
+        if isinstance(entity, Publisher):
+            pairs = [(entry.writers, entity.gid)]
+        elif isinstance(entity, Subscription):
+            pairs = [(entry.readers, entity.gid)]
+        elif isinstance(entity, Service | Client):
+            reader, writer = entity.gids
+            pairs = [(entry.readers, reader), (entry.writers, writer)]
+        for gids, gid in pairs:
+            if added:
+                gids.append(gid)
+            elif gid in gids:
+                gids.remove(gid)
+        if pairs and hasattr(self, '_time_source'):
+            self._tell()
+
+    def _tell(self) -> None:
+        if self._context._graph is not None:
+            self._context._graph.publish()
+
+    def _alive(self) -> None:
+        if self._destroyed:
+            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+        if not self._context.ok():
+            raise NotInitializedException("the node's context is invalid")
+
+    def create_publisher(
+        self,
+        msg_type: Any,
+        topic: str,
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
+    ) -> Publisher:
+        """Make a publisher; raise InvalidTopicNameException for what is no name."""
+        profile = profile_of(qos_profile)
+        self._alive()
+        name = self._resolve(topic, False)
+        return self._add(Publisher(self, msg_type, name, profile, event_callbacks))
+
+    def create_subscription(
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[..., Any],
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
+        raw: bool = False,
+    ) -> Subscription:
+        """Make a subscription; with `raw`, the callback gets CDR bytes."""
+        profile = profile_of(qos_profile)
+        self._alive()
+        name = self._resolve(topic, False)
+        group = callback_group or self._default_callback_group
+        return self._add(
+            Subscription(self, msg_type, name, callback, group, profile, raw, event_callbacks)
+        )
+
+    def create_timer(
+        self,
+        timer_period_sec: float,
+        callback: Callable[[], Any] | None,
+        callback_group: CallbackGroup | None = None,
+        clock: Clock | None = None,
+        autostart: bool = True,
+    ) -> Timer:
+        """Call back every `timer_period_sec` [s] of a clock, by default that of the node."""
+        self._alive()
+        period = int(float(timer_period_sec) * 1_000_000_000)
+        group = callback_group or self._default_callback_group
+        timer = Timer(callback, group, period, clock or self._clock, autostart=autostart)
+        timer._wake = self._wake
+        return self._add(timer)
+
+    def _wake(self) -> None:
+        if self._executor is not None:
+            self._executor.wake()
+
+    def create_service(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        callback: Callable[[Any, Any], Any],
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Service:
+        """Serve requests by a callback (request, response) -> response."""
+        self._alive()
+        name = self._resolve(srv_name, True)
+        group = callback_group or self._default_callback_group
+        return self._add(Service(self, srv_type, name, callback, group, qos_profile))
+
+    def create_client(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Client:
+        """Make a client of a service."""
+        self._alive()
+        name = self._resolve(srv_name, True)
+        group = callback_group or self._default_callback_group
+        return self._add(Client(self, srv_type, name, group, qos_profile))
+
+    def _remove(self, entity: Any) -> bool:
+        known = self._entities[type(entity)]
+        if entity not in known:
+            return False
+        known.remove(entity)
+        self._note(entity, False)
+        entity.destroy()
+        if self._executor is not None:
+            self._executor.forget()
+        return True
+
+    def destroy_publisher(self, publisher: Publisher) -> bool:
+        """Destroy a publisher; False where it is not the node's."""
+        return self._remove(publisher)
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        """Destroy a subscription; False where it is not the node's."""
+        return self._remove(subscription)
+
+    def destroy_client(self, client: Client) -> bool:
+        """Destroy a service client; False where it is not the node's."""
+        return self._remove(client)
+
+    def destroy_service(self, service: Service) -> bool:
+        """Destroy a service server; False where it is not the node's."""
+        return self._remove(service)
+
+    def destroy_timer(self, timer: Timer) -> bool:
+        """Destroy a timer; False where it is not the node's."""
+        return self._remove(timer)
+
+    def destroy_node(self) -> None:
+        """Destroy the node with all that it has."""
+        self._release()
+
+    def _release(self) -> None:
+        if self._destroyed:
+            return
+        self._destroyed = True
+        if self._executor is not None:
+            self._executor.remove_node(self)
+        for entities in self._entities.values():
+            for entity in entities:
+                entity.destroy()
+            entities.clear()
+        graph = self._context._graph
+        if graph is not None:
+            graph.nodes = [entry for entry in graph.nodes if entry is not self._graph_entry]
+            graph.publish()
+
+    def _conditions(self) -> list[tuple[Any, Any]]:
+        kinds = (Subscription, Client, Service)
+        return [
+            pair for kind in kinds for item in self._entities[kind] for pair in item._conditions()
+        ]
+
+    def _events(self) -> list[tuple[Any, Any]]:
+        kinds = (Publisher, Subscription)
+        return [pair for kind in kinds for item in self._entities[kind] for pair in item._events()]
+
+    def count_publishers(self, topic_name: str) -> int:
+        """Return the number of publishers of a topic in the domain."""
+        return self._context.graph.count('writer', self.resolve_topic_name(topic_name))
+
+    def count_subscribers(self, topic_name: str) -> int:
+        """Return the number of subscriptions to a topic in the domain."""
+        return self._context.graph.count('reader', self.resolve_topic_name(topic_name))
+
+    def get_topic_names_and_types(self, no_demangle: bool = False) -> list[tuple[str, list[str]]]:
+        """Return the topics of the domain."""
+        return list(self._context.graph.topics().items())
+
+    def get_service_names_and_types(self) -> list[tuple[str, list[str]]]:
+        """Return the services of the domain."""
+        return list(self._context.graph.services().items())
+
+    def get_node_names(self) -> list[str]:
+        """Return the names of the domain's nodes, without namespaces."""
+        return [node.name for node in self._context.graph.participants()]
+
+    def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
+        """Return names and namespaces of the domain's nodes."""
+        return [(node.name, node.namespace) for node in self._context.graph.participants()]

@@ -1,0 +1,153 @@
+"""Parameters."""
+
+import array
+from enum import Enum
+from typing import Any
+
+import yaml
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.msg import ParameterType, ParameterValue
+
+PARAMETER_SEPARATOR_STRING = '.'
+SEQUENCES = (list, tuple, array.array)
+FIELDS = {
+    ParameterType.PARAMETER_BOOL: 'bool_value',
+    ParameterType.PARAMETER_INTEGER: 'integer_value',
+    ParameterType.PARAMETER_DOUBLE: 'double_value',
+    ParameterType.PARAMETER_STRING: 'string_value',
+    ParameterType.PARAMETER_BYTE_ARRAY: 'byte_array_value',
+    ParameterType.PARAMETER_BOOL_ARRAY: 'bool_array_value',
+    ParameterType.PARAMETER_INTEGER_ARRAY: 'integer_array_value',
+    ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array_value',
+    ParameterType.PARAMETER_STRING_ARRAY: 'string_array_value',
+}
+ELEMENTS = {'BYTE_ARRAY': bytes, 'INTEGER_ARRAY': int, 'DOUBLE_ARRAY': float, 'STRING_ARRAY': str}
+
+
+class Parameter:
+    """A name, a type and a value."""
+
+    class Type(Enum):
+        """Types of parameters."""
+
+        NOT_SET = ParameterType.PARAMETER_NOT_SET
+        BOOL = ParameterType.PARAMETER_BOOL
+        INTEGER = ParameterType.PARAMETER_INTEGER
+        DOUBLE = ParameterType.PARAMETER_DOUBLE
+        STRING = ParameterType.PARAMETER_STRING
+        BYTE_ARRAY = ParameterType.PARAMETER_BYTE_ARRAY
+        BOOL_ARRAY = ParameterType.PARAMETER_BOOL_ARRAY
+        INTEGER_ARRAY = ParameterType.PARAMETER_INTEGER_ARRAY
+        DOUBLE_ARRAY = ParameterType.PARAMETER_DOUBLE_ARRAY
+        STRING_ARRAY = ParameterType.PARAMETER_STRING_ARRAY
+
+        @classmethod
+        def from_parameter_value(cls, parameter_value: Any) -> 'Parameter.Type':
+            """Return the type of a value; raise TypeError where it has none."""
+            for kind, python in (
+                ('BOOL', bool),
+                ('INTEGER', int),
+                ('DOUBLE', float),
+                ('STRING', str),
+            ):
+                if isinstance(parameter_value, python):
+                    return cls[kind]
+            if parameter_value is None:
+                return cls.NOT_SET
+            if not isinstance(parameter_value, SEQUENCES):
+                raise TypeError(
+                    f"The given value is not one of the allowed types '{parameter_value}'."
+                )
+            for name in (
+                'BYTE_ARRAY',
+                'BOOL_ARRAY',
+                'INTEGER_ARRAY',
+                'DOUBLE_ARRAY',
+                'STRING_ARRAY',
+            ):
+                element = ELEMENTS.get(name, bool)
+                if all(isinstance(item, element) for item in parameter_value):
+                    return cls[name]
+            raise TypeError(
+                f"The given value is not a list of one of the allowed types '{parameter_value}'."
+            )
+
+        def check(self, parameter_value: Any) -> bool:
+            """Tell whether a value has this type."""
+            if self is Parameter.Type.NOT_SET:
+                return parameter_value is None
+            single = {'BOOL': bool, 'INTEGER': int, 'DOUBLE': float, 'STRING': str}.get(self.name)
+            if single is not None:
+                return isinstance(parameter_value, single)
+            element = ELEMENTS.get(self.name, bool)
+            return isinstance(parameter_value, SEQUENCES) and all(
+                isinstance(item, element) for item in parameter_value
+            )
+
+    def __init__(self, name: str, type_: 'Parameter.Type | None' = None, value: Any = None):
+        kind = Parameter.Type.from_parameter_value(value) if type_ is None else type_
+        if not isinstance(kind, Parameter.Type):
+            raise TypeError(f"type must be an instance of '{Parameter.Type!r}'")
+        if not kind.check(value):
+            raise ValueError(f"Type '{kind}' and value '{value}' do not agree")
+        self._type = kind
+        self._name = name
+        self._value = value
+
+    @classmethod
+    def from_parameter_msg(cls, param_msg: Any) -> 'Parameter':
+        """Make a parameter of rcl_interfaces/Parameter."""
+        kind = Parameter.Type(param_msg.value.type)
+        field = FIELDS.get(param_msg.value.type)
+        return cls(param_msg.name, kind, getattr(param_msg.value, field) if field else None)
+
+    @property
+    def name(self) -> str:
+        """Name."""
+        return self._name
+
+    @property
+    def type_(self) -> 'Parameter.Type':
+        """Type."""
+        return self._type
+
+    @property
+    def value(self) -> Any:
+        """Value."""
+        return self._value
+
+    def __repr__(self) -> str:
+        return f'Parameter({self._name!r}, {self._type}, {self._value!r})'
+
+    def get_parameter_value(self) -> Any:
+        """Return the value as rcl_interfaces/ParameterValue."""
+        message = ParameterValue(type=self._type.value)
+        if self._type is not Parameter.Type.NOT_SET:
+            setattr(message, FIELDS[self._type.value], self._value)
+        return message
+
+    def to_parameter_msg(self) -> Any:
+        """Return the parameter as rcl_interfaces/Parameter."""
+        return ParameterMsg(name=self._name, value=self.get_parameter_value())
+
+
+def get_parameter_value(string_value: str) -> Any:
+    """Return the rcl_interfaces/ParameterValue that a text means by the rules of YAML."""
+    try:
+        value = yaml.safe_load(string_value)
+    except yaml.YAMLError:
+        value = string_value
+    try:
+        return Parameter('', None, string_value if value is None else value).get_parameter_value()
+    except TypeError:
+        return Parameter('', None, string_value).get_parameter_value()
+
+
+def parameter_value_to_python(parameter_value: Any) -> Any:
+    """Return what a rcl_interfaces/ParameterValue holds, None where it is not set."""
+    if parameter_value.type == ParameterType.PARAMETER_NOT_SET:
+        return None
+    if parameter_value.type not in FIELDS:
+        raise RuntimeError(f'unexpected parameter type {parameter_value.type}')
+    value = getattr(parameter_value, FIELDS[parameter_value.type])
+    return list(value) if isinstance(value, SEQUENCES) else value

@@ -1,0 +1,85 @@
+"""Publishers."""
+
+from typing import Any
+
+from rosidl_embedded import codec, definitions
+
+from rclpy.event_handler import IncompatibleQos
+from rclpy.exceptions import InvalidHandle, RCLError
+from rclpy.impl.graph import dds_type
+from rclpy.impl.transport import raw_type
+from rclpy.qos import QoSProfile, to_dds
+
+
+class Publisher:
+    """Publishes messages of one type on one topic; publish may be called from any thread."""
+
+    def __init__(
+        self, node: Any, msg_type: Any, topic: str, qos_profile: QoSProfile, event_callbacks: Any
+    ):
+        codec.warm(msg_type)
+        self.msg_type = msg_type
+        self.qos_profile = qos_profile
+        self._node = node
+        self._context = node.context
+        self._topic = topic
+        name = dds_type(msg_type._type_name)
+        qos = to_dds(qos_profile, f'typehash={definitions.type_hash(msg_type._type_name)};')
+        self._raw: Any = raw_type(name)
+        self._writer: Any = node.context.participant.writer(f'rt{topic}', name, qos)
+        self.gid: bytes = self._writer.guid.bytes
+        self._event: IncompatibleQos | None = IncompatibleQos(
+            self._writer, False, topic, event_callbacks, node.get_logger()
+        )
+
+    @property
+    def topic_name(self) -> str:
+        """Absolute name of the topic."""
+        return self._topic
+
+    @property
+    def topic(self) -> str:
+        """Absolute name of the topic."""
+        return self._topic
+
+    def publish(self, msg: Any) -> None:
+        """
+        Send a message, or CDR bytes as they are.
+
+        Raises TypeError for another type or a field that its type cannot hold, InvalidHandle
+        after destruction and RCLError after shutdown.
+        """
+        if msg.__class__ is self.msg_type:
+            cdr = codec.serialize(msg)
+        elif isinstance(msg, bytes):
+            cdr = msg
+        else:
+            raise TypeError(f'Expected {self.msg_type}, got {type(msg)}')
+        writer = self._writer
+        if not self._context.valid:
+            raise RCLError("Failed to publish: publisher's context is invalid")
+        if writer is None:
+            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+        writer.write(self._raw(cdr))
+
+    def get_subscription_count(self) -> int:
+        """Return the number of subscriptions that get the messages."""
+        return len(self._alive().get_matched_subscriptions())
+
+    def wait_for_all_acked(self, timeout: Any = None) -> bool:
+        """Block until every reliable subscription has got everything; False at timeout."""
+        span = 2**63 - 1 if timeout is None else timeout.nanoseconds
+        writer = self._alive()
+        return bool(writer._wait_for_acks(writer._ref, span) == 0)
+
+    def _alive(self) -> Any:
+        if self._writer is None:
+            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+        return self._writer
+
+    def _events(self) -> list[tuple[Any, Any]]:
+        return [] if self._event is None else [(self._event.entity, self._event.check)]
+
+    def destroy(self) -> None:
+        """Leave the topic."""
+        self._writer = self._event = None

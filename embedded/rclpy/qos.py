@@ -1,0 +1,277 @@
+"""Quality of service: profiles and policies."""
+
+import warnings
+from enum import Enum, IntEnum
+from typing import Any
+
+from cyclonedds.qos import Policy, Qos
+
+from rclpy.duration import Duration, Infinite
+
+UNSPECIFIED = Duration()
+
+
+class InvalidQoSProfileException(Exception):
+    """Raised when a profile is made of invalid arguments."""
+
+    def __init__(self, *args: object):
+        super().__init__('Invalid QoSProfile', *args)
+
+
+class QoSPolicyKind(IntEnum):
+    """The policies that a reader and a writer may disagree on."""
+
+    INVALID = 1
+    DURABILITY = 2
+    DEADLINE = 4
+    LIVELINESS = 8
+    RELIABILITY = 16
+    HISTORY = 32
+    LIFESPAN = 64
+
+
+DDS_POLICIES = {
+    2: QoSPolicyKind.DURABILITY,
+    4: QoSPolicyKind.DEADLINE,
+    8: QoSPolicyKind.LIVELINESS,
+    10: QoSPolicyKind.LIFESPAN,
+    11: QoSPolicyKind.RELIABILITY,
+    13: QoSPolicyKind.HISTORY,
+}
+
+
+def qos_policy_name_from_kind(policy_kind: int) -> str:
+    """Return the name of a policy."""
+    return QoSPolicyKind(policy_kind).name
+
+
+class QoSPolicyEnum(IntEnum):
+    """Base of the values of policies."""
+
+    @classmethod
+    def short_keys(cls) -> list[str]:
+        """Return the names in lower case."""
+        return [name.lower() for name in cls.__members__]
+
+    @classmethod
+    def get_from_short_key(cls, name: str) -> int:
+        """Return a value by its name in any case."""
+        return cls[name.upper()].value
+
+    @property
+    def short_key(self) -> str:
+        """Name in lower case."""
+        return self.name.lower()
+
+
+class HistoryPolicy(QoSPolicyEnum):
+    """How many samples are kept."""
+
+    SYSTEM_DEFAULT = 0
+    KEEP_LAST = 1
+    KEEP_ALL = 2
+    UNKNOWN = 3
+
+
+class ReliabilityPolicy(QoSPolicyEnum):
+    """Whether lost samples are sent again."""
+
+    SYSTEM_DEFAULT = 0
+    RELIABLE = 1
+    BEST_EFFORT = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class DurabilityPolicy(QoSPolicyEnum):
+    """Whether late joiners get what was published before."""
+
+    SYSTEM_DEFAULT = 0
+    TRANSIENT_LOCAL = 1
+    VOLATILE = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class LivelinessPolicy(QoSPolicyEnum):
+    """How a writer shows that it is alive."""
+
+    SYSTEM_DEFAULT = 0
+    AUTOMATIC = 1
+    MANUAL_BY_TOPIC = 3
+    UNKNOWN = 4
+    BEST_AVAILABLE = 5
+
+
+QoSHistoryPolicy = HistoryPolicy
+QoSReliabilityPolicy = ReliabilityPolicy
+QoSDurabilityPolicy = DurabilityPolicy
+QoSLivelinessPolicy = LivelinessPolicy
+
+_ENUMS: dict[str, Any] = {
+    'history': HistoryPolicy,
+    'reliability': ReliabilityPolicy,
+    'durability': DurabilityPolicy,
+    'liveliness': LivelinessPolicy,
+}
+_DURATIONS = ('lifespan', 'deadline', 'liveliness_lease_duration')
+
+
+class QoSProfile:
+    """A set of policies; at least `depth` or `history` has to be given."""
+
+    __slots__ = (
+        'avoid_ros_namespace_conventions',
+        'deadline',
+        'depth',
+        'durability',
+        'history',
+        'lifespan',
+        'liveliness',
+        'liveliness_lease_duration',
+        'reliability',
+    )
+    history: HistoryPolicy
+    depth: int
+    reliability: ReliabilityPolicy
+    durability: DurabilityPolicy
+    lifespan: Duration
+    deadline: Duration
+    liveliness: LivelinessPolicy
+    liveliness_lease_duration: Duration
+    avoid_ros_namespace_conventions: bool
+
+    def __init__(self, **kwargs: Any):
+        unknown = sorted(set(kwargs) - set(self.__slots__))
+        assert not unknown, f'Invalid arguments passed to constructor: {unknown}'
+        if 'history' not in kwargs:
+            if 'depth' not in kwargs:
+                raise InvalidQoSProfileException('History and/or depth settings are required.')
+            kwargs['history'] = HistoryPolicy.KEEP_LAST
+        if kwargs['history'] == HistoryPolicy.KEEP_LAST and 'depth' not in kwargs:
+            raise InvalidQoSProfileException('History set to KEEP_LAST without a depth setting.')
+        self.history = kwargs.pop('history')
+        self.depth = kwargs.pop('depth', 10)
+        self.reliability = ReliabilityPolicy.RELIABLE
+        self.durability = DurabilityPolicy.VOLATILE
+        self.liveliness = LivelinessPolicy.SYSTEM_DEFAULT
+        self.lifespan = self.deadline = self.liveliness_lease_duration = UNSPECIFIED
+        self.avoid_ros_namespace_conventions = False
+        for name, value in kwargs.items():
+            setattr(self, name, value)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _ENUMS:
+            assert isinstance(value, int)
+            value = _ENUMS[name](value)
+        elif name in _DURATIONS:
+            assert isinstance(value, Duration)
+        elif name == 'depth':
+            assert isinstance(value, int)
+            if value == 0 and self.history == HistoryPolicy.KEEP_LAST:
+                warnings.warn(
+                    "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
+                    'This will be interpreted as SYSTEM_DEFAULT',
+                    stacklevel=3,
+                )
+        super().__setattr__(name, value)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, QoSProfile):
+            return False
+        return all(getattr(self, name) == getattr(other, name) for name in self.__slots__)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __str__(self) -> str:
+        shown = ', '.join(f'{name}={getattr(self, name)}' for name in self.__slots__)
+        return f'QoSProfile({shown})'
+
+
+def profile_of(qos: 'QoSProfile | int', name: str = 'qos_profile') -> QoSProfile:
+    """Return a profile; a number is the depth of a default one."""
+    if isinstance(qos, QoSProfile):
+        return qos
+    if isinstance(qos, bool) or not isinstance(qos, int):
+        raise TypeError(f'Expected QoSProfile or int, but received {type(qos)!r}')
+    if qos < 0:
+        raise ValueError('history depth must be greater than or equal to zero')
+    return QoSProfile(depth=qos)
+
+
+def to_dds(profile: QoSProfile, user_data: str) -> Qos:
+    """Return a profile as Cyclone takes it, as rmw_cyclonedds makes it."""
+    history: Any = Policy.History.KeepAll
+    if profile.history != HistoryPolicy.KEEP_ALL:
+        history = Policy.History.KeepLast(max(1, profile.depth))
+    policies: list[Any] = [
+        history,
+        Policy.WriterDataLifecycle(autodispose=False),
+        Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
+        Policy.Userdata(user_data.encode()),
+    ]
+    if profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+        policies.append(Policy.Reliability.BestEffort)
+    else:
+        policies.append(Policy.Reliability.Reliable(max_blocking_time=Infinite.nanoseconds))
+    if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        policies.append(Policy.Durability.TransientLocal)
+        policies.append(Policy.DurabilityService(0, history, -1, -1, -1))
+    else:
+        policies.append(Policy.Durability.Volatile)
+    if profile.lifespan != UNSPECIFIED:
+        policies.append(Policy.Lifespan(profile.lifespan.nanoseconds))
+    if profile.deadline != UNSPECIFIED:
+        policies.append(Policy.Deadline(profile.deadline.nanoseconds))
+    lease = profile.liveliness_lease_duration
+    span = Infinite.nanoseconds if lease == UNSPECIFIED else lease.nanoseconds
+    if profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC:
+        policies.append(Policy.Liveliness.ManualByTopic(span))
+    else:
+        policies.append(Policy.Liveliness.Automatic(span))
+    return Qos(*policies)
+
+
+def from_dds(qos: Qos) -> QoSProfile:
+    """Return what a discovered endpoint offers or asks for; depth is not exchanged."""
+    found = {policy.__scope__: policy for policy in qos}
+    profile = QoSProfile(history=HistoryPolicy.UNKNOWN, depth=0)
+    if found.get('Reliability') is Policy.Reliability.BestEffort:
+        profile.reliability = ReliabilityPolicy.BEST_EFFORT
+    if found.get('Durability') not in (None, Policy.Durability.Volatile):
+        profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    liveliness = found.get('Liveliness')
+    if liveliness is not None:
+        manual = isinstance(liveliness, Policy.Liveliness.ManualByTopic)
+        kind = LivelinessPolicy.MANUAL_BY_TOPIC if manual else LivelinessPolicy.AUTOMATIC
+        profile.liveliness = kind
+        profile.liveliness_lease_duration = Duration(nanoseconds=liveliness.lease_duration)
+    for name in ('lifespan', 'deadline'):
+        policy = found.get(name.capitalize())
+        span = Infinite if policy is None else Duration(nanoseconds=getattr(policy, name))
+        setattr(profile, name, span)
+    return profile
+
+
+qos_profile_default = QoSProfile(depth=10)
+qos_profile_system_default = QoSProfile(
+    history=HistoryPolicy.SYSTEM_DEFAULT,
+    depth=0,
+    reliability=ReliabilityPolicy.SYSTEM_DEFAULT,
+    durability=DurabilityPolicy.SYSTEM_DEFAULT,
+)
+qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+qos_profile_services_default = QoSProfile(depth=10)
+qos_profile_parameters = QoSProfile(depth=1000)
+qos_profile_parameter_events = QoSProfile(depth=1000)
+
+
+class QoSPresetProfiles(Enum):
+    """Profiles by name."""
+
+    DEFAULT = qos_profile_default
+    SYSTEM_DEFAULT = qos_profile_system_default
+    SENSOR_DATA = qos_profile_sensor_data
+    SERVICES_DEFAULT = qos_profile_services_default
+    PARAMETERS = qos_profile_parameters
+    PARAMETER_EVENTS = qos_profile_parameter_events

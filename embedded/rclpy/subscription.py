@@ -1,0 +1,117 @@
+"""Subscriptions."""
+
+import inspect
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rosidl_embedded import codec, definitions
+
+from rclpy.event_handler import IncompatibleQos
+from rclpy.exceptions import InvalidHandle
+from rclpy.impl.graph import dds_type
+from rclpy.impl.transport import Sample, unread
+from rclpy.qos import HistoryPolicy, QoSProfile, to_dds
+
+BATCH = 32
+
+
+def takes_info(callback: Callable[..., Any]) -> bool:
+    """Tell whether a callback wants (message, info); raise RuntimeError where it fits neither."""
+    signature = inspect.signature(callback)
+    for arguments in (1, 2):
+        try:
+            signature.bind(*[object()] * arguments)
+        except TypeError:
+            continue
+        return arguments == 2
+    raise RuntimeError(
+        'Subscription.__init__(): callback should be either be callable with one argument'
+        '(to get only the message) or two (to get message and message info)'
+    )
+
+
+class Subscription:
+    """Gets messages of one type from one topic and hands them to a callback."""
+
+    def __init__(
+        self,
+        node: Any,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[..., Any],
+        callback_group: Any,
+        qos_profile: QoSProfile,
+        raw: bool,
+        event_callbacks: Any,
+    ):
+        codec.warm(msg_type)
+        self.msg_type = msg_type
+        self.callback = callback
+        self.callback_group = callback_group
+        self.qos_profile = qos_profile
+        self.raw = raw
+        self._with_info = takes_info(callback)
+        self._topic = topic
+        self._logger = node.get_logger()
+        qos = to_dds(qos_profile, f'typehash={definitions.type_hash(msg_type._type_name)};')
+        name = dds_type(msg_type._type_name)
+        self._reader: Any = node.context.participant.reader(f'rt{topic}', name, qos)
+        self.gid: bytes = self._reader.guid.bytes
+        self._unread: Any = unread(self._reader)
+        keeps_all = qos_profile.history == HistoryPolicy.KEEP_ALL
+        self._batch = BATCH if keeps_all else max(1, min(BATCH, qos_profile.depth))
+        self._event: IncompatibleQos | None = IncompatibleQos(
+            self._reader, True, topic, event_callbacks, self._logger
+        )
+
+    @property
+    def topic_name(self) -> str:
+        """Absolute name of the topic."""
+        return self._topic
+
+    @property
+    def topic(self) -> str:
+        """Absolute name of the topic."""
+        return self._topic
+
+    def get_publisher_count(self) -> int:
+        """Return the number of publishers that messages come from."""
+        if self._reader is None:
+            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+        return len(self._reader.get_matched_publications())
+
+    def _conditions(self) -> list[tuple[Any, Any]]:
+        return [] if self._reader is None else [(self._unread, self._take)]
+
+    def _events(self) -> list[tuple[Any, Any]]:
+        return [] if self._event is None else [(self._event.entity, self._event.check)]
+
+    def _take(self) -> list[tuple[Any, Any]]:
+        """Return the callbacks that are due, each with its sample."""
+        if self._reader is None:
+            return []
+        samples = self._reader.take(self._batch)
+        return [(self._execute, sample) for sample in samples if sample.__class__ is Sample]
+
+    def _execute(self, sample: Sample) -> None:
+        if self._reader is None:
+            return
+        if self.raw:
+            message: Any = bytes(sample)
+        else:
+            try:
+                message = codec.deserialize(sample, self.msg_type)
+            except ValueError as error:
+                self._logger.error(f"message on '{self._topic}' dropped: {error}")
+                return
+        if self._with_info:
+            source = sample.sample_info.source_timestamp
+            info = {'source_timestamp': source, 'received_timestamp': time.time_ns()}
+            self.callback(message, info)
+        else:
+            self.callback(message)
+
+    def destroy(self) -> None:
+        """Leave the topic."""
+        self._reader = self._unread = self._event = None

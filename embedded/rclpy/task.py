@@ -1,0 +1,70 @@
+"""Futures: results that come later."""
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+
+class Future:
+    """The outcome of something that another callback will finish."""
+
+    def __init__(self, *, executor: Any = None):
+        self._lock = threading.Lock()
+        self._done = False
+        self._cancelled = False
+        self._result: Any = None
+        self._exception: BaseException | None = None
+        self._callbacks: list[Callable[[Future], None]] = []
+
+    def done(self) -> bool:
+        """Tell whether there is an outcome."""
+        return self._done or self._cancelled
+
+    def cancelled(self) -> bool:
+        """Tell whether it was cancelled."""
+        return self._cancelled
+
+    def cancel(self) -> None:
+        """Give up waiting."""
+        self._finish(cancelled=True)
+
+    def result(self) -> Any:
+        """Return the result, raise the exception, or None where there is none yet."""
+        if self._exception is not None:
+            raise self._exception
+        return self._result
+
+    def exception(self) -> BaseException | None:
+        """Return the exception that was set."""
+        return self._exception
+
+    def set_result(self, result: Any) -> None:
+        """Set the result and call the callbacks."""
+        self._finish(result=result)
+
+    def set_exception(self, exception: BaseException) -> None:
+        """Set an exception and call the callbacks."""
+        self._finish(exception=exception)
+
+    def _finish(
+        self,
+        result: Any = None,
+        exception: BaseException | None = None,
+        cancelled: bool = False,
+    ) -> None:
+        with self._lock:
+            if self.done():
+                return
+            self._result, self._exception = result, exception
+            self._cancelled, self._done = cancelled, not cancelled
+            callbacks, self._callbacks = self._callbacks, []
+        for callback in callbacks:
+            callback(self)
+
+    def add_done_callback(self, callback: Callable[['Future'], None]) -> None:
+        """Call back once there is an outcome, at once where there is one."""
+        with self._lock:
+            if not self.done():
+                self._callbacks.append(callback)
+                return
+        callback(self)

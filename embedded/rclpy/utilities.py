@@ -1,0 +1,62 @@
+"""The default context and the command line."""
+
+import sys
+import threading
+from collections.abc import Sequence
+
+from rclpy.context import Context
+from rclpy.impl import arguments
+
+_default_context: Context | None = None
+_lock = threading.RLock()
+
+
+def get_default_context(*, shutting_down: bool = False) -> Context:
+    """Return the context that is used where none is given."""
+    global _default_context
+    with _lock:
+        if _default_context is None:
+            _default_context = Context()
+        context = _default_context
+        if shutting_down:
+            _default_context = None
+        return context
+
+
+def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
+    """Return the arguments without those from each --ros-args to its --."""
+    return arguments.split(sys.argv if args is None else args)[0]
+
+
+def ok(*, context: Context | None = None) -> bool:
+    """Tell whether a context was started and not shut down."""
+    return (get_default_context() if context is None else context).ok()
+
+
+def shutdown(*, context: Context | None = None) -> None:
+    """Shut a context down; raise RuntimeError where it was not started."""
+    (get_default_context(shutting_down=True) if context is None else context).shutdown()
+
+
+def try_shutdown(*, context: Context | None = None) -> None:
+    """Shut a context down, where it was started and not shut down."""
+    if context is not None:
+        context.try_shutdown()
+        return
+    with _lock:
+        default = get_default_context()
+        default.try_shutdown()
+        if default.initialized:
+            get_default_context(shutting_down=True)
+
+
+def get_rmw_implementation_identifier() -> str:
+    """Return the name of the middleware."""
+    return 'rmw_cyclonedds_embedded'
+
+
+def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
+    """Return a time in ns, -1 for one without end."""
+    if timeout_sec is None or timeout_sec < 0:
+        return -1
+    return int(float(timeout_sec) * 1_000_000_000)

@@ -1,0 +1,1 @@
+"""The `ros2` command, as far as the embedded rclpy goes."""

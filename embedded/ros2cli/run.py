@@ -1,0 +1,61 @@
+"""`ros2 run PACKAGE EXECUTABLE [ARGUMENTS]`."""
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ros2cli.main import CommandError
+
+USAGE = """usage: ros2 run PACKAGE EXECUTABLE [ARGUMENT ...]
+
+Run an executable of a package; it takes the place of this process.
+
+Example: ros2 run power_daq daq --ros-args -p samples_per_message:=10"""
+
+
+def prefixes() -> list[Path]:
+    """Return the folders below which packages are installed."""
+    given = [
+        Path(entry) for entry in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if entry
+    ]
+    return [*given, Path(sys.prefix)]
+
+
+def packages() -> dict[str, dict[str, Path]]:
+    """Return the executables of each package, by name."""
+    found: dict[str, dict[str, Path]] = {}
+    for prefix in prefixes():
+        for folder in sorted((prefix / 'lib').glob('*')):
+            files = {
+                path.name: path
+                for path in sorted(folder.glob('*'))
+                if path.is_file() and os.access(path, os.X_OK)
+            }
+            is_package = files or (prefix / 'share' / folder.name / 'package.xml').is_file()
+            if is_package and folder.name not in found:
+                found[folder.name] = files
+    return found
+
+
+def main(argv: Sequence[str]) -> int:
+    """Replace this process by the executable."""
+    if not argv or argv[0] in ('-h', '--help'):
+        print(USAGE)
+        return 0
+    if len(argv) < 2:
+        raise CommandError(
+            f"which executable of '{argv[0]}'? See 'ros2 pkg executables {argv[0]}'"
+        )
+    package, executable = argv[:2]
+    known = packages()
+    if package not in known:
+        raise CommandError(
+            f"Package '{package}' not found: searching: {', '.join(map(str, prefixes()))}"
+        )
+    if executable not in known[package]:
+        names = ', '.join(known[package]) or 'none'
+        raise CommandError(f"No executable '{executable}' in package '{package}', it has: {names}")
+    path = known[package][executable]
+    sys.stdout.flush()
+    os.execv(path, [str(path), *argv[2:]])

@@ -1,0 +1,84 @@
+"""`ros2 service list | type | call`."""
+
+import argparse
+from collections.abc import Sequence
+from typing import Any
+
+from ros2cli.main import CommandError
+from ros2cli.messages import fill, parse_values
+from ros2cli.verbs import Verbs, add_spin_time, direct_node, discover, wait_until
+
+
+def _list(options: argparse.Namespace) -> None:
+    with direct_node() as node:
+        discover(node, options.spin_time)
+        services = node.get_service_names_and_types()
+    for name, types in services:
+        if '/_' not in name:
+            print(f'{name} [{", ".join(types)}]' if options.show_types else name)
+
+
+def _type(options: argparse.Namespace) -> None:
+    with direct_node() as node:
+        discover(node)
+        services = dict(node.get_service_names_and_types())
+        name = node.resolve_service_name(options.service)
+    if name not in services:
+        raise CommandError(f"Unknown service '{name}'")
+    print('\n'.join(services[name]))
+
+
+def request(node: Any, service_type: Any, name: str, message: Any, timeout: float) -> Any:
+    """Call a service and return its response; raise CommandError where there is none."""
+    import rclpy
+
+    client = node.create_client(service_type, name)
+    if not client.wait_for_service(timeout):
+        raise CommandError(f"service '{client.service_name}' is not available after {timeout:g} s")
+    future = client.call_async(message)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=timeout)
+    if not future.done():
+        raise CommandError(f"no response from '{client.service_name}' within {timeout:g} s")
+    node.destroy_client(client)
+    return future.result()
+
+
+def _call(options: argparse.Namespace) -> None:
+    from rosidl_runtime_py.utilities import get_service
+
+    try:
+        service_type = get_service(options.type)
+    except (AttributeError, ModuleNotFoundError, ValueError):
+        raise CommandError(f"The service type '{options.type}' is invalid") from None
+    message = service_type.Request()
+    fill(message, parse_values(options.values))
+    with direct_node() as node:
+        wait_until(lambda: node.resolve_service_name(options.service) in _served(node), 1.0)
+        print(f'requester: making request: {message!r}\n', flush=True)
+        response = request(node, service_type, options.service, message, options.timeout)
+        print(f'response:\n{response!r}\n')
+
+
+def _served(node: Any) -> dict[str, list[str]]:
+    return node.context.graph.services()
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run a verb."""
+    verbs = Verbs('service', 'Services of the domain.')
+    verb = verbs.add('list', _list, 'List services.', 'ros2 service list -t')
+    add_spin_time(verb)
+    verb.add_argument('-t', '--show-types', action='store_true', help='show their types')
+    verb = verbs.add('type', _type, 'Show the type of a service.', 'ros2 service type /push')
+    verb.add_argument('service')
+    verb = verbs.add(
+        'call',
+        _call,
+        'Call a service.',
+        "ros2 service call /stop std_srvs/srv/SetBool '{data: true}'",
+    )
+    verb.add_argument('service')
+    verb.add_argument('type')
+    verb.add_argument('values', nargs='?', default='{}', help='fields of the request as YAML')
+    verb.add_argument('--timeout', type=float, default=10.0, help='give up after [s]')
+    return verbs.run(argv)

@@ -1,0 +1,72 @@
+"""CDR: message objects to bytes and back, by the functions that rosbags generates."""
+
+import struct
+from functools import cache
+from typing import Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import FieldDesc
+from rosbags.serde import SerdeError
+from rosbags.typesys.store import Typestore
+
+from rosidl_embedded.message import Message, class_of
+
+LITTLE_ENDIAN = b'\x00\x01\x00\x00'
+
+_store = Typestore()
+
+
+def _nested(desc: FieldDesc) -> str | None:
+    if desc[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        return _nested(desc[1][0])
+    return str(desc[1]) if desc[0] == Nodetype.NAME else None
+
+
+@cache
+def _register(cls: type[Message]) -> Any:
+    """Generate the CDR functions of a message and of all that is nested in it."""
+    for _, desc in cls._wire_fields:  # type: ignore[attr-defined]
+        if (inner := _nested(desc)) is not None:
+            _register(class_of(inner))
+    _store.fielddefs[cls._type_name] = ([], cls._wire_fields)  # type: ignore[attr-defined]
+    _store.types[cls._type_name] = cls._from_wire  # type: ignore[assignment]
+    return _store.get_msgdef(cls._type_name)
+
+
+def serialize(message: Message, prefix: bytes = b'') -> bytes:
+    """
+    Return the little-endian XCDR1 bytes of a message.
+
+    A prefix of a multiple of eight bytes goes between the encapsulation and the message.
+    Raises TypeError where a field holds what its type cannot.
+    """
+    functions = _register(message.__class__)
+    start = 4 + len(prefix)
+    try:
+        buffer = bytearray(start + functions.getsize_cdr(0, message, _store))
+        buffer[:start] = LITTLE_ENDIAN + prefix
+        functions.serialize_cdr_le(memoryview(buffer)[start:], 0, message, _store)
+    except (struct.error, AttributeError, TypeError, ValueError, SerdeError) as error:
+        raise TypeError(f'cannot serialize {message!r}: {error}') from error
+    return bytes(buffer)
+
+
+def deserialize(data: bytes, cls: type[Message], skip: int = 0) -> Any:
+    """
+    Return the message in CDR bytes, of which `skip` bytes after the encapsulation are left out.
+
+    Raises ValueError where the bytes are no such message.
+    """
+    functions = _register(cls)
+    if len(data) < 4 or data[0] != 0 or data[1] > 1:
+        raise ValueError(f'no CDR of {cls._type_name}: {data[:4].hex()}')
+    read = functions.deserialize_cdr_le if data[1] else functions.deserialize_cdr_be
+    try:
+        return read(data[4 + skip :], 0, functions.cls, _store)[0]
+    except (struct.error, ValueError, SerdeError) as error:
+        raise ValueError(f'no CDR of {cls._type_name}: {error}') from error
+
+
+def warm(cls: type[Message]) -> None:
+    """Generate the code of a message now and not when the first one comes."""
+    serialize(cls())

@@ -1,0 +1,291 @@
+"""Message classes with the behaviour of those that rosidl generates for Python."""
+
+import os
+from array import array
+from collections.abc import Callable
+from functools import cache
+from typing import Any, ClassVar
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import FieldDesc
+
+from rosidl_embedded import definitions
+from rosidl_embedded.checks import check
+
+TYPECODES = {
+    'float32': 'f',
+    'float64': 'd',
+    'int8': 'b',
+    'uint8': 'B',
+    'char': 'B',
+    'int16': 'h',
+    'uint16': 'H',
+    'int32': 'i',
+    'uint32': 'I',
+    'int64': 'q',
+    'uint64': 'Q',
+}
+IDL_NAMES = {'float32': 'float', 'float64': 'double', 'bool': 'boolean', 'byte': 'octet'}
+SCALAR_DEFAULTS = {'string': "''", 'bool': 'False', 'float32': '0.0', 'float64': '0.0'}
+
+
+class NumericArray(array):
+    """An array.array of numbers that the serialiser can view as bytes."""
+
+    __slots__ = ()
+
+    def view(self, _dtype: object) -> memoryview:
+        """Return the bytes of the numbers, without a copy."""
+        return memoryview(self).cast('B') if self else memoryview(b'')
+
+    def __repr__(self) -> str:
+        return f'array({self.typecode!r}, {self.tolist()})'
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (NumericArray, (self.typecode, self.tolist()))
+
+
+def numeric(typecode: str, values: Any) -> NumericArray:
+    """Copy numbers of any kind of sequence, fast where they already have the right type."""
+    if isinstance(values, np.ndarray):
+        values = values.astype(typecode, copy=False).tobytes()
+    elif isinstance(values, array) and values.typecode == typecode:
+        values = values.tobytes()
+    elif isinstance(values, bytes):
+        values = list(values)
+    return NumericArray(typecode, values)
+
+
+class Message:
+    """What all messages have in common."""
+
+    __slots__ = ()
+    _type_name: ClassVar[str]
+    _fields_and_field_types: ClassVar[dict[str, str]]
+    _from_wire: ClassVar[Callable[..., Any]]
+
+    @classmethod
+    def get_fields_and_field_types(cls) -> dict[str, str]:
+        """Return the IDL type of each field, for example `sequence<double>`."""
+        return dict(cls._fields_and_field_types)
+
+    def __eq__(self, other: object) -> bool:
+        if other.__class__ is not self.__class__:
+            return False
+        for name in self._fields_and_field_types:
+            mine, its = getattr(self, name), getattr(other, name)
+            if isinstance(mine, np.ndarray) or isinstance(its, np.ndarray):
+                if not np.array_equal(mine, its):
+                    return False
+            elif mine != its:
+                return False
+        return True
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        package, kind, name = self._type_name.split('/')
+        parts = []
+        for field in self._fields_and_field_types:
+            value = getattr(self, field)
+            shown = value.tolist() if isinstance(value, NumericArray) else value
+            parts.append(f'{field}={shown!r}')
+        return f'{package}.{kind}.{name}({", ".join(parts)})'
+
+    def __copy__(self) -> 'Message':
+        return self.__class__(
+            **{name: getattr(self, name) for name in self._fields_and_field_types}
+        )
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> 'Message':
+        from copy import deepcopy
+
+        fields = self._fields_and_field_types
+        return self.__class__(**{name: deepcopy(getattr(self, name), memo) for name in fields})
+
+
+def _idl(desc: FieldDesc) -> str:
+    """Return a field's type as rosidl spells it, for example `float[9]`."""
+    if desc[0] == Nodetype.BASE:
+        name, limit = desc[1]
+        return f'{name}<{limit}>' if limit else IDL_NAMES.get(name, name)
+    if desc[0] == Nodetype.NAME:
+        return desc[1].replace('/msg/', '/')
+    inner, count = desc[1]
+    if desc[0] == Nodetype.ARRAY:
+        return f'{_idl(inner)}[{count}]'
+    return f'sequence<{_idl(inner)}, {count}>' if count else f'sequence<{_idl(inner)}>'
+
+
+class _Field:
+    """How one field is stored, defaulted, put on the wire and taken from it."""
+
+    def __init__(self, type_name: str, name: str, desc: FieldDesc):
+        self.name, self.desc, self.idl = name, desc, _idl(desc)
+        self.slot = self.wire = name
+        self.default = self.assign = self.receive = ''
+        self.namespace: dict[str, Any] = {}
+        inner = desc[1][0] if desc[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else None
+        if inner is None:
+            self._single(type_name, desc)
+        elif inner[0] == Nodetype.BASE and inner[1][0] in TYPECODES:
+            self._numbers(TYPECODES[inner[1][0]], desc)
+        else:
+            self._list(inner, desc)
+
+    def _single(self, type_name: str, desc: FieldDesc) -> None:
+        if desc[0] == Nodetype.NAME:
+            cls = class_of(str(desc[1]))
+            self.namespace = {f'T_{self.name}': cls}
+            self.default = f'T_{self.name}()'
+        elif desc[1][0] == 'byte':
+            self.default = r"b'\0'"
+            self.wire, self.receive = f'_wire_{self.name}', f'bytes(({self.name} & 255,))'
+        else:
+            value = definitions.DEFAULTS.get((type_name, self.name))
+            self.default = SCALAR_DEFAULTS.get(desc[1][0], '0') if value is None else repr(value)
+
+    def _numbers(self, typecode: str, desc: FieldDesc) -> None:
+        self.slot = self.wire = f'_{self.name}'
+        if desc[0] == Nodetype.SEQUENCE:
+            self.default = f"NumericArray('{typecode}')"
+            self.assign = f"numeric('{typecode}', value)"
+            self.receive = f"NumericArray('{typecode}', {self.name}.tobytes())"
+        else:
+            self.default = f"zeros({desc[1][1]}, '{typecode}')"
+            self.assign = f"ndarray(value, '{typecode}')"
+            self.receive = f'{self.name}.copy()'
+
+    def _list(self, inner: Any, desc: FieldDesc) -> None:
+        count = desc[1][1] if desc[0] == Nodetype.ARRAY else 0
+        self.default = '[]'
+        if inner[0] == Nodetype.NAME:
+            self.namespace = {f'T_{self.name}': class_of(inner[1])}
+            if count:
+                self.default = f'[T_{self.name}() for _ in range({count})]'
+        elif inner[1][0] in ('bool', 'byte'):
+            self.wire = f'_wire_{self.name}'
+            is_bool = inner[1][0] == 'bool'
+            self.receive = (
+                f'{self.name}.astype(bool).tolist()'
+                if is_bool
+                else f'[bytes((v & 255,)) for v in {self.name}.tolist()]'
+            )
+            if count:
+                self.default = f'[False] * {count}' if is_bool else rf"[b'\0'] * {count}"
+        elif count:
+            self.default = f"[''] * {count}"
+
+    def wire_property(self) -> property | None:
+        """Return the property that gives the serialiser its form of the field, where needed."""
+        if not self.wire.startswith('_wire_'):
+            return None
+        name = self.name
+        if self.desc[0] == Nodetype.BASE:
+            return property(
+                lambda self: int.from_bytes(getattr(self, name), 'little', signed=True)
+            )
+        if self.desc[1][0][1][0] == 'bool':
+            return property(lambda self: np.array(getattr(self, name), dtype=np.bool_))
+        return property(
+            lambda self: np.frombuffer(b''.join(bytes(v) for v in getattr(self, name)), np.uint8)
+        )
+
+
+def _constants(type_name: str) -> dict[str, Any]:
+    constants: dict[str, Any] = {}
+    for name, kind, value in definitions.definitions().fielddefs[type_name][0]:
+        constants[name] = bytes((int(value) & 255,)) if kind == 'byte' else value
+    return constants
+
+
+def _property(field: _Field, checked: bool) -> property:
+    scope: dict[str, Any] = {
+        'numeric': numeric,
+        'ndarray': np.array,
+        'check': check,
+        **field.namespace,
+    }
+    value = field.assign or 'value'
+    test = f'\n    check({field.name!r}, {field.idl!r}, value)' if checked else ''
+    exec(  # noqa: S102
+        f'def get(self):\n    return self.{field.slot}\n'
+        f'def put(self, value):{test}\n    self.{field.slot} = {value}\n',
+        scope,
+    )
+    return property(scope['get'], scope['put'], doc=f"Message field '{field.name}'.")
+
+
+@cache
+def class_of(type_name: str) -> type[Message]:
+    """Return the class of a message such as `sensor_msgs/msg/JointState`."""
+    package, kind, name = type_name.split('/')
+    fields = [_Field(type_name, *entry) for entry in definitions.fields_of(type_name)]
+    members: dict[str, Any] = _constants(type_name)
+    if fields[0].name == definitions.EMPTY_MEMBER:
+        members[definitions.EMPTY_MEMBER] = 0
+        shown: list[_Field] = []
+    else:
+        shown = fields
+    checked = os.environ.get('ROS_PYTHON_CHECK_FIELDS') == '1'
+    if checked:
+        for field in shown:
+            field.slot = f'_{field.name}'
+            field.wire = field.slot if field.wire == field.name else field.wire
+    members |= {
+        '__slots__': tuple(field.slot for field in shown),
+        '__module__': f'{package}.{kind}',
+        '__doc__': f"Message class '{name}'.",
+        '_type_name': type_name,
+        '_fields_and_field_types': {field.name: field.idl for field in shown},
+    }
+    for field in shown:
+        if field.slot != field.name:
+            members[field.name] = _property(field, checked)
+        if (wire := field.wire_property()) is not None:
+            members[field.wire] = wire
+    scope: dict[str, Any] = {'NumericArray': NumericArray, 'zeros': np.zeros}
+    for field in shown:
+        scope |= field.namespace
+    members['__init__'] = _initialiser(shown, scope)
+    cls: type[Message] = type(name, (Message,), members)
+    scope |= {'cls': cls, 'new': cls.__new__}
+    cls._from_wire = staticmethod(_receiver(fields, shown, scope))
+    cls._wire_fields = [(field.wire, field.desc) for field in fields]  # type: ignore[attr-defined]
+    return cls
+
+
+def _initialiser(fields: list[_Field], scope: dict[str, Any]) -> Callable[..., None]:
+    names = ''.join(f', {field.name}=None' for field in fields)
+    lines = [f'def __init__(self{", *" if fields else ""}{names}):', '    pass']
+    for field in fields:
+        lines += [
+            f'    if {field.name} is None:',
+            f'        self.{field.slot} = {field.default}',
+            '    else:',
+            f'        self.{field.name} = {field.name}',
+        ]
+    exec('\n'.join(lines), scope)  # noqa: S102
+    return scope['__init__']
+
+
+def _receiver(
+    fields: list[_Field], shown: list[_Field], scope: dict[str, Any]
+) -> Callable[..., Message]:
+    lines = [f'def receive({", ".join(field.name for field in fields)}):', '    self = new(cls)']
+    lines += [f'    self.{field.slot} = {field.receive or field.name}' for field in shown]
+    exec('\n'.join([*lines, '    return self']), scope)  # noqa: S102
+    return scope['receive']
+
+
+def message_class(package: str, name: str, kind: str = 'msg') -> type[Message]:
+    """
+    Return a message class by package and name.
+
+    Raises AttributeError where there is no such message, as a module does for a missing name.
+    """
+    type_name = f'{package}/{kind}/{name}'
+    if name.startswith('__') or not definitions.is_known(type_name):
+        raise AttributeError(f'module {package}.{kind} has no attribute {name!r}')
+    return class_of(type_name)

@@ -1,0 +1,1 @@
+"""Interfaces by their names."""
