@@ -1,1 +1,1 @@
-"""Power models of joint drives: the Power Prediction Network, proxies, models of named effects, and the live estimate."""
+"""Power models: the Power Prediction Network, proxies, named effects, and the live estimate."""

@@ -13,7 +13,7 @@ _LEG = re.compile(r'^(?:[LR][FHMBR]|[FHMBR][LR]|left|right)_(?P<type>.+)$', re.I
 
 @dataclass(frozen=True)
 class DriveType:
-    """Drives of one build in one place of the kinematic chain, found by name patterns (`*_HAA`)."""
+    """Drives that are built and placed alike, found by name patterns (`*_HAA`)."""
 
     name: str
     patterns: tuple[str, ...]

@@ -24,6 +24,7 @@ class Comparison:
 
     names: tuple[str, ...]  # D drives
     time: NDArray[np.float64]  # s [N], middle of each block
+    segment: NDArray[np.intp]  # [N], number of the gap-free stretch
     measured: Floats  # W [N, D]
     estimated: Mapping[str, Floats]  # W [N, D], by model
 
@@ -35,6 +36,7 @@ class Evaluation:
     drives: Mapping[str, Score] = field(default_factory=dict)
     types: Mapping[str, Score] = field(default_factory=dict)  # samples of all drives of a type
     total: Score | None = None  # sum over the drives, where all were measured
+    supply: Score | None = None  # sum over the drives and electronics against the supply
 
 
 def rows_of(
@@ -67,7 +69,9 @@ def compare(models: Sequence[PowerModel], data: AlignedDataset) -> Comparison:
         values[hidden] = np.nan
     time = [data.time[s][: (s.stop - s.start) // block * block] for s in stretches]
     middles = np.concatenate([t.reshape(-1, block).mean(axis=1) for t in time] or [np.empty(0)])
-    return Comparison(data.names, middles, measured, estimated)
+    counts = [(s.stop - s.start) // block for s in stretches]
+    segment = np.repeat(np.arange(len(stretches)), counts)
+    return Comparison(data.names, middles, segment, measured, estimated)
 
 
 def evaluate(comparison: Comparison, types: Sequence[DriveType]) -> dict[str, Evaluation]:
@@ -101,7 +105,8 @@ def table(folds: Sequence[Mapping[str, Evaluation]]) -> dict[str, Any]:
     """
     Mean over folds in the form of the benchmark's JSON; `r2_std` is the spread between them.
 
-    {`models`: [{`name`, `drives` {name: {`r2`, `r2_std`, `rmse_w`, …}}, `types`, `total`}]}.
+    {`models`: [{`name`, `drives` {name: {`r2`, `r2_std`, `rmse_w`, …}}, `types`, `total`,
+    `supply`}]}.
     """
     models = []
     for name in folds[0]:
@@ -112,6 +117,7 @@ def table(folds: Sequence[Mapping[str, Evaluation]]) -> dict[str, Any]:
                 'drives': _each(of, lambda e: e.drives),
                 'types': _each(of, lambda e: e.types),
                 'total': _mean([e.total for e in of if e.total]),
+                'supply': _mean([e.supply for e in of if e.supply]),
             }
         )
     return {'models': models}

@@ -21,7 +21,7 @@ def features(data: AlignedDataset) -> Floats:
 
 def finite_runs(values: Floats, data: AlignedDataset, shortest: int = 1) -> Iterator[slice]:
     """Stretches of rows [T, …] without NaN that lie in one segment of the dataset."""
-    good = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    good = np.all(np.isfinite(values.reshape(len(values), -1)), axis=1)
     for run in data.segments():
         inside = np.flatnonzero(np.diff(np.r_[False, good[run], False].astype(np.int8)))
         for start, stop in inside.reshape(-1, 2):

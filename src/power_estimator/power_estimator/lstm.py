@@ -99,7 +99,7 @@ class LstmBank:
         fresh [T, D] marks the samples before which a drive forgets its past.
         """
         result = np.empty(features.shape[:2], np.float32)
-        resets = np.zeros(len(features), bool) if fresh is None else fresh.any(axis=1)
+        resets = np.zeros(len(features), bool) if fresh is None else np.any(fresh, axis=1)
         block = max(1, 200_000 // max(1, self._slot.size * 4 * self._hidden))
         for start in range(0, len(features), block):
             rows = self._project(features[start : start + block])

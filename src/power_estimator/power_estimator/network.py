@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -89,27 +90,26 @@ class PowerLstm(nn.Module):
 
     def weights(self) -> Weights:
         """The weights as numpy arrays."""
-
-        def array(values: Tensor) -> Floats:
-            return values.detach().numpy().astype(np.float32, copy=True)
-
+        arrays = {k: v.detach().numpy().copy() for k, v in self.state_dict().items()}
         return Weights(
-            array(self.lstm.weight_ih_l0),
-            array(self.lstm.weight_hh_l0),
-            array(self.lstm.bias_ih_l0 + self.lstm.bias_hh_l0),
-            array(self.output.weight[0]),
-            array(self.output.bias),
+            arrays['lstm.weight_ih_l0'],
+            arrays['lstm.weight_hh_l0'],
+            arrays['lstm.bias_ih_l0'] + arrays['lstm.bias_hh_l0'],
+            arrays['output.weight'][0],
+            arrays['output.bias'],
         )
 
     def set_weights(self, weights: Weights) -> None:
         """Take over weights of the same size."""
-        with torch.no_grad():
-            self.lstm.weight_ih_l0.copy_(torch.from_numpy(weights.input))
-            self.lstm.weight_hh_l0.copy_(torch.from_numpy(weights.recurrent))
-            self.lstm.bias_ih_l0.copy_(torch.from_numpy(weights.bias))
-            self.lstm.bias_hh_l0.zero_()
-            self.output.weight[0].copy_(torch.from_numpy(weights.output))
-            self.output.bias.copy_(torch.from_numpy(weights.output_bias))
+        arrays = {
+            'lstm.weight_ih_l0': weights.input,
+            'lstm.weight_hh_l0': weights.recurrent,
+            'lstm.bias_ih_l0': weights.bias,
+            'lstm.bias_hh_l0': np.zeros_like(weights.bias),
+            'output.weight': weights.output[None],
+            'output.bias': weights.output_bias,
+        }
+        self.load_state_dict({k: torch.tensor(v) for k, v in arrays.items()})
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class Trainer:
         edges = self._validation.edges
         lengths = np.diff(edges)
         x = torch.zeros(int(lengths.max()), len(lengths), len(FEATURES))
-        for column, (start, stop) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+        for column, (start, stop) in enumerate(pairwise(edges)):
             x[: stop - start, column] = self._x_validation[0, start:stop]
         with torch.no_grad():
             y, _ = self.network(x)
@@ -226,9 +226,9 @@ class Trainer:
 
     def _scaled(self, tracks: Tracks) -> tuple[Tensor, Tensor]:
         s = self.scaling
-        x = (tracks.features - np.float32(s.mean)) / np.float32(s.scale)
-        y = (tracks.power - np.float32(s.power_mean)) / np.float32(s.power_scale)
-        return torch.from_numpy(x), torch.from_numpy(y)
+        x = (torch.from_numpy(tracks.features) - torch.tensor(s.mean)) / torch.tensor(s.scale)
+        y = (torch.from_numpy(tracks.power) - s.power_mean) / s.power_scale
+        return x, y
 
     def _initialise(self, hidden: int) -> None:
         rng = np.random.default_rng([self.config.seed, 0])
@@ -254,9 +254,10 @@ class Trainer:
     ) -> Iterator[tuple[Tensor, Tensor, Tensor, float]]:
         """Views and rows [B], first rows of the sequences' next chunks, and learning rates."""
         starts, fresh = plan(self._training.edges, self.config, rng)
-        views = rng.integers(0, len(self._training.features), starts.shape[1])
+        count = len(self._training.features)
+        views: NDArray[np.int64] = np.zeros(starts.shape[1], np.int64)
         for step, (rows, new) in enumerate(zip(starts, fresh, strict=True)):
-            views = np.where(new, rng.integers(0, len(self._training.features), len(new)), views)
+            views = np.where(new, rng.integers(count, size=len(new)), views)
             done = (number - 1 + step / len(starts)) / self.config.epochs
             low, high = self.config.final_learning_rate, self.config.learning_rate
             rate = low + (high - low) * (1 + math.cos(math.pi * done)) / 2
@@ -292,21 +293,19 @@ def plan(
     Returns first rows [S, B] and whether the state is dropped before the chunk [S, B]. Tracks
     come in random order and are entered at a random row, so that chunks differ between epochs.
     """
-    starts, follows = [], []
+    pieces = []
     for track in rng.permutation(len(edges) - 1):
         first, last = int(edges[track]), int(edges[track + 1]) - config.chunk
-        if last < first:
-            continue
-        first += int(rng.integers(0, min(config.chunk, last - first + 1)))
-        rows = np.arange(first, last + 1, config.chunk)
-        starts.append(rows)
-        follows.append(np.arange(len(rows)) > 0)
-    if not starts:
+        if last >= first:
+            first += int(rng.integers(0, min(config.chunk, last - first + 1)))
+            pieces.append(np.arange(first, last + 1, config.chunk))
+    if not pieces:
         raise InputError(f'no stretch of data has {config.chunk} samples in a row')
-    rows, follow = np.concatenate(starts), np.concatenate(follows)
+    rows = np.concatenate(pieces)
+    fresh = rng.random(len(rows)) < config.reset_probability
+    fresh[np.cumsum([0, *(len(piece) for piece in pieces[:-1])])] = True
     batch = min(config.batch, len(rows))
     steps = len(rows) // batch
-    fresh = ~follow | (rng.random(len(rows)) < config.reset_probability)
     shape = (batch, steps)
     result = fresh[: batch * steps].reshape(shape).T.copy()
     result[0] = True

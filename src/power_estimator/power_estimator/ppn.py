@@ -86,7 +86,7 @@ class PowerPredictionNetwork:
 
     def _carried(self, x: Floats, borders: NDArray[np.bool_], drives: Sequence[str]) -> Floats:
         bank = self.stream(drives)
-        good = np.isfinite(x).all(axis=2)
+        good = np.all(np.isfinite(x), axis=2)
         fresh = good & (borders[:, None] | ~np.vstack([good[:1], good[:-1]]))
         power = bank.run(np.where(good[..., None], x, 0), fresh)
         index = np.arange(len(x))[:, None]

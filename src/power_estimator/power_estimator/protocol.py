@@ -1,8 +1,9 @@
-"""Who may see which sample: the paper's six segments of 80/10/10, without overlap, and its folds."""
+"""Who may see which sample: the paper's six segments of 80/10/10, its folds, no overlap."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,6 @@ def runs(
     inside = labels == part
     border = np.flatnonzero((np.diff(inside.astype(np.int8)) != 0) | (np.diff(segment) != 0)) + 1
     edges = [0, *border.tolist(), len(labels)]
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges):
         if stop - start >= max(shortest, 1) and inside[start]:
             yield slice(start, stop)

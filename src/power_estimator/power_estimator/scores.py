@@ -21,7 +21,7 @@ class Score:
 
 
 def r2(measured: ArrayLike, estimated: ArrayLike) -> float:
-    """Coefficient of determination 1 − SS_res/SS_tot (Section II-A); NaN if measured is constant."""
+    """R² = 1 − SS_res/SS_tot (Section II-A); NaN if what was measured is constant."""
     y, f = _pairs(measured, estimated)
     total = np.sum((y - y.mean()) ** 2) if y.size else 0.0
     return float(1 - np.sum((y - f) ** 2) / total) if total > 0 else float('nan')

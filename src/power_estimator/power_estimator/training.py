@@ -18,11 +18,13 @@ from power_estimator.drive_types import DriveType, assign
 from power_estimator.evaluation import Comparison, Evaluation, compare, evaluate, merge, rows_of
 from power_estimator.features import check_units, features
 from power_estimator.model import PowerModel
-from power_estimator.network import Epoch, Tracks, Trainer, TrainingConfig
+from power_estimator.network import Tracks, Trainer, TrainingConfig
 from power_estimator.ppn import PowerPredictionNetwork
 from power_estimator.protocol import Part, Protocol, runs
 from power_estimator.proxies import PROXIES, Proxy
 from power_estimator.run_folder import RunFolder
+from power_estimator.traces import Traces, traces
+from power_estimator.whole_robot import whole_robot
 
 Floats = NDArray[np.float32]
 
@@ -44,8 +46,8 @@ class CrossValidation:
     """
     Trains and judges one network per drive type and fold (Section II-A).
 
-    data holds the smoothed signals that targets and scores are made of; `others` are the same
-    samples with other features (unfiltered ones), which training mixes in.
+    data holds the smoothed signals that targets and scores are made of; `others` are other
+    features [T, D, 3] of the same samples (as the live node forms them), which training mixes in.
     """
 
     def __init__(
@@ -53,12 +55,14 @@ class CrossValidation:
         data: AlignedDataset,
         types: Sequence[DriveType],
         *,
-        network: NetworkConfig = NetworkConfig(),
-        training: TrainingConfig = TrainingConfig(),
-        protocol: Protocol = Protocol(),
-        others: Sequence[AlignedDataset] = (),
+        network: NetworkConfig | None = None,
+        training: TrainingConfig | None = None,
+        protocol: Protocol | None = None,
+        others: Sequence[Floats] = (),
         recordings: Sequence[TrainingRecording] = (),
     ) -> None:
+        network = network or NetworkConfig()
+        protocol = protocol or Protocol(margin=network.history)
         if protocol.margin < network.history:
             raise ValueError('the margin between parts is shorter than the history')
         if abs(data.rate - network.rate) > 1e-3 * network.rate:
@@ -66,10 +70,10 @@ class CrossValidation:
         check_units(data)
         self.data = data
         self.config = network
-        self._training = training
+        self._training = training or TrainingConfig()
         self._protocol = protocol
-        self._views = np.stack([features(d) for d in (data, *others)])
-        self._recordings = recordings
+        self._views = np.stack([features(data), *others])
+        self.recordings = recordings
         measured = np.isfinite(data.power) & np.isfinite(self._views).all(axis=(0, 3))
         self._columns = {
             name: [c for c in columns if measured[:, c].any()]
@@ -112,7 +116,7 @@ class CrossValidation:
     def run(
         self,
         folder: RunFolder,
-        progress: Callable[[Job, Epoch], None] = lambda job, epoch: None,
+        progress: Callable[[Job, Trainer], None] = lambda job, trainer: None,
         workers: int = 2,
     ) -> dict[Job, Trainer]:
         """
@@ -128,12 +132,11 @@ class CrossValidation:
             kept = folder.load_state(job.name)
             if kept is not None:
                 _restore(trainer, kept, job)
-                for epoch in trainer.history:
-                    progress(job, epoch)
+                progress(job, trainer)
             while not trainer.done and not stop.is_set():
-                epoch = trainer.epoch()
+                trainer.epoch()
                 folder.save_state(job.name, trainer.state())
-                progress(job, epoch)
+                progress(job, trainer)
             return trainer
 
         torch.set_num_threads(1)
@@ -170,34 +173,46 @@ class CrossValidation:
         about = {**asdict(self._training), **asdict(self._protocol), 'fold': fold}
         recordings = tuple(
             replace(r, held_out={t: self._spans(runs_, i) for t, runs_ in held_out.items()})
-            for i, r in enumerate(self._recordings)
+            for i, r in enumerate(self.recordings)
         )
         return Checkpoint(
             self.config, tuple(networks), recordings, about, version('power_estimator')
         )
 
-    def test(
-        self, fold: int, checkpoint: Checkpoint
-    ) -> tuple[dict[str, Evaluation], dict[str, Comparison]]:
-        """The networks and all proxies on the fold's test part: scores, and series by type."""
+    def test(self, fold: int, checkpoint: Checkpoint) -> tuple[dict[str, Evaluation], Traces]:
+        """Scores of the networks and all proxies on the fold's test part, and a picture of it."""
         ppn = PowerPredictionNetwork(checkpoint)
         jobs = [job for job in self.jobs if job.fold == fold]
         labels = [self.labels(job) for job in jobs]
-        series, parts = {}, []
-        for job, label in zip(jobs, labels, strict=True):
-            drives = self.data.drives([self.data.names[c] for c in self._columns[job.type.name]])
-            proxies = self._proxies(rows_of(drives, label, Part.TRAIN))
-            series[job.type.name] = compare([ppn, *proxies], rows_of(drives, label, Part.TEST))
-            parts.append(evaluate(series[job.type.name], [job.type]))
-        scores = merge(parts)
-        if all(np.array_equal(labels[0], label) for label in labels):
+        scores = merge(
+            [
+                evaluate(self._compare(ppn, label, self._columns[job.type.name])[0], [job.type])
+                for job, label in zip(jobs, labels, strict=True)
+            ]
+        )
+        label, robot = labels[-1], None
+        columns = self._columns[jobs[-1].type.name]
+        if all(np.array_equal(label, other) for other in labels):
             columns = sorted(c for cs in self._columns.values() for c in cs)
-            drives = self.data.drives([self.data.names[c] for c in columns])
-            proxies = self._proxies(rows_of(drives, labels[0], Part.TRAIN))
-            whole = compare([ppn, *proxies], rows_of(drives, labels[0], Part.TEST))
-            totals = evaluate(whole, self.types)
-            scores = {m: replace(e, total=totals[m].total) for m, e in scores.items()}
-        return scores, series
+        comparison, models = self._compare(ppn, label, columns)
+        totals = evaluate(comparison, self.types)
+        if len(columns) > len(self._columns[jobs[-1].type.name]) or len(jobs) == 1:
+            parts = [rows_of(self.data, label, part) for part in (Part.TEST, Part.TRAIN)]
+            robot = whole_robot(models, parts[0], parts[1])
+            supplies = robot.scores() if robot else {}
+            scores = {
+                m: replace(e, total=totals[m].total, supply=supplies.get(m))
+                for m, e in scores.items()
+            }
+        r2s = {d: s.r2 for d, s in scores['ppn'].drives.items()}
+        return scores, traces(comparison, r2s, robot)
+
+    def _compare(
+        self, ppn: PowerModel, labels: NDArray[np.int8], columns: Sequence[int]
+    ) -> tuple[Comparison, list[PowerModel]]:
+        drives = self.data.drives([self.data.names[c] for c in columns])
+        models = [ppn, *self._proxies(rows_of(drives, labels, Part.TRAIN))]
+        return compare(models, rows_of(drives, labels, Part.TEST)), models
 
     def _proxies(self, training: AlignedDataset) -> list[PowerModel]:
         return [Proxy(name).fit(training, self.types) for name in PROXIES]

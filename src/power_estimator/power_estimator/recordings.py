@@ -1,0 +1,94 @@
+"""Recordings as models are trained and judged on them: aligned, identified, with their cards."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from power_daq.cli import InputError
+from power_daq.recording.aligned import AlignedDataset
+from power_daq.recording.alignment import load_aligned
+from power_daq.recording.card import FILE, Card
+
+from power_estimator.checkpoint import TrainingRecording
+from power_estimator.features import features
+
+Floats = NDArray[np.float32]
+
+
+def load(paths: Sequence[Path], drives: Sequence[str]) -> AlignedDataset:
+    """Aligned recordings at 200 Hz with the drives whose names fit one of the patterns, or all."""
+    data = load_aligned(paths, rate=200.0)
+    if not drives:
+        return data
+    chosen = [n for n in data.names if any(fnmatchcase(n, pattern) for pattern in drives)]
+    for pattern in drives:
+        if not any(fnmatchcase(name, pattern) for name in data.names):
+            raise InputError(f'--drives {pattern!r}: there are {", ".join(data.names)}')
+    return data.drives(chosen)
+
+
+def live_features(paths: Sequence[Path], data: AlignedDataset) -> Floats:
+    """
+    Features [T, D, 3] of the same samples as the live node forms them: unfiltered and causal.
+
+    Each is the mean of the joint states at 400 Hz at and before the sample's time; NaN where
+    there is none before.
+    """
+    raw = load_aligned(paths, rate=400.0, smooth=False, drives=data.names)
+    x = features(raw)
+    index = np.zeros(len(data.time), np.intp)
+    for recording in range(len(data.recordings)):
+        here, there = (np.flatnonzero(d.recording == recording) for d in (data, raw))
+        near = np.searchsorted(raw.time[there], data.time[here] - 0.25 / raw.rate)
+        index[here] = there[np.minimum(near, len(there) - 1)]
+    before = np.maximum(index - 1, 0)
+    result = (x[index] + x[before]) * np.float32(0.5)
+    apart = np.abs(raw.time[index] - data.time) > 0.25 / raw.rate
+    result[apart | (raw.segment[index] != raw.segment[before]) | (index == 0)] = np.nan
+    return result
+
+
+def describe(path: Path) -> TrainingRecording:
+    """Name, card and hash of a recording (of its MCAP files, so that a moved one is known)."""
+    files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
+    digest = hashlib.sha256()
+    for file in files:
+        with file.open('rb') as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    folder = path if path.is_dir() else path.parent
+    card = Card.load(folder) if (folder / FILE).exists() else Card()
+    content = {k: v for k, v in asdict(card).items() if v not in ('', None, (), {})}
+    if 'drives' in content:
+        content['drives'] = list(content['drives'])
+    return TrainingRecording(path.resolve().name, digest.hexdigest(), content)
+
+
+def held_out(
+    data: AlignedDataset,
+    recordings: Sequence[TrainingRecording],
+    known: Sequence[TrainingRecording],
+    drive_type: str,
+) -> NDArray[np.bool_]:
+    """
+    Rows [T] on which a network of that drive type may be judged.
+
+    All rows of a recording that it was not trained on, its test part of one that it was.
+    """
+    by_hash = {r.sha256: r for r in known}
+    allowed = np.ones(len(data.time), bool)
+    for index, recording in enumerate(recordings):
+        before = by_hash.get(recording.sha256)
+        if before is None or drive_type not in before.held_out:
+            continue
+        rows = data.recording == index
+        spans = before.held_out[drive_type]
+        inside = np.zeros(len(data.time), bool)
+        for start, stop in spans:
+            inside |= (data.time >= start - 1e-6) & (data.time <= stop + 1e-6)
+        allowed &= ~rows | inside
+    return allowed

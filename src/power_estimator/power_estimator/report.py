@@ -1,0 +1,100 @@
+"""Tables and progress on the terminal."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+
+def terminal() -> Console:
+    """Standard output; wide enough for a table where it goes to a file."""
+    return Console(width=None if sys.stdout.isatty() else 140)
+
+
+def print_table(
+    console: Console, table: Mapping[str, Any], title: str, group: str = 'types'
+) -> None:
+    """R² ± spread per drive type (or `drives`) and of the sum, a row a model; best in bold."""
+    models = table['models']
+    keys = list(dict.fromkeys(key for m in models for key in m[group]))
+    view = Table(title=title, title_justify='left')
+    view.add_column('model', no_wrap=True)
+    columns = [[m[group].get(key) for m in models] for key in keys]
+    totals = [m['total'] for m in models]
+    for key in keys:
+        view.add_column(f'{key} R²', justify='right', no_wrap=True)
+    if any(totals):
+        columns.append(totals)
+        view.add_column('sum R²', justify='right', no_wrap=True)
+    for name in ('RMSE [W]', 'energy error [%]'):
+        view.add_column(name, justify='right', no_wrap=True)
+    for row, model in enumerate(models):
+        cells = [_r2(column, row) for column in columns]
+        each = [s for s in model[group].values() if s]
+        view.add_row(
+            model['name'],
+            *cells,
+            ' '.join(f'{s["rmse_w"]:.1f}' for s in each),
+            ' '.join(f'{100 * s["energy_error"]:.1f}' for s in each),
+        )
+    console.print(view)
+
+
+def _r2(column: Sequence[Mapping[str, float] | None], row: int) -> str:
+    score = column[row]
+    if score is None or score.get('r2') is None:
+        return '–'
+    text = f'{score["r2"]:.3f}'
+    if score.get('r2_std'):
+        text += f' ±{score["r2_std"]:.3f}'
+    best = max(s['r2'] for s in column if s is not None and s.get('r2') is not None)
+    return f'[bold]{text}[/bold]' if score['r2'] == best else text
+
+
+class TrainingBars:
+    """A bar over all epochs of all networks, and one for each network that is being trained."""
+
+    def __init__(self, console: Console, jobs: Sequence[str], epochs: int) -> None:
+        self._epochs = epochs
+        self._reached = dict.fromkeys(jobs, 0)
+        self._tasks: dict[str, TaskID] = {}
+        self._progress = Progress(
+            TextColumn('{task.description}'),
+            BarColumn(),
+            TextColumn('{task.completed:.0f}/{task.total:.0f}'),
+            TextColumn('{task.fields[state]}'),
+            TimeElapsedColumn(),
+            console=console,
+            transient=True,
+        )
+        self._all = self._progress.add_task('training', total=len(jobs) * epochs, state='')
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._progress.stop()
+
+    def show(self, job: str, number: int, loss: float, r2: float, done: bool) -> None:
+        """A job has reached an epoch, and perhaps its end; loss and R² are its latest."""
+        state = f'loss {loss:.4f}  R² {r2:.4f}'
+        if done:
+            if job in self._tasks:
+                self._progress.remove_task(self._tasks.pop(job))
+            number = self._epochs
+        elif job not in self._tasks:
+            self._tasks[job] = self._progress.add_task(job, total=self._epochs, state=state)
+        if job in self._tasks:
+            self._progress.update(self._tasks[job], completed=number, state=state)
+        self._progress.update(self._all, advance=number - self._reached[job], state=state)
+        self._reached[job] = number
