@@ -92,7 +92,8 @@ class BusDescription:
             if frame.selector is not None:
                 selector = Field.of(frame.selector[0]), frame.selector[1]
             time, counter = Field.of(frame.time), Field.of(frame.counter)
-            route = Route(name, slot, frame.size, time, counter, frame.clock, selector)
+            message = frame.message.name
+            route = Route(message, name, slot, frame.size, time, counter, frame.clock, selector)
             routes[frame.key] = (*routes.get(frame.key, ()), route)
         return routes
 

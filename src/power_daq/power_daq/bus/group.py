@@ -62,6 +62,7 @@ class Frame:
 class Route:
     """What the receiver needs to know of a frame before its sample is complete."""
 
+    message: str
     group: str
     slot: int
     size: int

@@ -1,0 +1,174 @@
+"""The thread that reads the bus, opens it again when it goes, and says how it is."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+from queue import Empty, SimpleQueue
+
+import can
+
+from power_daq.receiver import Receiver, Sample
+
+_log = logging.getLogger(__name__)
+_S = 1_000_000_000
+
+
+class BusState(Enum):
+    """How the bus is."""
+
+    ABSENT = 'absent'
+    SILENT = 'silent'
+    ACTIVE = 'active'
+
+
+@dataclass(frozen=True)
+class Patience:
+    """Times in s: between attempts to open the bus, until it counts as silent, per read."""
+
+    first_retry: float = 0.1
+    last_retry: float = 2.0
+    silence: float = 0.5
+    read: float = 0.1
+    largest_age: float = 0.05
+
+
+class SampleQueue:
+    """A bounded queue between threads; when it is full, new samples are dropped and counted."""
+
+    def __init__(self, size: int) -> None:
+        self._queue: SimpleQueue[Sample] = SimpleQueue()
+        self._size = size
+        self.dropped = 0
+
+    def put(self, sample: Sample) -> None:
+        """Append a sample, without waiting."""
+        if self._queue.qsize() >= self._size:
+            self.dropped += 1
+        else:
+            self._queue.put(sample)
+
+    def get(self, timeout: float) -> Sample | None:
+        """The oldest sample, or None when none has come within timeout (s)."""
+        try:
+            return self._queue.get(timeout=timeout)
+        except Empty:
+            return None
+
+    def __len__(self) -> int:
+        return self._queue.qsize()
+
+
+class Acquisition:
+    """
+    Reads a bus in a thread of its own and hands samples to a sink.
+
+    open_bus may raise can.CanError or OSError: the bus is absent, and is tried again with growing
+    pauses. Anything else that is raised in the thread ends it, and comes out of `join`. report
+    gets a line whenever the bus comes or goes.
+    """
+
+    def __init__(
+        self,
+        receiver: Receiver,
+        open_bus: Callable[[], can.BusABC],
+        sink: Callable[[Sample], None],
+        report: Callable[[str], None] = _log.warning,
+        patience: Patience | None = None,
+    ) -> None:
+        self.receiver = receiver
+        self._report = report
+        self._open_bus = open_bus
+        self._sink = sink
+        self._patience = patience or Patience()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='acquisition', daemon=True)
+        self._bus: can.BusABC | None = None
+        self._error: BaseException | None = None
+        self.absence = 'not opened yet'
+        self.opened = 0
+
+    def start(self) -> None:
+        """Begin to read."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask the thread to end; it does so within the time of one read."""
+        self._stop.set()
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait for the thread to end; raises what ended it."""
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+        if self._error is not None:
+            raise self._error
+
+    @property
+    def failed(self) -> bool:
+        """Whether the thread has ended by an exception."""
+        return self._error is not None
+
+    @property
+    def state(self) -> BusState:
+        """How the bus is now."""
+        if self._bus is None:
+            return BusState.ABSENT
+        age = time.monotonic_ns() - self.receiver.last_mapped
+        return BusState.ACTIVE if age < self._patience.silence * _S else BusState.SILENT
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                self._serve_once()
+        except BaseException as error:
+            self._error = error
+
+    def _serve_once(self) -> None:
+        bus = self._open()
+        if bus is None:
+            return
+        self._bus = bus
+        self.opened += 1
+        self._report(f'reading {bus.channel_info}')
+        try:
+            self._read(bus)
+        except (can.CanError, OSError) as error:
+            self.absence = str(error)
+            self._report(f'bus lost: {error}')
+        finally:
+            self._bus = None
+            with suppress(can.CanError, OSError):
+                bus.shutdown()
+
+    def _open(self) -> can.BusABC | None:
+        pause = self._patience.first_retry
+        while not self._stop.is_set():
+            try:
+                return self._open_bus()
+            except (can.CanError, OSError) as error:
+                if str(error) != self.absence:
+                    self._report(f'bus absent, will try again: {error}')
+                self.absence = str(error)
+            self._stop.wait(pause)
+            pause = min(2 * pause, self._patience.last_retry)
+        return None
+
+    def _read(self, bus: can.BusABC) -> None:
+        receive, take, sink = bus.recv, self.receiver.take, self._sink
+        stopped, timeout = self._stop.is_set, self._patience.read
+        while not stopped():
+            message = receive(timeout)
+            if message is None:
+                continue
+            for sample in take(message, self._arrival(message)):
+                sink(sample)
+
+    def _arrival(self, message: can.Message) -> int:
+        """Steady time of arrival in ns: now, less the time since the driver stamped the frame."""
+        age = time.time() - message.timestamp
+        if not 0.0 < age < self._patience.largest_age:
+            age = 0.0
+        return time.monotonic_ns() - int(age * _S)

@@ -1,0 +1,68 @@
+"""Opening a CAN bus of any python-can interface."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import can
+
+from power_daq.cli import InputError
+
+_KERNEL_CONFIGURED = ('socketcan', 'virtual', 'unixsocket')
+_OVERHEAD_ARBITRATION_BITS = 29
+_OVERHEAD_DATA_BITS = 34
+_STUFFING = 1.1
+
+
+@dataclass(frozen=True)
+class BusSettings:
+    """
+    Which bus, and how fast; bit rates in bit/s.
+
+    socketcan takes its bit rates from the network interface (`ip link set … dbitrate …`); there
+    they only serve to tell the load of the bus.
+    """
+
+    interface: str = 'socketcan'
+    channel: str = 'can0'
+    bitrate: int = 1_000_000
+    data_bitrate: int = 5_000_000
+
+    def __post_init__(self) -> None:
+        if self.interface not in can.VALID_INTERFACES:
+            known = ', '.join(sorted(can.VALID_INTERFACES))
+            raise InputError(f'unknown CAN interface {self.interface!r}; there are {known}')
+        if not self.channel:
+            raise InputError("channel is empty; give the name of the bus, such as 'can0'")
+
+    def open(self) -> can.BusABC:
+        """
+        The bus, for receiving.
+
+        Raises can.CanError or OSError if it is not there (yet), InputError if it never will be.
+        """
+        rates: dict[str, Any] = {}
+        if self.interface not in _KERNEL_CONFIGURED:
+            rates = {'bitrate': self.bitrate, 'data_bitrate': self.data_bitrate}
+        try:
+            return can.Bus(
+                interface=self.interface,
+                channel=self.channel,
+                ignore_config=True,
+                fd=True,
+                **rates,
+            )
+        except can.CanInterfaceNotImplementedError as error:
+            raise InputError(
+                f'CAN interface {self.interface!r} cannot be used: {error}'
+            ) from error
+        except (ValueError, TypeError) as error:
+            raise InputError(
+                f'CAN interface {self.interface!r} does not accept channel '
+                f'{self.channel!r}: {error}'
+            ) from error
+
+    def load(self, frames: float, payload_bytes: float) -> float:
+        """Share of the bus that so many FD frames and bytes per second take, 0 … 1, roughly."""
+        arbitration = frames * _OVERHEAD_ARBITRATION_BITS / self.bitrate
+        data = (frames * _OVERHEAD_DATA_BITS + 8 * payload_bytes) / self.data_bitrate
+        return _STUFFING * (arbitration + data)
