@@ -1,5 +1,6 @@
 """Physical effects in the electrical power of a joint drive, one class each."""
 
+from power_estimator.effects.bend import Bend
 from power_estimator.effects.catalogue import (
     Catalogue,
     builtin_catalogue,
@@ -9,6 +10,7 @@ from power_estimator.effects.effect import Effect, Excitation, Shape, Term, smoo
 from power_estimator.effects.signals import Signals
 
 __all__ = [
+    'Bend',
     'Catalogue',
     'Effect',
     'Excitation',

@@ -21,8 +21,10 @@ from power_estimator.effects.line_resistance import LineResistance
 from power_estimator.effects.load_friction import LoadFriction
 from power_estimator.effects.measurement import (
     CurrentOffset,
+    OffsetDrift,
     PowerGain,
     TimeOffset,
+    TorqueBend,
     TorqueBias,
     VelocityLag,
 )
@@ -57,7 +59,9 @@ _BUILTIN: tuple[type[Effect], ...] = (
     PowerGain,
     CurrentOffset,
     TorqueBias,
+    TorqueBend,
     VelocityLag,
+    OffsetDrift,
     TimeOffset,
 )
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term, share_of_top
 from power_estimator.effects.signals import Signals
 
 
@@ -12,9 +12,11 @@ class CopperLoss(Effect):
     name = 'copper_loss'
     physics = 'the current that makes the torque heats the winding and whatever is in line with it'
     formula = 'k·motor_torque², motor_torque = torque + friction + J·acceleration'
+    follows = frozenset({'motor_torque'})
     terms = (Term('k', 'W/(N·m)²', 0.0, 1.0),)
     ties = ('inverter_resistance',)
     near = ('line_resistance', 'winding_heating')
+    bend_limit = 0.12
     excitation = Excitation(
         'static loads at standstill',
         mode='torque',
@@ -29,3 +31,7 @@ class CopperLoss(Effect):
     def torque_slope(self, signals: Signals, coefficients: Floats) -> Floats:
         """2·k·motor_torque."""
         return 2.0 * coefficients[..., 0] * signals.motor_torque
+
+    def bend(self, signals: Signals, **shape: float) -> Floats:
+        """A torque constant that saturates under load."""
+        return np.square(signals.motor_torque) * np.square(share_of_top(signals.motor_torque))

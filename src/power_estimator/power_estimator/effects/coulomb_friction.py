@@ -1,6 +1,6 @@
 """Friction that does not depend on speed."""
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Term, smooth_sign
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term, log_speed, smooth_sign
 from power_estimator.effects.signals import Signals
 
 
@@ -13,6 +13,7 @@ class CoulombFriction(Effect):
     terms = (Term('Tc', 'N·m', 0.0, 80.0),)
     acts_on = 'torque'
     near = ('viscous_friction', 'iron_loss', 'stribeck_friction')
+    bend_limit = 0.12
     excitation = Excitation(
         'a ladder of constant speeds in both directions, unloaded and loaded',
         speeds=(0.3, 0.8, 1.5, 2.5, 4.0, -0.3, -0.8, -1.5, -2.5, -4.0),
@@ -22,3 +23,7 @@ class CoulombFriction(Effect):
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """The sign of the speed."""
         return smooth_sign(signals.velocity)[..., None]
+
+    def bend(self, signals: Signals, **shape: float) -> Floats:
+        """A slow rise or fall with speed."""
+        return smooth_sign(signals.velocity) * log_speed(signals.velocity)

@@ -61,11 +61,12 @@ class Effect(ABC):
     terms: ClassVar[tuple[Term, ...]]
     excitation: ClassVar[Excitation]
     acts_on: ClassVar[Literal['power', 'torque']] = 'power'
-    kind: ClassVar[Literal['physics', 'measurement']] = 'physics'
+    kind: ClassVar[Literal['physics', 'measurement', 'bend']] = 'physics'
     ties: ClassVar[tuple[str, ...]] = ()  # cannot be told apart in any recording
     near: ClassVar[tuple[str, ...]] = ()  # told apart by its excitation only
     shapes: ClassVar[tuple[Shape, ...]] = ({},)
     fixed: ClassVar[float | None] = None  # a coefficient that physics fixes
+    follows: ClassVar[frozenset[str]] = frozenset()  # estimates it uses: motor_torque, drawn
 
     @abstractmethod
     def regressors(self, signals: Signals, **shape: float) -> Floats:
@@ -75,9 +76,33 @@ class Effect(ABC):
         """Derivative of this effect's power by the motor's torque, W/(N·m) [T, D]."""
         return None
 
+    bend_limit: ClassVar[float] = 0.0
+    """How far the true shape may depart from the formula, as a share of the first coefficient."""
+
+    def bend(self, signals: Signals, **shape: float) -> Floats | None:
+        """
+        How real drives depart from the formula, [T, D] in the regressors' unit.
+
+        A judge lets every active effect bend this way before another effect gets the blame.
+        """
+        return None
+
     def usable(self, signals: Signals, **shape: float) -> bool:
         """Whether the signals that this shape needs were recorded."""
         return True
+
+
+def log_speed(velocity: Floats) -> Floats:
+    """Logarithm of the speed over the highest, for exponents that are not quite the formula's."""
+    speed = np.abs(velocity)
+    top = np.maximum(np.quantile(speed, 0.995, axis=0), STANDSTILL)
+    return np.log(np.clip(speed / top, 0.01, None))
+
+
+def share_of_top(values: Floats) -> Floats:
+    """Size over the highest, 0 to about 1."""
+    size = np.abs(values)
+    return size / np.maximum(np.quantile(size, 0.995, axis=0), 1e-9)
 
 
 def smooth_sign(velocity: Floats) -> Floats:

@@ -5,6 +5,9 @@ import numpy as np
 from power_estimator.effects.effect import Effect, Excitation, Floats, Term
 from power_estimator.effects.signals import Signals
 
+NOMINAL = 48.0
+"""V, the bus at which the draw is given."""
+
 
 class Idle(Effect):
     """Electronics, sensors and communication."""
@@ -14,6 +17,7 @@ class Idle(Effect):
     formula = 'P0'
     terms = (Term('P0', 'W', 0.0, 500.0),)
     near = ('current_offset',)
+    bend_limit = 1.0
     excitation = Excitation(
         'rest without load, at two bus voltages',
         mode='torque',
@@ -25,3 +29,7 @@ class Idle(Effect):
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """One."""
         return np.ones_like(signals.torque)[..., None]
+
+    def bend(self, signals: Signals, **shape: float) -> Floats:
+        """Electronics that draw a constant current rather than a constant power."""
+        return signals.voltage / NOMINAL - 1.0

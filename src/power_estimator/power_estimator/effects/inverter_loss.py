@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term, share_of_top
 from power_estimator.effects.signals import Signals
 
 NOMINAL = 48.0
@@ -15,8 +15,10 @@ class InverterLoss(Effect):
     name = 'inverter_loss'
     physics = 'the switches cost in proportion to the current, and to the bus voltage they switch'
     formula = 'a·|motor_torque| + s·|motor_torque|·V/48'
+    follows = frozenset({'motor_torque'})
     terms = (Term('a', 'W/(N·m)', 0.0, 5.0), Term('s', 'W/(N·m)', 0.0, 5.0))
     near = ('copper_loss',)
+    bend_limit = 0.2
     excitation = Excitation(
         'static loads at standstill from small to large',
         mode='torque',
@@ -33,3 +35,7 @@ class InverterLoss(Effect):
         """The summed coefficients with the torque's sign."""
         both = coefficients[..., 0] + coefficients[..., 1] * signals.voltage / NOMINAL
         return both * np.tanh(signals.motor_torque / 0.5)
+
+    def bend(self, signals: Signals, **shape: float) -> Floats:
+        """Switches that drop more under load."""
+        return np.abs(signals.motor_torque) * share_of_top(signals.motor_torque)

@@ -12,6 +12,7 @@ class LineResistance(Effect):
     name = 'line_resistance'
     physics = 'the current drawn heats the cable between the meter and the drive'
     formula = 'Rl·(P/V)²'
+    follows = frozenset({'drawn'})
     terms = (Term('Rl', 'ohm', 0.0, 5.0),)
     near = ('copper_loss',)
     excitation = Excitation(

@@ -15,6 +15,7 @@ class LoadFriction(Effect):
     terms = (Term('c', '1', 0.0, 1.0),)
     acts_on = 'torque'
     near = ('regeneration_efficiency', 'shaft')
+    bend_limit = 0.2
     excitation = Excitation(
         'three loads, driving and back-driving, at two speeds',
         speeds=(1.0, 3.0, -1.0, -3.0),
@@ -24,3 +25,7 @@ class LoadFriction(Effect):
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """The load's size with the sign of the speed."""
         return (np.abs(signals.torque) * smooth_sign(signals.velocity))[..., None]
+
+    def bend(self, signals: Signals, **shape: float) -> Floats:
+        """Worse when driving than when driven, or the other way round."""
+        return signals.torque

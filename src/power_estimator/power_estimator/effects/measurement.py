@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term, share_of_top
 from power_estimator.effects.signals import Signals
 
 
@@ -56,6 +56,44 @@ class TorqueBias(Effect):
         return np.ones_like(signals.torque)[..., None]
 
 
+class OffsetDrift(Effect):
+    """The current sensor's zero wanders."""
+
+    name = 'offset_drift'
+    physics = 'the zero of the current sensor moves while it warms'
+    formula = 'D·V·(time since the middle of the recording in minutes)'
+    terms = (Term('D', 'A/min', -0.02, 0.02, prior=0.005),)
+    kind = 'measurement'
+    near = ('winding_heating',)
+    excitation = Excitation('rest without load at the start and at the end of the recording')
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """Voltage times the time from the recording's middle."""
+        minutes = np.zeros_like(signals.time)
+        for recording in np.unique(signals.recording):
+            rows = signals.recording == recording
+            times = signals.time[rows]
+            minutes[rows] = (times - 0.5 * (times[0] + times[-1])) / 60.0
+        return (minutes[:, None] * signals.voltage)[..., None]
+
+
+class TorqueBend(Effect):
+    """The torque sensor's gain changes with the load."""
+
+    name = 'torque_bend'
+    physics = 'a torque sensor that is not quite linear'
+    formula = 'n·torque·w·|torque|/(highest torque)'
+    terms = (Term('n', '1', -0.03, 0.03, prior=0.01),)
+    kind = 'measurement'
+    near = ('power_gain', 'load_friction')
+    excitation = Excitation('calibrate the torque sensor against weights')
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """Mechanical power times the share of the highest torque."""
+        power = signals.torque * signals.velocity
+        return (power * share_of_top(signals.torque))[..., None]
+
+
 class VelocityLag(Effect):
     """The velocity comes late through its filter."""
 
@@ -78,6 +116,7 @@ class TimeOffset(Effect):
     name = 'time_offset'
     physics = 'power and joint signals are stamped by clocks that differ'
     formula = 'delta·dP/dt; the fit shifts the power itself'
+    follows = frozenset({'drawn'})
     terms = (Term('delta', 's', -0.006, 0.022),)
     kind = 'measurement'
     near = ('rotor_inertia', 'spring', 'velocity_lag')

@@ -12,6 +12,7 @@ class RegenerationEfficiency(Effect):
     name = 'regeneration_efficiency'
     physics = 'of the power that a braking drive returns only the part eta arrives at the bus'
     formula = '(1 − eta)·max(0, −P)'
+    follows = frozenset({'drawn'})
     terms = (Term('1 − eta', '1', 0.0, 1.0),)
     near = ('regeneration_limit', 'load_friction')
     excitation = Excitation(

@@ -12,6 +12,7 @@ class RegenerationLimit(Effect):
     name = 'regeneration_limit'
     physics = 'the supply takes nothing back: what the drives return together is burnt'
     formula = 'b·(share of the drive)·max(0, −sum of P over the bus)'
+    follows = frozenset({'drawn'})
     terms = (Term('b', '1', 0.0, 1.0),)
     near = ('regeneration_efficiency',)
     excitation = Excitation(

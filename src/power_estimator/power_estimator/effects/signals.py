@@ -14,9 +14,9 @@ class Signals:
     """
     Signals of D drives at the rate at which products are formed, [T, D] unless said otherwise.
 
-    motor_torque and drawn are the model's own estimates so far: torque at the motor including
-    friction and rotor inertia, and power drawn at the drive's input. They let an effect depend
-    on what the other effects add.
+    motor_torque, torque_cost and drawn are the model's own estimates so far: torque at the motor
+    including friction and rotor inertia, the slope of the losses by it, and power drawn at the
+    drive's input. They let an effect depend on what the other effects add.
     """
 
     rate: float  # Hz
@@ -32,11 +32,14 @@ class Signals:
     voltage: Floats  # V
     temperature: Floats  # °C winding, NaN where not measured
     motor_torque: Floats  # N·m
+    torque_cost: Floats  # W/(N·m), what more motor torque costs in losses
     drawn: Floats  # W
 
-    def with_estimates(self, motor_torque: Floats, drawn: Floats) -> 'Signals':
-        """The same signals with the model's own estimates of [T, D] torque and power."""
-        return replace(self, motor_torque=motor_torque, drawn=drawn)
+    def with_estimates(
+        self, motor_torque: Floats, torque_cost: Floats, drawn: Floats
+    ) -> 'Signals':
+        """The same signals with the model's own estimates, [T, D] each."""
+        return replace(self, motor_torque=motor_torque, torque_cost=torque_cost, drawn=drawn)
 
     def drive(self, index: int) -> 'Signals':
         """The signals of one drive, D = 1."""

@@ -1,6 +1,6 @@
 """Friction that grows with speed."""
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term, log_speed
 from power_estimator.effects.signals import Signals
 
 
@@ -13,6 +13,7 @@ class ViscousFriction(Effect):
     terms = (Term('B', 'N·m·s/rad', 0.0, 100.0),)
     acts_on = 'torque'
     near = ('iron_loss', 'coulomb_friction')
+    bend_limit = 0.12
     excitation = Excitation(
         'a ladder of constant speeds in both directions, unloaded and loaded',
         speeds=(0.3, 0.8, 1.5, 2.5, 4.0, -0.3, -0.8, -1.5, -2.5, -4.0),
@@ -22,3 +23,7 @@ class ViscousFriction(Effect):
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """The speed."""
         return signals.velocity[..., None]
+
+    def bend(self, signals: Signals, **shape: float) -> Floats:
+        """An exponent that is not quite 1: grease thins."""
+        return signals.velocity * log_speed(signals.velocity)

@@ -1,0 +1,277 @@
+"""Bounded least squares of models of effects, with intervals that respect autocorrelation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_estimator.bounded_lsq import bounded_solve
+from power_estimator.effect_design import Active, Design, DesignBuilder, Structure
+from power_estimator.effect_signals import REDUCED_RATE, Prepared
+from power_estimator.effects import Catalogue
+
+Floats = NDArray[np.float64]
+
+BLOCK_SECONDS = 1.0
+_BOOTSTRAPS = 200
+_BOOTSTRAP_BLOCK = 5  # blocks drawn together
+_FINE_STEP = 0.00025  # s
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Stretches of one second of reduced samples; what is drawn, left out and scored."""
+
+    starts: NDArray[np.intp]  # [B] first row of each
+    length: int
+    recording: NDArray[np.int32]  # [B]
+    time: Floats  # s [B], of the first row
+    valid: NDArray[np.bool_]  # [B, D] where the power of the drive was measured throughout
+
+    @classmethod
+    def of(cls, prepared: Prepared) -> 'Blocks':
+        """Cut prepared signals into blocks that cross no gap."""
+        length = round(BLOCK_SECONDS * REDUCED_RATE)
+        starts = [
+            start
+            for part in prepared.reducer.stretches()
+            for start in range(part.start, part.stop - length + 1, length)
+        ]
+        first = np.array(starts, dtype=np.intp)
+        rows = first[:, None] + np.arange(length)
+        return cls(
+            starts=first,
+            length=length,
+            recording=prepared.recording[first],
+            time=prepared.time[first],
+            valid=prepared.measured[rows].all(axis=1),
+        )
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """[B, length] row indices."""
+        return self.starts[:, None] + np.arange(self.length)
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of each block and drive; zero where the power was not measured."""
+
+    gram: Floats  # [B, D, m, m]
+    moment: Floats  # [B, D, m]
+    square: Floats  # W² [B, D], sum of squared targets
+
+    @classmethod
+    def of(cls, columns: Floats, target: Floats, blocks: Blocks) -> 'Normal':
+        """From columns [N, D, m] and target [N, D]."""
+        rows = blocks.rows
+        x = columns[rows].transpose(0, 2, 3, 1)  # [B, D, m, L]
+        y = np.where(blocks.valid[:, None, :], np.nan_to_num(target[rows]), 0.0).transpose(0, 2, 1)
+        x = x * blocks.valid[:, :, None, None]
+        return cls(x @ x.transpose(0, 1, 3, 2), (x @ y[..., None])[..., 0], np.square(y).sum(2))
+
+    def errors(self, coefficients: Floats) -> Floats:
+        """Sum of squared residuals, W² [B, D], at coefficients [D, m] or [B, D, m]."""
+        bent = (
+            np.einsum('bdij,...dj->bdi', self.gram, coefficients)
+            if coefficients.ndim == 2
+            else np.einsum('bdij,bdj->bdi', self.gram, coefficients)
+        )
+        linear = (coefficients * (bent - 2.0 * self.moment)).sum(axis=2)
+        return np.maximum(self.square + linear, 0.0)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A structure fitted to all blocks: coefficients of each drive and the common delay."""
+
+    structure: Structure
+    coefficients: Floats  # [D, m]
+    delay: float  # s, of the power against the joint signals
+    design: Design
+    normal: Normal
+    target: Floats  # W [N, D], power with the delay taken out, less the design's constant
+    mse: Floats  # W² [D]
+
+    def residual(self) -> Floats:
+        """Measured minus model, W [N, D]."""
+        return self.target - np.einsum('ndm,dm->nd', self.design.columns, self.coefficients)
+
+
+class Fitter:
+    """Fits structures to one set of prepared signals."""
+
+    def __init__(
+        self,
+        prepared: Prepared,
+        *,
+        groups: Sequence[Sequence[int]] | None = None,
+        base: Floats | None = None,
+    ) -> None:
+        """groups: drives that share coefficients, by index; base: W [T, D] underneath."""
+        self.prepared = prepared
+        self.blocks = Blocks.of(prepared)
+        self.builder = DesignBuilder(prepared, base)
+        count = len(prepared.names)
+        self.groups = [list(g) for g in groups] if groups else [[d] for d in range(count)]
+        self._weight = np.maximum(np.nan_to_num(prepared.noise, nan=0.1), 0.02) ** 2
+
+    def fit(
+        self,
+        structure: Structure,
+        start: 'Fit | None' = None,
+        iterations: int = 3,
+        delay: float | None = None,
+    ) -> Fit:
+        """
+        Fit all coefficients within their bounds, and the delay unless it is given (s).
+
+        start gives the point to linearise about by the names of its effects.
+        """
+        coefficients = carried(structure, start, len(self.prepared.names))
+        current: Fit | None = None
+        for _ in range(max(1, iterations)):
+            current = self._step(structure, coefficients, delay)
+            coefficients = current.coefficients
+        assert current is not None
+        return current
+
+    def _step(self, structure: Structure, coefficients: Floats, delay: float | None) -> Fit:
+        design = self.builder.build(structure, coefficients)
+        return self.fit_design(design, delay)
+
+    def fit_design(self, design: Design, delay: float | None = None) -> Fit:
+        """Fit a design without linearising it anew."""
+        if delay is None:
+            delay = self._best_delay(design)
+        target = self.prepared.power_at(delay) - design.constant
+        normal = Normal.of(design.columns, target, self.blocks)
+        coefficients = self.solve(design, normal)
+        rows = np.maximum(self.blocks.valid.sum(axis=0) * self.blocks.length, 1)
+        mse = normal.errors(coefficients).sum(axis=0) / rows
+        return Fit(design.structure, coefficients, delay, design, normal, target, mse)
+
+    def solve(self, design: Design, normal: Normal, weights: Floats | None = None) -> Floats:
+        """
+        Coefficients from the blocks, [D, m]; or [F, D, m] with weights [F, B] of the blocks.
+
+        Drives of a group share theirs.
+        """
+        if weights is None:
+            gram, moment = normal.gram.sum(axis=0)[None], normal.moment.sum(axis=0)[None]
+        else:
+            gram = np.tensordot(weights, normal.gram, axes=1)
+            moment = np.tensordot(weights, normal.moment, axes=1)
+        out = np.zeros(moment.shape)
+        prior = design.structure.priors()
+        for group in self.groups:
+            ridge = float(self._weight[group].mean()) * REDUCED_RATE / np.square(prior)
+            lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
+            out[:, group] = bounded_solve(
+                gram[:, group].sum(axis=1), moment[:, group].sum(axis=1), lower, upper, ridge
+            )[:, None]
+        return out if weights is not None else out[0]
+
+    def _best_delay(self, design: Design) -> float:
+        prepared, blocks = self.prepared, self.blocks
+        rows = blocks.rows
+        keep = blocks.valid
+        m = design.columns.shape[2]
+        count = len(prepared.names)
+        shifts = len(prepared.shifts)
+        gram = np.zeros((count, m, m))
+        moment = np.zeros((shifts, count, m))
+        # the error at shifts between two neighbours needs their product as well
+        square, next_ = np.zeros((shifts, count)), np.zeros((shifts, count))
+        for drive in range(count):
+            used = rows[keep[:, drive]].ravel()
+            x = design.columns[used, drive]
+            y = prepared.power[:, used, drive].astype(np.float64) - design.constant[used, drive]
+            gram[drive] = x.T @ x
+            moment[:, drive] = y @ x
+            square[:, drive] = np.einsum('sn,sn->s', y, y)
+            next_[:-1, drive] = np.einsum('sn,sn->s', y[:-1], y[1:])
+        step = prepared.shifts[1] - prepared.shifts[0]
+        coarse = self._profile(design, gram, moment, square)
+        best = int(np.clip(np.argmin(coarse), 1, shifts - 2))
+        places = np.linspace(best - 1, best + 1, 2 * round(step / _FINE_STEP) + 1)
+        left = np.minimum(places.astype(int), shifts - 2)
+        w = (places - left)[:, None]
+        fine_moment = (1 - w)[..., None] * moment[left] + w[..., None] * moment[left + 1]
+        fine_square = (
+            (1 - w) ** 2 * square[left] + w**2 * square[left + 1] + 2 * w * (1 - w) * next_[left]
+        )
+        fine = self._profile(design, gram, fine_moment, fine_square)
+        return float(prepared.shifts[0] + step * places[int(np.argmin(fine))])
+
+    def _profile(self, design: Design, gram: Floats, moment: Floats, square: Floats) -> Floats:
+        prior = design.structure.priors()
+        total = np.zeros(len(moment))
+        for group in self.groups:
+            ridge = float(self._weight[group].mean()) * REDUCED_RATE / np.square(prior)
+            lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
+            matrix = gram[group].sum(axis=0)
+            right = moment[:, group].sum(axis=1)
+            batch = np.broadcast_to(matrix, (len(right), *matrix.shape)).copy()
+            x = bounded_solve(batch, right, lower, upper, ridge)
+            error = square[:, group].sum(axis=1) - 2 * (x * right).sum(axis=1)
+            error = error + np.einsum('si,ij,sj->s', x, matrix, x)
+            total += len(group) * np.log(np.maximum(error, 1e-9))
+        return total
+
+    def intervals(self, fit: Fit, seed: int = 0, level: float = 0.95) -> Floats:
+        """
+        Bounds of each coefficient, [D, m, 2], by a moving-block bootstrap of 5 s.
+
+        Blocks drawn together keep what is autocorrelated together; coefficients at a bound get
+        an interval that ends there.
+        """
+        random = np.random.default_rng(seed)
+        count = len(self.blocks.starts)
+        size = min(_BOOTSTRAP_BLOCK, count)
+        draws = -(-count // size)
+        weights = np.zeros((_BOOTSTRAPS, count))
+        for row in weights:
+            starts = random.integers(0, count - size + 1, draws)
+            np.add.at(row, (starts[:, None] + np.arange(size)).ravel(), 1.0)
+        sampled = self.solve(fit.design, fit.normal, weights)
+        tails = [(1 - level) / 2, (1 + level) / 2]
+        found: Floats = np.quantile(sampled, tails, axis=0).transpose(1, 2, 0)
+        return found
+
+
+def carried(structure: Structure, start: Fit | None, drives: int) -> Floats:
+    """Coefficients [D, m] of the structure, taken over by name; zero where start has none."""
+    out = np.zeros((drives, len(structure.labels)))
+    if start is None:
+        return out
+    known = {label: i for i, label in enumerate(start.structure.labels)}
+    for column, label in enumerate(structure.labels):
+        if label in known:
+            out[:, column] = start.coefficients[:, known[label]]
+    return out
+
+
+def measurement_terms(catalogue: Catalogue, *, shaft: bool) -> tuple[Active, ...]:
+    """Terms that every model is fitted with; the gain only where the shaft's is known."""
+    names = [
+        *(['power_gain', 'torque_bend'] if shaft else []),
+        *('current_offset', 'offset_drift', 'torque_bias', 'velocity_lag'),
+    ]
+    return tuple(Active.of(catalogue[name]) for name in names)
+
+
+def best_shape(fitter: Fitter, structure: Structure, name: str, start: Fit | None = None) -> Fit:
+    """The fit with the shape of one effect that leaves the least error over the drives."""
+    effect = next(active.effect for active in structure.actives if active.name == name)
+    signals = fitter.prepared.signals
+    fits: list[Fit] = []
+    for shape in effect.shapes:
+        if effect.usable(signals, **shape):
+            trial = tuple(
+                replace(active, shape=tuple(shape.items())) if active.name == name else active
+                for active in structure.actives
+            )
+            fits.append(fitter.fit(Structure(trial), start, iterations=1))
+    return min(fits, key=lambda fit: float(np.log(np.maximum(fit.mse, 1e-9)).sum()))
