@@ -1,0 +1,197 @@
+"""Fixtures for tests across processes: a ROS domain of their own, and nodes run in it."""
+
+import fcntl
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+PATIENCE = 30.0
+DOMAINS = range(1, 101)
+ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
+
+
+def _is_quiet(domain: int) -> bool:
+    """Tell whether nobody listens where the first participant of a domain would."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(('127.0.0.1', 7410 + 250 * domain))
+        except OSError:
+            return False
+    return True
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """
+    Reserve a ROS_DOMAIN_ID between 1 and 100 for one test and set it in the environment.
+
+    A lock on a file in the temporary folder keeps it from tests that run at the same time, in
+    other workers or other checkouts.
+    """
+    start = os.getpid()
+    for step in range(len(DOMAINS)):
+        domain = DOMAINS[(start + step) % len(DOMAINS)]
+        path = Path(tempfile.gettempdir()) / f'wattwalk_ros_domain_{domain}.lock'
+        with path.open('w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            if not _is_quiet(domain):
+                continue
+            monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+            monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+            yield domain
+            return
+    pytest.fail('all ROS domains from 1 to 100 are taken')
+
+
+class NodeProcess:
+    """A running process whose output, stderr included, can be waited for."""
+
+    def __init__(self, command: Sequence[str], environment: dict[str, str]):
+        self.command = list(command)
+        self.lines: list[str] = []
+        self._news = threading.Condition()
+        self._process = subprocess.Popen(
+            self.command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=environment,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            with self._news:
+                self.lines.append(line.rstrip('\n'))
+                self._news.notify_all()
+        with self._news:
+            self._news.notify_all()
+
+    @property
+    def output(self) -> str:
+        """Everything written so far."""
+        return '\n'.join(self.lines)
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit code, None while it runs."""
+        return self._process.poll()
+
+    def wait_for_output(self, pattern: str, timeout: float = PATIENCE) -> re.Match[str]:
+        """Wait for a line that a regular expression is found in; fail where none comes."""
+        deadline = time.monotonic() + timeout
+        seen = 0
+        with self._news:
+            while True:
+                while seen < len(self.lines):
+                    match = re.search(pattern, self.lines[seen])
+                    seen += 1
+                    if match is not None:
+                        return match
+                left = deadline - time.monotonic()
+                if left <= 0 or not self._reader.is_alive():
+                    break
+                self._news.wait(min(left, 0.2))
+        pytest.fail(f'no {pattern!r} in the output of {self.command}:\n{self.output}')
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal."""
+        self._process.send_signal(number)
+
+    def interrupt(self) -> None:
+        """Do what Ctrl-C does."""
+        self.send_signal(signal.SIGINT)
+
+    def wait(self, timeout: float = PATIENCE) -> int:
+        """Wait for the end and return the exit code; fail where it does not end."""
+        try:
+            code = self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            pytest.fail(f'{self.command} did not end; its output:\n{self.output}')
+        self._reader.join(timeout)
+        return code
+
+    def stop(self) -> None:
+        """Interrupt what still runs and make sure that it ends in good order."""
+        if self.returncode is None:
+            self.interrupt()
+            code = self.wait()
+            assert code in ENDED_BY_INTERRUPT, f'{self.command} exited {code}:\n{self.output}'
+
+    def kill(self) -> None:
+        """End it without asking."""
+        if self.returncode is None:
+            self._process.kill()
+            self._process.wait()
+
+
+class NodeProcesses:
+    """Starts processes in the test's domain and remembers them."""
+
+    def __init__(self) -> None:
+        self.started: list[NodeProcess] = []
+
+    def __call__(self, package: str, executable: str, *arguments: str) -> NodeProcess:
+        """Start `ros2 run package executable arguments…`."""
+        return self.command('ros2', 'run', package, executable, *arguments)
+
+    def ros2(self, *arguments: str) -> NodeProcess:
+        """Start `ros2 arguments…`."""
+        return self.command('ros2', *arguments)
+
+    def python(self, *arguments: str | Path, **environment: str) -> NodeProcess:
+        """Start this Python, for instance with a script or `-m module`."""
+        return self.command(sys.executable, *arguments, **environment)
+
+    def command(self, *arguments: str | Path, **environment: str) -> NodeProcess:
+        """Start any command; keywords are added to its environment."""
+        first, *rest = map(str, arguments)
+        beside = Path(sys.executable).with_name(first)
+        found = str(beside) if beside.is_file() else shutil.which(first)
+        assert found is not None, f'{first} is not installed'
+        added = {'PYTHONUNBUFFERED': '1', **environment}
+        process = NodeProcess([found, *rest], {**os.environ, **added})
+        self.started.append(process)
+        return process
+
+
+@pytest.fixture
+def node_process(ros_domain: int) -> Iterator[NodeProcesses]:
+    """
+    Start processes in a domain of the test's own.
+
+    `node_process('power_daq', 'daq', '--ros-args', '-p', 'a:=1')` runs an executable of a
+    package; `.ros2(…)`, `.python(…)` and `.command(…)` run the rest. At the end, whatever still
+    runs is interrupted and must exit with 0 or as Ctrl-C makes it.
+    """
+    del ros_domain
+    processes = NodeProcesses()
+    try:
+        yield processes
+        for process in reversed(processes.started):
+            process.stop()
+    finally:
+        for process in processes.started:
+            process.kill()
