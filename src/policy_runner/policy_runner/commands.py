@@ -48,8 +48,8 @@ class RandomCommands:
     of standing between; the first second stands.
     """
 
-    def __init__(self, seed: int = 0, range: CommandRange = CommandRange()) -> None:  # noqa: A002, B008
-        self._range = range
+    def __init__(self, seed: int = 0, span: CommandRange = CommandRange()) -> None:
+        self._span = span
         self._random = np.random.default_rng(seed)
         self._starts = [0.0]
         self._ends = [1.0]
@@ -63,17 +63,17 @@ class RandomCommands:
         value = self._values[index]
         if index == 0:
             return value.copy()
-        share = min((time - self._starts[index]) / self._range.ramp, 1.0)
+        share = min((time - self._starts[index]) / self._span.ramp, 1.0)
         return self._values[index - 1] + share * (value - self._values[index - 1])
 
     def _append(self) -> None:
         start = self._ends[-1]
         self._starts.append(start)
-        self._ends.append(start + self._range.period * self._random.uniform(0.6, 1.4))
+        self._ends.append(start + self._span.period * self._random.uniform(0.6, 1.4))
         self._values.append(self._draw())
 
     def _draw(self) -> NDArray[np.float64]:
-        span, random = self._range, self._random
+        span, random = self._span, self._random
         weights = np.asarray(span.weights) / sum(span.weights)
         kind = _KINDS[int(random.choice(len(_KINDS), p=weights))]
         along = random.uniform(-span.backward, span.forward)

@@ -108,9 +108,10 @@ class TrotConfig:
         return np.column_stack([self.foot_x * FRONT, self.foot_y * LEFT, depth])
 
 
+DEFAULT_TROT: Final = TrotConfig()
 TROTS: Final[Mapping[str, TrotConfig]] = MappingProxyType(
     {
-        'trot': TrotConfig(),
+        'trot': DEFAULT_TROT,
         'trot_slow': TrotConfig(frequency=1.4, duty=0.64, height=0.50, swing_height=0.07),
         'trot_high': TrotConfig(frequency=1.7, height=0.55, swing_height=0.13, foot_y=0.30),
     }

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policy_runner import kinematics
-from policy_runner.gait import TROTS, Feedback, GaitClock, TrotConfig
+from policy_runner.gait import DEFAULT_TROT, TROTS, Feedback, GaitClock, TrotConfig
 from policy_runner.kinematics import LIMITS
 from policy_runner.stance import stance_torque
 
@@ -19,7 +19,7 @@ __all__ = ['TARGET_LIMITS', 'TROTS', 'Feedback', 'ScriptedTrot', 'TrotConfig']
 
 Floats = NDArray[np.float64]
 
-TARGET_LIMITS: Final = LIMITS + (-0.5, 0.5)
+TARGET_LIMITS: Final = LIMITS + np.array([-0.5, 0.5])
 """Lowest and highest target, rad [12, 2]: beyond the joint's limits by what torque takes."""
 
 _ACCELERATION: Final = np.array([1.0, 1.0, 2.0])  # m/s², m/s², rad/s² of commands
@@ -40,7 +40,7 @@ class ScriptedTrot:
     drive carries the weight and overcomes its friction without sagging.
     """
 
-    def __init__(self, config: TrotConfig = TrotConfig()) -> None:  # noqa: B008 frozen
+    def __init__(self, config: TrotConfig = DEFAULT_TROT) -> None:
         self.config = config
         self._rest = config.footholds
         self._top = np.array([config.max_forward, config.max_lateral, config.max_yaw])

@@ -1,0 +1,220 @@
+"""Node that runs a policy on the robot: joint states and IMU in, joint commands out."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import Imu, JointState
+from std_srvs.srv import Trigger
+
+from policy_runner.commands import RandomCommands
+from policy_runner.kinematics import JOINT_NAMES
+from policy_runner.policies import Policy, load_policy
+from policy_runner.safety import FaultKind, SafetyConfig
+from policy_runner.supervisor import Output, State, Supervisor
+
+_SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+_LEVELS = {
+    State.IDLE: DiagnosticStatus.OK,
+    State.STANDING_UP: DiagnosticStatus.OK,
+    State.RUNNING: DiagnosticStatus.OK,
+    State.DAMPING: DiagnosticStatus.ERROR,
+}
+
+
+class PolicyRunner(Node):
+    """Feeds a supervisor from topics at a fixed rate and sends what it gives."""
+
+    def __init__(self, policy: Policy, name: str, options: argparse.Namespace) -> None:
+        super().__init__('policy_runner')
+        rate = self._parameter('rate', policy.rate, 10.0, 400.0, 'Hz at which the policy runs')
+        safety = SafetyConfig()
+        stale = self._parameter(
+            'stale_after', safety.stale_after, 0.01, 1.0, 's; older joint_states or imu: damping'
+        )
+        tilt = self._parameter('tilt', safety.tilt, 0.1, 1.5, 'rad; more from level: damping')
+        self._name = name
+        self._start_wanted = bool(options.start)
+        source = RandomCommands(options.seed) if options.random_commands else None
+        self._supervisor = Supervisor(
+            policy,
+            SafetyConfig(stale_after=stale, tilt=tilt),
+            restart_after=options.restart_after,
+            source=source,
+        )
+        simulated = bool(self.get_parameter('use_sim_time').value)
+        self._time = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        self._told: tuple[State, str] | None = None
+
+        inputs = self._supervisor.inputs
+        self.create_subscription(
+            JointState,
+            'joint_states',
+            lambda m: inputs.on_joints(_ns(m), m.name, m.position, m.velocity, self._now()),
+            _SENSORS,
+        )
+        self.create_subscription(Imu, 'imu', self._on_imu, _SENSORS)
+        self.create_subscription(Odometry, 'odom', self._on_odom, _SENSORS)
+        self.create_subscription(TwistStamped, 'cmd_vel', self._on_command, _SENSORS)
+        self._commands = self.create_publisher(JointState, 'joint_commands', _COMMANDS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        self.create_service(Trigger, 'start', lambda q, a: self._serve(a, self._supervisor.start))
+        self.create_service(Trigger, 'stop', lambda q, a: self._serve(a, self._supervisor.stop))
+        self.create_service(
+            Trigger, 'estop', lambda q, a: self._serve(a, self._supervisor.emergency_stop)
+        )
+        self.create_timer(1.0 / rate, self._step, clock=self._time)
+        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def damp(self) -> None:
+        """Send a last damping command."""
+        self._send(Output(None))
+
+    def _parameter(
+        self, name: str, default: float, low: float, high: float, description: str
+    ) -> float:
+        descriptor = ParameterDescriptor(
+            description=description,
+            read_only=True,
+            floating_point_range=[FloatingPointRange(from_value=low, to_value=high, step=0.0)],
+        )
+        return float(self.declare_parameter(name, default, descriptor).value)
+
+    def _now(self) -> float:
+        return float(self._time.now().nanoseconds) * 1e-9
+
+    def _on_imu(self, message: Imu) -> None:
+        q, w = message.orientation, message.angular_velocity
+        self._supervisor.inputs.on_imu(
+            _ns(message), (q.x, q.y, q.z, q.w), (w.x, w.y, w.z), self._now()
+        )
+
+    def _on_odom(self, message: Odometry) -> None:
+        v = message.twist.twist.linear
+        self._supervisor.inputs.on_odom(_ns(message), (v.x, v.y, v.z), self._now())
+
+    def _on_command(self, message: TwistStamped) -> None:
+        twist = message.twist
+        self._supervisor.inputs.on_command(
+            (twist.linear.x, twist.linear.y, twist.angular.z), self._now()
+        )
+
+    def _serve(self, answer, action):  # type: ignore[no-untyped-def]
+        self._start_wanted = False
+        answer.success, answer.message = action(self._now())
+        self._announce()
+        return answer
+
+    def _step(self) -> None:
+        now = self._now()
+        if self._start_wanted and self._supervisor.start(now)[0]:
+            self._start_wanted = False
+        output = self._supervisor.update(now)
+        if output is not None:
+            self._send(output)
+        self._announce()
+
+    def _send(self, output: Output) -> None:
+        message = JointState()
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.name = list(JOINT_NAMES)
+        if output.targets is None:
+            message.velocity = [0.0] * len(JOINT_NAMES)
+        else:
+            message.position = output.targets.tolist()
+        self._commands.publish(message)
+
+    def _announce(self) -> None:
+        state, reason = self._supervisor.state, self._supervisor.reason
+        if (state, reason) == self._told:
+            return
+        self._told = (state, reason)
+        fault = self._supervisor.fault
+        if fault is None or fault.kind is FaultKind.STOP:
+            self.get_logger().info(f'{self._name}: {reason}')
+        else:
+            self.get_logger().error(f'{self._name}: damping, {reason}')
+        self._diagnose()
+
+    def _diagnose(self) -> None:
+        supervisor, now = self._supervisor, self._now()
+        inputs = supervisor.inputs
+        values = {
+            'state': supervisor.state.value,
+            'policy': self._name,
+            'faults': str(supervisor.faults),
+            'joint_states age [ms]': f'{(now - inputs.joint_time) * 1e3:.1f}',
+            'imu age [ms]': f'{(now - inputs.imu_time) * 1e3:.1f}',
+            'command': ' '.join(f'{value:.2f}' for value in supervisor.command(now)),
+        }
+        status = DiagnosticStatus(
+            level=_LEVELS[supervisor.state],
+            name='policy_runner',
+            message=supervisor.reason,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+
+def _ns(message: JointState | Imu | Odometry) -> int:
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _options(args: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='ros2 run policy_runner run',
+        description='Run a walking policy on the robot, safely.',
+        epilog='example: ros2 run policy_runner run --policy trot --start --random-commands',
+    )
+    parser.add_argument('--policy', default='trot', help='trot, trot_slow or trot_high')
+    parser.add_argument('--start', action='store_true', help='do not wait for the service start')
+    parser.add_argument(
+        '--restart-after',
+        type=float,
+        default=0.0,
+        metavar='S',
+        help='start again by itself S s after a fault; 0: never',
+    )
+    parser.add_argument(
+        '--random-commands', action='store_true', help='walk about instead of following cmd_vel'
+    )
+    parser.add_argument('--seed', type=int, default=0, help='of the random commands')
+    arguments = remove_ros_args(sys.argv)[1:] if args is None else remove_ros_args(list(args))
+    return parser.parse_args(arguments)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted; 2 for bad input."""
+    options = _options(args)
+    try:
+        policy = load_policy(options.policy)
+        if not options.restart_after >= 0.0:
+            raise ValueError(f'--restart-after is {options.restart_after}; give 0 or more seconds')
+    except ValueError as error:
+        print(f'policy_runner: {error}', file=sys.stderr)
+        return 2
+    rclpy.init(args=args)
+    node = PolicyRunner(policy, options.policy, options)
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.damp()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

@@ -1,0 +1,152 @@
+"""The states of running a policy: idle, standing up, running, damping."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policy_runner.inputs import Inputs
+from policy_runner.policies import Policy
+from policy_runner.safety import Fault, FaultKind, SafetyConfig, SafetyMonitor, TargetLimiter
+
+Floats = NDArray[np.float64]
+
+
+class State(Enum):
+    """What the runner is doing; idle sends nothing, damping sends zero velocity."""
+
+    IDLE = 'idle'
+    STANDING_UP = 'standing up'
+    RUNNING = 'running'
+    DAMPING = 'damping'
+
+
+@dataclass(frozen=True)
+class Output:
+    """What to send to the drives: targets, rad [12], or damping if there are none."""
+
+    targets: Floats | None
+
+
+class Supervisor:
+    """
+    Runs a policy for as long as that is safe, and damps from the first fault on.
+
+    restart_after: s of sound inputs after which it starts again by itself, 0 for never; an
+    emergency stop always waits for stop() and then start().
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        config: SafetyConfig | None = None,
+        *,
+        restart_after: float = 0.0,
+        source: Callable[[float], Floats] | None = None,
+    ) -> None:
+        if not restart_after >= 0.0:
+            raise ValueError(f'restart_after is {restart_after!r} s; it must be 0 or more')
+        self.state = State.IDLE
+        self.fault: Fault | None = None
+        self.inputs = Inputs()
+        self.faults = 0
+        self._policy = policy
+        self._config = config = config or SafetyConfig()
+        self._monitor = SafetyMonitor(config)
+        self._limiter = TargetLimiter(config.target_rate)
+        self._restart_after = restart_after
+        self._source = source
+        self._since = 0.0
+        self._sound_since: float | None = None
+        self._last = 0.0
+
+    @property
+    def reason(self) -> str:
+        """Why the runner is in its state, for people."""
+        return str(self.fault) if self.fault is not None else self.state.value
+
+    def start(self, now: float) -> tuple[bool, str]:
+        """Stand up and run, if the inputs are sound; tells whether it does, and why not."""
+        if self.state in (State.STANDING_UP, State.RUNNING):
+            return True, f'already {self.state.value}'
+        if self.fault is not None and self.fault.kind is FaultKind.EMERGENCY_STOP:
+            return False, 'emergency stop holds; call stop first to release it'
+        fault = self._monitor.inputs(self.inputs, now)
+        if fault is not None:
+            return False, str(fault)
+        self.fault = None
+        self.state = State.STANDING_UP
+        self._since = self._last = now
+        self._policy.reset()
+        self._limiter.reset(self.inputs.position)
+        return True, 'standing up'
+
+    def stop(self, now: float) -> tuple[bool, str]:
+        """Damp, and stay damped; releases an emergency stop."""
+        self._damp(Fault(FaultKind.STOP, 'asked for'), now)
+        return True, 'damping'
+
+    def emergency_stop(self, now: float) -> tuple[bool, str]:
+        """Damp until stop() and start() are called."""
+        self._damp(Fault(FaultKind.EMERGENCY_STOP, 'asked for'), now)
+        return True, 'damping'
+
+    def update(self, now: float) -> Output | None:
+        """Take one step at time now, s; None while there is nothing to send."""
+        fault = self._monitor.inputs(self.inputs, now)
+        if self.state in (State.STANDING_UP, State.RUNNING):
+            if fault is None:
+                return self._run(now)
+            self._damp(fault, now)
+        elif self.state is State.DAMPING:
+            self._consider_restart(fault, now)
+        return Output(None) if self.state is State.DAMPING else None
+
+    def command(self, now: float) -> Floats:
+        """Velocity command in force: vx, vy in m/s, yaw rate in rad/s [3]."""
+        if self.state is not State.RUNNING:
+            return np.zeros(3)
+        if self._source is not None:
+            return self._source(now - self._since)
+        if now - self.inputs.command_time > self._config.command_timeout:
+            return np.zeros(3)
+        return self.inputs.command
+
+    def _run(self, now: float) -> Output:
+        if self.state is State.STANDING_UP and now - self._since >= self._policy.ramp:
+            self.state = State.RUNNING
+            self._since = now
+        fresh = now - self.inputs.odom_time <= self._config.stale_after
+        velocity = self.inputs.base_velocity
+        known = velocity if fresh and np.isfinite(velocity).all() else None
+        targets = self._policy.step(now, self.command(now), self.inputs, known)
+        fault = self._monitor.targets(targets)
+        if fault is not None:
+            self._damp(fault, now)
+            return Output(None)
+        limited = self._limiter(targets, max(now - self._last, 0.0))
+        self._last = now
+        return Output(limited)
+
+    def _damp(self, fault: Fault, now: float) -> None:
+        if fault.kind is FaultKind.STOP and self.state is State.IDLE:
+            return
+        self.state = State.DAMPING
+        self.fault = fault
+        self.faults += fault.kind is not FaultKind.STOP
+        self._sound_since = None
+        self._since = now
+
+    def _consider_restart(self, fault: Fault | None, now: float) -> None:
+        asked = self.fault is not None and self.fault.kind in (
+            FaultKind.STOP,
+            FaultKind.EMERGENCY_STOP,
+        )
+        if fault is not None or asked or self._restart_after == 0.0:
+            self._sound_since = None
+        elif self._sound_since is None:
+            self._sound_since = now
+        elif now - self._sound_since >= self._restart_after:
+            self.start(now)
