@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policy_runner.inputs import Inputs
-from policy_runner.kinematics import LIMITS
+from policy_runner.kinematics import JOINT_NAMES, LIMITS
 from policy_runner.trot import TARGET_LIMITS
 
 Floats = NDArray[np.float64]
@@ -124,7 +124,7 @@ class SafetyMonitor:
         if beyond[worst] > self._config.target_excess:
             return Fault(
                 FaultKind.TARGET_RANGE,
-                f'joint {worst} wanted at {targets[worst]:.2f} rad, '
+                f'{JOINT_NAMES[worst]} wanted at {targets[worst]:.2f} rad, '
                 f'limits {low[worst]:.2f}..{high[worst]:.2f} rad',
             )
         return None
