@@ -1,17 +1,15 @@
 """
-How many times faster than real time a bag becomes an aligned dataset, on one core.
+How many times faster than real time a bag becomes an aligned dataset.
+
+The ratio counts CPU time, so that it is that of one core whatever else runs.
 
     python bench/alignment.py [--seconds 120] [--keep BAG]
 """
 
 import argparse
-import os
 import tempfile
 import time
 from pathlib import Path
-
-for variable in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
-    os.environ[variable] = '1'
 
 import numpy as np
 from power_daq.recording import cdr

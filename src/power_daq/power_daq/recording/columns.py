@@ -101,7 +101,8 @@ class Columns:
 
     def names(self, path: str = 'name') -> tuple[str, ...]:
         """All names that occur, in the order in which they come up."""
-        return tuple(dict.fromkeys(n for block in self.blocks for n in block.strings(path)))
+        blocks = sorted(self.blocks, key=lambda block: int(block.order[0]))
+        return tuple(dict.fromkeys(name for block in blocks for name in block.strings(path)))
 
     def by_name(self, path: str, names: Sequence[str]) -> NDArray[Any]:
         """The values of an array field put in the order of names, [N, D]; NaN where missing."""
