@@ -152,6 +152,9 @@ class NodeProcesses:
 
     def __init__(self) -> None:
         self.started: list[NodeProcess] = []
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+            # Started in the background of a shell; children would inherit deafness to Ctrl-C.
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def __call__(self, package: str, executable: str, *arguments: str) -> NodeProcess:
         """Start `ros2 run package executable arguments…`."""

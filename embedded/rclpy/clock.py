@@ -14,7 +14,9 @@ class Clock:
 
     _clock_type: ClockType
 
-    def __new__(cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> 'Clock':
+    def __new__(  # noqa: D102
+        cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME
+    ) -> 'Clock':
         if not isinstance(clock_type, ClockType):
             raise TypeError('Clock type must be a ClockType enum')
         kind: Any = ROSClock if clock_type is ClockType.ROS_TIME else cls
@@ -52,7 +54,7 @@ class ROSClock(Clock):
 
     _simulated: int | None
 
-    def __new__(cls, **_: Any) -> 'ROSClock':
+    def __new__(cls, **_: Any) -> 'ROSClock':  # noqa: D102
         self = object.__new__(cls)
         self._clock_type = ClockType.ROS_TIME
         self._simulated = None

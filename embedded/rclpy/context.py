@@ -10,7 +10,8 @@ from typing import Any
 from weakref import WeakSet
 
 from rclpy import logging, signals
-from rclpy.exceptions import NotInitializedException, RCLError
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.exceptions import NotInitializedException
 from rclpy.impl.arguments import RosArguments, parse
 from rclpy.impl.graph import Graph
 from rclpy.impl.transport import Participant

@@ -1,25 +1,13 @@
-"""The exceptions of rclpy."""
+"""The exceptions of rclpy, which has them without the suffix Error."""
+
+# ruff: noqa: N818
 
 from typing import TYPE_CHECKING, Any
 
+from rclpy._rclpy_pybind11 import InvalidHandle as InvalidHandle
+
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter
-
-
-class RCLError(RuntimeError):
-    """Raised when something below fails."""
-
-
-class InvalidHandle(Exception):
-    """Raised when an entity is used after it was destroyed."""
-
-
-class UnknownROSArgsError(RuntimeError):
-    """Raised when there are unknown arguments after --ros-args."""
-
-
-class RCLInvalidROSArgsError(RCLError):
-    """Raised when arguments after --ros-args cannot be read."""
 
 
 class NotInitializedException(Exception):

@@ -15,12 +15,8 @@ from rclpy.utilities import get_default_context
 LONGEST_WAIT_NS = 100_000_000
 
 
-class ExternalShutdownException(Exception):
+class ExternalShutdownException(Exception):  # noqa: N818
     """Raised when the context is shut down while spinning, for instance by SIGTERM."""
-
-
-class ShutdownException(Exception):
-    """Raised when the executor was shut down."""
 
 
 class SingleThreadedExecutor:

@@ -112,11 +112,11 @@ class RcutilsLogger:
         level = LoggingSeverity(severity)
         if not self.is_enabled_for(level):
             return False
-        if once or skip_first or throttle_duration_sec is not None:
-            if not self._is_due(
-                once, skip_first, throttle_duration_sec, throttle_time_source_type
-            ):
-                return False
+        limited = once or skip_first or throttle_duration_sec is not None
+        if limited and not self._is_due(
+            once, skip_first, throttle_duration_sec, throttle_time_source_type
+        ):
+            return False
         _write(level, self.name, str(message))
         return True
 

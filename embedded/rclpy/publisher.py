@@ -2,10 +2,11 @@
 
 from typing import Any
 
+from cyclonedds.core import DDSException
 from rosidl_embedded import codec, definitions
 
+from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.event_handler import IncompatibleQos
-from rclpy.exceptions import InvalidHandle, RCLError
 from rclpy.impl.graph import dds_type
 from rclpy.impl.transport import raw_type
 from rclpy.qos import QoSProfile, to_dds
@@ -47,7 +48,8 @@ class Publisher:
         Send a message, or CDR bytes as they are.
 
         Raises TypeError for another type or a field that its type cannot hold, InvalidHandle
-        after destruction and RCLError after shutdown.
+        after destruction, RCLError after shutdown or where subscriptions that
+        want all messages lag behind.
         """
         if msg.__class__ is self.msg_type:
             cdr = codec.serialize(msg)
@@ -60,7 +62,10 @@ class Publisher:
             raise RCLError("Failed to publish: publisher's context is invalid")
         if writer is None:
             raise InvalidHandle('cannot use Destroyable because destruction was requested')
-        writer.write(self._raw(cdr))
+        try:
+            writer.write(self._raw(cdr))
+        except DDSException as error:
+            raise RCLError(f"Failed to publish on '{self._topic}': {error}") from error
 
     def get_subscription_count(self) -> int:
         """Return the number of subscriptions that get the messages."""

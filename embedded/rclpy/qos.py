@@ -9,9 +9,10 @@ from cyclonedds.qos import Policy, Qos
 from rclpy.duration import Duration, Infinite
 
 UNSPECIFIED = Duration()
+LONGEST_BLOCK_NS = 100_000_000
 
 
-class InvalidQoSProfileException(Exception):
+class InvalidQoSProfileException(Exception):  # noqa: N818
     """Raised when a profile is made of invalid arguments."""
 
     def __init__(self, *args: object):
@@ -213,7 +214,7 @@ def to_dds(profile: QoSProfile, user_data: str) -> Qos:
     if profile.reliability == ReliabilityPolicy.BEST_EFFORT:
         policies.append(Policy.Reliability.BestEffort)
     else:
-        policies.append(Policy.Reliability.Reliable(max_blocking_time=Infinite.nanoseconds))
+        policies.append(Policy.Reliability.Reliable(max_blocking_time=LONGEST_BLOCK_NS))
     if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
         policies.append(Policy.Durability.TransientLocal)
         policies.append(Policy.DurabilityService(0, history, -1, -1, -1))

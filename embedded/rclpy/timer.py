@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.clock import Clock, ROSClock
-from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidHandle
 
 
@@ -100,9 +99,8 @@ class Timer:
             return False
         now = self._clock.nanoseconds()
         if now < self._next:
-            if now < self._last and self._clock.clock_type is ClockType.ROS_TIME:
-                if not self._follows_wall_time():
-                    self._jumped()
+            if now < self._last and not self._follows_wall_time():
+                self._jumped()
             return False
         self._last = now
         self._next += self._period

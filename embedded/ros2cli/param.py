@@ -139,7 +139,7 @@ def _dump(options: argparse.Namespace) -> None:
 
 
 def _load(options: argparse.Namespace) -> int:
-    from rclpy.exceptions import RCLInvalidROSArgsError
+    from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError
     from rclpy.impl.arguments import RosArguments, parameter_file
 
     absolute = options.node if options.node.startswith('/') else f'/{options.node}'

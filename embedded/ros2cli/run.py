@@ -38,11 +38,11 @@ def packages() -> dict[str, dict[str, Path]]:
     return found
 
 
-def main(argv: Sequence[str]) -> int:
+def main(argv: Sequence[str]) -> int | None:
     """Replace this process by the executable."""
     if not argv or argv[0] in ('-h', '--help'):
         print(USAGE)
-        return 0
+        return None
     if len(argv) < 2:
         raise CommandError(
             f"which executable of '{argv[0]}'? See 'ros2 pkg executables {argv[0]}'"

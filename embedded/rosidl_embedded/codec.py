@@ -1,7 +1,6 @@
 """CDR: message objects to bytes and back, by the functions that rosbags generates."""
 
 import struct
-from functools import cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -14,6 +13,7 @@ from rosidl_embedded.message import Message, class_of
 LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 
 _store = Typestore()
+_functions: dict[type[Message], Any] = {}
 
 
 def _nested(desc: FieldDesc) -> str | None:
@@ -22,15 +22,17 @@ def _nested(desc: FieldDesc) -> str | None:
     return str(desc[1]) if desc[0] == Nodetype.NAME else None
 
 
-@cache
-def _register(cls: type[Message]) -> Any:
+def _register(cls: Any) -> Any:
     """Generate the CDR functions of a message and of all that is nested in it."""
-    for _, desc in cls._wire_fields:  # type: ignore[attr-defined]
+    if cls in _functions:
+        return _functions[cls]
+    for _, desc in cls._wire_fields:
         if (inner := _nested(desc)) is not None:
             _register(class_of(inner))
-    _store.fielddefs[cls._type_name] = ([], cls._wire_fields)  # type: ignore[attr-defined]
-    _store.types[cls._type_name] = cls._from_wire  # type: ignore[assignment]
-    return _store.get_msgdef(cls._type_name)
+    _store.fielddefs[cls._type_name] = ([], cls._wire_fields)
+    _store.types[cls._type_name] = cls._from_wire
+    _functions[cls] = _store.get_msgdef(cls._type_name)
+    return _functions[cls]
 
 
 def serialize(message: Message, prefix: bytes = b'') -> bytes:
@@ -40,7 +42,7 @@ def serialize(message: Message, prefix: bytes = b'') -> bytes:
     A prefix of a multiple of eight bytes goes between the encapsulation and the message.
     Raises TypeError where a field holds what its type cannot.
     """
-    functions = _register(message.__class__)
+    functions = _functions.get(message.__class__) or _register(message.__class__)
     start = 4 + len(prefix)
     try:
         buffer = bytearray(start + functions.getsize_cdr(0, message, _store))
@@ -57,7 +59,7 @@ def deserialize(data: bytes, cls: type[Message], skip: int = 0) -> Any:
 
     Raises ValueError where the bytes are no such message.
     """
-    functions = _register(cls)
+    functions = _functions.get(cls) or _register(cls)
     if len(data) < 4 or data[0] != 0 or data[1] > 1:
         raise ValueError(f'no CDR of {cls._type_name}: {data[:4].hex()}')
     read = functions.deserialize_cdr_le if data[1] else functions.deserialize_cdr_be

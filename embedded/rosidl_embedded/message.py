@@ -144,7 +144,9 @@ class _Field:
             self.wire, self.receive = f'_wire_{self.name}', f'bytes(({self.name} & 255,))'
         else:
             value = definitions.DEFAULTS.get((type_name, self.name))
-            self.default = SCALAR_DEFAULTS.get(desc[1][0], '0') if value is None else repr(value)
+            self.default = (
+                SCALAR_DEFAULTS.get(str(desc[1][0]), '0') if value is None else repr(value)
+            )
 
     def _numbers(self, typecode: str, desc: FieldDesc) -> None:
         self.slot = self.wire = f'_{self.name}'
@@ -209,7 +211,7 @@ def _property(field: _Field, checked: bool) -> property:
     }
     value = field.assign or 'value'
     test = f'\n    check({field.name!r}, {field.idl!r}, value)' if checked else ''
-    exec(  # noqa: S102
+    exec(
         f'def get(self):\n    return self.{field.slot}\n'
         f'def put(self, value):{test}\n    self.{field.slot} = {value}\n',
         scope,
@@ -266,7 +268,7 @@ def _initialiser(fields: list[_Field], scope: dict[str, Any]) -> Callable[..., N
             '    else:',
             f'        self.{field.name} = {field.name}',
         ]
-    exec('\n'.join(lines), scope)  # noqa: S102
+    exec('\n'.join(lines), scope)
     return scope['__init__']
 
 
@@ -275,11 +277,11 @@ def _receiver(
 ) -> Callable[..., Message]:
     lines = [f'def receive({", ".join(field.name for field in fields)}):', '    self = new(cls)']
     lines += [f'    self.{field.slot} = {field.receive or field.name}' for field in shown]
-    exec('\n'.join([*lines, '    return self']), scope)  # noqa: S102
+    exec('\n'.join([*lines, '    return self']), scope)
     return scope['receive']
 
 
-def message_class(package: str, name: str, kind: str = 'msg') -> type[Message]:
+def message_class(package: str, name: str, kind: str = 'msg') -> Any:
     """
     Return a message class by package and name.
 

@@ -15,10 +15,10 @@ def _parts(identifier: str, kind: str) -> tuple[str, str]:
 
 
 def get_message(identifier: str) -> Any:
-    """Return the class of `pkg/msg/Name`; raise ValueError or AttributeError where there is none."""
+    """Return the class of `pkg/msg/Name`; raise ValueError or AttributeError without one."""
     return message_class(*_parts(identifier, 'msg'))
 
 
 def get_service(identifier: str) -> Any:
-    """Return the class of `pkg/srv/Name`; raise ValueError or AttributeError where there is none."""
+    """Return the class of `pkg/srv/Name`; raise ValueError or AttributeError without one."""
     return service_class(*_parts(identifier, 'srv'))

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from rclpy.exceptions import RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.impl import names
 
 FLAGS_WITHOUT_VALUE = re.compile(r'--(?:enable|disable)-(?:rosout|stdout|external-lib)-logs?')

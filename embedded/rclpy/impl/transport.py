@@ -170,11 +170,11 @@ class EntityWaitSet(WaitSet):
     @c_call('dds_waitset_wait')
     def _wait_with_marks(
         self,
-        waitset: dds_c_t.entity,
-        xs: ctypes.POINTER(dds_c_t.attach),
+        waitset: dds_c_t.entity,  # type: ignore[valid-type]
+        xs: ctypes.POINTER(dds_c_t.attach),  # type: ignore[valid-type]
         nxs: ctypes.c_size_t,
-        reltimeout: dds_c_t.duration,
-    ) -> dds_c_t.returnv:
+        reltimeout: dds_c_t.duration,  # type: ignore[valid-type]
+    ) -> dds_c_t.returnv:  # type: ignore[valid-type]
         pass
 
 
