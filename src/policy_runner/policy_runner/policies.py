@@ -1,6 +1,6 @@
 """Policies by name, behind one interface."""
 
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +53,12 @@ class TrotPolicy:
         )
 
 
+POLICIES: Final = tuple(TROTS)
+"""Names of the policies there are."""
+
+
 def load_policy(name: str) -> Policy:
-    """Make the policy of a name; ValueError, with those there are, if there is none."""
-    if name not in TROTS:
-        raise ValueError(f'no policy {name!r}; there are {", ".join(TROTS)}')
+    """Make the policy of a name; KeyError, with those there are, if there is none."""
+    if name not in POLICIES:
+        raise KeyError(f'no policy {name!r}; there are {", ".join(POLICIES)}')
     return TrotPolicy(ScriptedTrot(TROTS[name]))

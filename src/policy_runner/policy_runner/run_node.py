@@ -1,7 +1,6 @@
 """Node that runs a policy on the robot: joint states and IMU in, joint commands out."""
 
-import argparse
-import sys
+import signal
 from collections.abc import Sequence
 
 import rclpy
@@ -10,42 +9,40 @@ from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
 
 from policy_runner.commands import RandomCommands
 from policy_runner.kinematics import JOINT_NAMES
-from policy_runner.policies import Policy, load_policy
+from policy_runner.options import InputError, Options, command, parse
+from policy_runner.policies import load_policy
 from policy_runner.safety import FaultKind, SafetyConfig
 from policy_runner.supervisor import Output, State, Supervisor
 
 _SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-_LEVELS = {
-    State.IDLE: DiagnosticStatus.OK,
-    State.STANDING_UP: DiagnosticStatus.OK,
-    State.RUNNING: DiagnosticStatus.OK,
-    State.DAMPING: DiagnosticStatus.ERROR,
-}
 
 
 class PolicyRunner(Node):
     """Feeds a supervisor from topics at a fixed rate and sends what it gives."""
 
-    def __init__(self, policy: Policy, name: str, options: argparse.Namespace) -> None:
+    def __init__(self, options: Options) -> None:
         super().__init__('policy_runner')
+        policy = load_policy(options.policy)
         rate = self._parameter('rate', policy.rate, 10.0, 400.0, 'Hz at which the policy runs')
         safety = SafetyConfig()
         stale = self._parameter(
             'stale_after', safety.stale_after, 0.01, 1.0, 's; older joint_states or imu: damping'
         )
         tilt = self._parameter('tilt', safety.tilt, 0.1, 1.5, 'rad; more from level: damping')
-        self._name = name
-        self._start_wanted = bool(options.start)
+        self._name = options.policy
+        self._start_wanted = options.start
         source = RandomCommands(options.seed) if options.random_commands else None
         self._supervisor = Supervisor(
             policy,
@@ -78,8 +75,9 @@ class PolicyRunner(Node):
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def damp(self) -> None:
-        """Send a last damping command."""
-        self._send(Output(None))
+        """Send a last damping command, if any was sent before."""
+        if self._supervisor.state is not State.IDLE:
+            self._send(Output(None))
 
     def _parameter(
         self, name: str, default: float, low: float, high: float, description: str
@@ -89,7 +87,13 @@ class PolicyRunner(Node):
             read_only=True,
             floating_point_range=[FloatingPointRange(from_value=low, to_value=high, step=0.0)],
         )
-        return float(self.declare_parameter(name, default, descriptor).value)
+        try:
+            return float(self.declare_parameter(name, default, descriptor).value)
+        except ParameterException as error:
+            raise InputError(
+                f'parameter {name}: {error}; expected a number with a decimal point '
+                f'from {low:g} to {high:g}'
+            ) from error
 
     def _now(self) -> float:
         return float(self._time.now().nanoseconds) * 1e-9
@@ -148,21 +152,14 @@ class PolicyRunner(Node):
         self._diagnose()
 
     def _diagnose(self) -> None:
-        supervisor, now = self._supervisor, self._now()
-        inputs = supervisor.inputs
-        values = {
-            'state': supervisor.state.value,
-            'policy': self._name,
-            'faults': str(supervisor.faults),
-            'joint_states age [ms]': f'{(now - inputs.joint_time) * 1e3:.1f}',
-            'imu age [ms]': f'{(now - inputs.imu_time) * 1e3:.1f}',
-            'command': ' '.join(f'{value:.2f}' for value in supervisor.command(now)),
-        }
+        figures = {'policy': self._name, **self._supervisor.figures(self._now())}
+        fault = self._supervisor.fault
+        sound = fault is None or fault.kind is FaultKind.STOP
         status = DiagnosticStatus(
-            level=_LEVELS[supervisor.state],
+            level=DiagnosticStatus.OK if sound else DiagnosticStatus.ERROR,
             name='policy_runner',
-            message=supervisor.reason,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            message=self._supervisor.reason,
+            values=[KeyValue(key=key, value=value) for key, value in figures.items()],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
@@ -174,47 +171,21 @@ def _ns(message: JointState | Imu | Odometry) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def _options(args: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run policy_runner run',
-        description='Run a walking policy on the robot, safely.',
-        epilog='example: ros2 run policy_runner run --policy trot --start --random-commands',
-    )
-    parser.add_argument('--policy', default='trot', help='trot, trot_slow or trot_high')
-    parser.add_argument('--start', action='store_true', help='do not wait for the service start')
-    parser.add_argument(
-        '--restart-after',
-        type=float,
-        default=0.0,
-        metavar='S',
-        help='start again by itself S s after a fault; 0: never',
-    )
-    parser.add_argument(
-        '--random-commands', action='store_true', help='walk about instead of following cmd_vel'
-    )
-    parser.add_argument('--seed', type=int, default=0, help='of the random commands')
-    arguments = remove_ros_args(sys.argv)[1:] if args is None else remove_ros_args(list(args))
-    return parser.parse_args(arguments)
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted; 2 for bad input."""
-    options = _options(args)
+@command
+def main(arguments: Sequence[str]) -> None:
+    """Run the node until it is interrupted; the drives are damped when it ends."""
+    options = parse(remove_ros_args(list(arguments)))
+    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+    node = None
     try:
-        policy = load_policy(options.policy)
-        if not options.restart_after >= 0.0:
-            raise ValueError(f'--restart-after is {options.restart_after}; give 0 or more seconds')
-    except ValueError as error:
-        print(f'policy_runner: {error}', file=sys.stderr)
-        return 2
-    rclpy.init(args=args)
-    node = PolicyRunner(policy, options.policy, options)
-    try:
+        node = PolicyRunner(options)
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
-        node.damp()
-        node.destroy_node()
+        if node is not None:
+            node.damp()
+            node.destroy_node()
         rclpy.try_shutdown()
-    return 0

@@ -35,7 +35,8 @@ class Supervisor:
     Runs a policy for as long as that is safe, and damps from the first fault on.
 
     restart_after: s of sound inputs after which it starts again by itself, 0 for never; an
-    emergency stop always waits for stop() and then start().
+    emergency stop always waits for stop() and then start(). source: velocity commands by time
+    walked, s, in place of those of the inputs.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class Supervisor:
         self._since = 0.0
         self._sound_since: float | None = None
         self._last = 0.0
+        self._walked = 0.0
 
     @property
     def reason(self) -> str:
@@ -86,7 +88,7 @@ class Supervisor:
     def stop(self, now: float) -> tuple[bool, str]:
         """Damp, and stay damped; releases an emergency stop."""
         self._damp(Fault(FaultKind.STOP, 'asked for'), now)
-        return True, 'damping'
+        return True, self.state.value
 
     def emergency_stop(self, now: float) -> tuple[bool, str]:
         """Damp until stop() and start() are called."""
@@ -109,10 +111,22 @@ class Supervisor:
         if self.state is not State.RUNNING:
             return np.zeros(3)
         if self._source is not None:
-            return self._source(now - self._since)
+            return self._source(self._walked)
         if now - self.inputs.command_time > self._config.command_timeout:
             return np.zeros(3)
         return self.inputs.command
+
+    def figures(self, now: float) -> dict[str, str]:
+        """What diagnostics show beside the reason."""
+        inputs = self.inputs
+        return {
+            'state': self.state.value,
+            'faults': str(self.faults),
+            'joint_states age [ms]': f'{(now - inputs.joint_time) * 1e3:.1f}',
+            'imu age [ms]': f'{(now - inputs.imu_time) * 1e3:.1f}',
+            'odom age [ms]': f'{(now - inputs.odom_time) * 1e3:.1f}',
+            'velocity command': ' '.join(f'{value:.2f}' for value in self.command(now)),
+        }
 
     def _run(self, now: float) -> Output:
         if self.state is State.STANDING_UP and now - self._since >= self._policy.ramp:
@@ -126,7 +140,10 @@ class Supervisor:
         if fault is not None:
             self._damp(fault, now)
             return Output(None)
-        limited = self._limiter(targets, max(now - self._last, 0.0))
+        dt = max(now - self._last, 0.0)
+        limited = self._limiter(targets, dt)
+        if self.state is State.RUNNING:
+            self._walked += dt
         self._last = now
         return Output(limited)
 

@@ -244,6 +244,30 @@ def test_a_stop_is_not_undone_by_the_automatic_restart():
     assert rig.supervisor.faults == 0
 
 
+def test_random_commands_go_on_after_a_restart_where_they_were():
+    asked = []
+
+    def source(time):
+        asked.append(time)
+        return np.zeros(3)
+
+    rig = Rig(restart_after=0.5, source=source).running()
+    rig.go(1.0)
+    before = asked[-1]
+    rig.silent.add('imu')
+    rig.go(0.2)
+    rig.silent.clear()
+    rig.go(0.7)
+    assert rig.supervisor.state is State.RUNNING
+    assert before < asked[-1] < before + 0.3
+
+
+def test_a_stop_while_idle_changes_nothing():
+    rig = Rig()
+    assert rig.supervisor.stop(rig.now) == (True, 'idle')
+    assert rig.go(0.1) is None
+
+
 def test_an_emergency_stop_holds_until_it_is_released():
     rig = Rig(restart_after=0.5).running()
     rig.supervisor.emergency_stop(rig.now)
@@ -339,7 +363,7 @@ def test_limits_that_would_switch_safety_off_are_refused(field, value):
 
 
 def test_unknown_policies_are_refused_with_those_there_are():
-    with pytest.raises(ValueError, match="no policy 'gallop'; there are trot, trot_slow"):
+    with pytest.raises(KeyError, match="no policy 'gallop'; there are trot, trot_slow"):
         load_policy('gallop')
 
 

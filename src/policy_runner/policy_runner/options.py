@@ -1,0 +1,76 @@
+"""The command line of the policy runner."""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import wraps
+
+from policy_runner.policies import POLICIES
+
+
+class InputError(Exception):
+    """Bad input from the user; the message is one line that says what to do."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user asked for; InputError for what cannot be."""
+
+    policy: str = 'trot'
+    start: bool = False
+    restart_after: float = 0.0
+    random_commands: bool = False
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.policy not in POLICIES:
+            raise InputError(f'no policy {self.policy!r}; there are {", ".join(POLICIES)}')
+        if not 0.0 <= self.restart_after < 3600.0:
+            raise InputError(
+                f'--restart-after is {self.restart_after}; give 0 (never) to 3600 seconds'
+            )
+        if self.seed < 0:
+            raise InputError(f'--seed is {self.seed}; give 0 or more')
+
+
+def parse(arguments: Sequence[str]) -> Options:
+    """Read the arguments, ROS ones removed; SystemExit 2 for unknown ones."""
+    parser = argparse.ArgumentParser(
+        prog='ros2 run policy_runner run',
+        description='Run a walking policy on the robot, safely. It waits for the service start.',
+        epilog='example: ros2 run policy_runner run --policy trot --start --random-commands',
+    )
+    parser.add_argument('--policy', default='trot', help=', '.join(POLICIES))
+    parser.add_argument(
+        '--start', action='store_true', help='stand up as soon as the robot is heard'
+    )
+    parser.add_argument(
+        '--restart-after',
+        type=float,
+        default=0.0,
+        metavar='S',
+        help='after a fault, start again once inputs were sound for S s; 0: never',
+    )
+    parser.add_argument(
+        '--random-commands', action='store_true', help='walk about instead of following cmd_vel'
+    )
+    parser.add_argument('--seed', type=int, default=0, help='of the random commands')
+    return Options(**vars(parser.parse_args(list(arguments))))
+
+
+def command(
+    body: Callable[[Sequence[str]], None],
+) -> Callable[[Sequence[str] | None], int]:
+    """Turn a function of the arguments into an entry point: 2 and one line for InputError."""
+
+    @wraps(body)
+    def main(args: Sequence[str] | None = None) -> int:
+        try:
+            body(sys.argv[1:] if args is None else args)
+        except InputError as error:
+            print(f'policy_runner: {error}', file=sys.stderr)
+            return 2
+        return 0
+
+    return main

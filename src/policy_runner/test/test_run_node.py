@@ -1,0 +1,169 @@
+import threading
+import time
+from contextlib import suppress
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from policy_runner.kinematics import DEFAULT_POSE, JOINT_NAMES
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from sensor_msgs.msg import Imu, JointState
+from std_srvs.srv import Trigger
+
+PATIENCE = 30.0
+PATIENT = ('--ros-args', '-p', 'stale_after:=1.0')
+
+
+class FakeRobot:
+    """Joint states and IMU at 100 Hz of a robot whose joints stay where they are."""
+
+    def __init__(self):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node('fake_robot', context=self.context)
+        self.silent = False
+        self.commands, self.reasons = [], []
+        self.joints = self.node.create_publisher(JointState, 'joint_states', 10)
+        self.imu = self.node.create_publisher(Imu, 'imu', 10)
+        self.twist = self.node.create_publisher(TwistStamped, 'cmd_vel', 10)
+        self.node.create_subscription(JointState, 'joint_commands', self.commands.append, 10)
+        self.node.create_subscription(DiagnosticArray, 'diagnostics', self.on_diagnostics, 10)
+        self.services = {
+            name: self.node.create_client(Trigger, name) for name in ('start', 'stop', 'estop')
+        }
+        self.node.create_timer(0.01, self.speak)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.thread = threading.Thread(target=self.spin, daemon=True)
+        self.thread.start()
+
+    def spin(self):
+        with suppress(ExternalShutdownException):
+            self.executor.spin()
+
+    def on_diagnostics(self, message):
+        self.reasons += [s.message for s in message.status if s.name == 'policy_runner']
+
+    def speak(self):
+        if self.silent:
+            return
+        stamp = self.node.get_clock().now().to_msg()
+        joints = JointState(name=list(JOINT_NAMES), position=list(map(float, DEFAULT_POSE)))
+        joints.velocity = [0.0] * 12
+        joints.header.stamp = stamp
+        self.joints.publish(joints)
+        imu = Imu()
+        imu.header.stamp = stamp
+        imu.orientation.w = 1.0
+        self.imu.publish(imu)
+
+    def call(self, name):
+        client = self.services[name]
+        assert client.wait_for_service(timeout_sec=PATIENCE)
+        future = client.call_async(Trigger.Request())
+        wait_until(future.done, f'an answer of {name}')
+        return future.result()
+
+    def close(self):
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+        self.thread.join(PATIENCE)
+
+
+def wait_until(condition, what):
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f'{what} never came'
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def robot(ros_domain):
+    robot = FakeRobot()
+    yield robot
+    robot.close()
+
+
+def started(robot):
+    """Call start until the robot's first messages have reached the node."""
+    wait_until(lambda: robot.call('start').success, 'a start')
+
+
+def test_a_robot_is_run_damped_by_estop_and_only_started_after_stop(robot, node_process):
+    node_process('policy_runner', 'run', '--policy', 'trot', *PATIENT)
+    started(robot)
+    wait_until(lambda: len(robot.commands) > 20, 'commands')
+    command = robot.commands[0]
+    assert list(command.name) == list(JOINT_NAMES)
+    assert np.allclose(command.position, DEFAULT_POSE, atol=0.05)
+    assert len(command.velocity) == len(command.effort) == 0
+    wait_until(lambda: 'running' in robot.reasons, 'running')
+
+    assert robot.call('estop').success
+    robot.commands.clear()
+    wait_until(lambda: len(robot.commands) > 5, 'damping')
+    damping = robot.commands[-1]
+    assert len(damping.position) == 0
+    assert list(damping.velocity) == [0.0] * 12
+    wait_until(lambda: 'emergency stop: asked for' in robot.reasons, 'the reason')
+
+    refused = robot.call('start')
+    assert not refused.success
+    assert 'stop' in refused.message
+    assert robot.call('stop').success
+    assert robot.call('start').success
+
+
+def test_a_robot_that_falls_silent_is_damped_with_the_reason_in_diagnostics(robot, node_process):
+    node = node_process(
+        'policy_runner', 'run', '--start', '--random-commands', '--seed', '3', *PATIENT
+    )
+    wait_until(lambda: 'running' in robot.reasons, 'running')
+    robot.silent = True
+    wait_until(lambda: any('stale input' in reason for reason in robot.reasons), 'the reason')
+    robot.commands.clear()
+    wait_until(lambda: robot.commands, 'damping')
+    assert len(robot.commands[-1].position) == 0
+    node.wait_for_output(r'damping, stale input: (joint_states|imu) is \d+ ms old')
+
+
+def test_a_velocity_command_makes_it_step(robot, node_process):
+    node_process('policy_runner', 'run', '--start', *PATIENT)
+    wait_until(lambda: 'running' in robot.reasons, 'running')
+    robot.commands.clear()
+    twist = TwistStamped()
+    twist.twist.linear.x = 0.4
+
+    def lifted():
+        robot.twist.publish(twist)
+        knees = np.array([list(m.position) for m in robot.commands if len(m.position)])
+        return len(knees) > 0 and np.ptp(knees[:, 2]) > 0.5
+
+    wait_until(lifted, 'a lifted foot')
+
+
+def test_ctrl_c_leaves_the_drives_damped(robot, node_process):
+    node = node_process('policy_runner', 'run', '--start', *PATIENT)
+    wait_until(lambda: 'running' in robot.reasons, 'running')
+    node.interrupt()
+    assert node.wait() == 0
+    wait_until(lambda: len(robot.commands[-1].position) == 0, 'a last damping command')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (('--policy', 'gallop'), "no policy 'gallop'; there are trot, trot_slow, trot_high"),
+        (('--seed', '-3'), '--seed is -3; give 0 or more'),
+        (('--ros-args', '-p', 'rate:=9999.0'), 'from 10 to 400'),
+        (('--ros-args', '-p', 'stale_after:=soon'), 'from 0.01 to 1'),
+        (('--restart-after', '-1'), '--restart-after is -1.0; give 0 (never) to 3600 seconds'),
+    ],
+)
+def test_bad_arguments_end_with_one_line_and_code_2(node_process, arguments, words):
+    node = node_process('policy_runner', 'run', *arguments)
+    assert node.wait() == 2
+    assert words in node.output
+    assert 'Traceback' not in node.output
