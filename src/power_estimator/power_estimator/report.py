@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -21,7 +22,7 @@ def print_table(
     """R² ± spread per drive type (or `drives`) and of the sum, a row a model; best in bold."""
     models = table['models']
     keys = list(dict.fromkeys(key for m in models for key in m[group]))
-    view = Table(title=title, title_justify='left')
+    view = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
     view.add_column('model', no_wrap=True)
     columns = [[m[group].get(key) for m in models] for key in keys]
     totals = [m['total'] for m in models]
@@ -30,18 +31,21 @@ def print_table(
     if any(totals):
         columns.append(totals)
         view.add_column('sum R²', justify='right', no_wrap=True)
-    for name in ('RMSE [W]', 'energy error [%]'):
+    wide = console.width >= 110
+    for name in ('RMSE [W]', 'energy error [%]') if wide else ():
         view.add_column(name, justify='right', no_wrap=True)
     for row, model in enumerate(models):
-        cells = [_r2(column, row) for column in columns]
         each = [s for s in model[group].values() if s]
         view.add_row(
             model['name'],
-            *cells,
-            ' '.join(f'{s["rmse_w"]:.1f}' for s in each),
-            ' '.join(f'{100 * s["energy_error"]:.1f}' for s in each),
+            *(_r2(column, row) for column in columns),
+            *([_join(each, 'rmse_w', 1), _join(each, 'energy_error', 100)] if wide else []),
         )
     console.print(view)
+
+
+def _join(scores: Sequence[Mapping[str, float]], key: str, factor: float) -> str:
+    return ' '.join(f'{factor * score[key]:.1f}' for score in scores)
 
 
 def _r2(column: Sequence[Mapping[str, float] | None], row: int) -> str:

@@ -12,7 +12,7 @@ from power_estimator.whole_robot import WholeRobot
 
 Floats = NDArray[np.float32]
 SHOWN = ('torque_squared', 'mechanical_power', 'acceleration_squared')
-LONGEST = 6.0  # s
+LONGEST = 4.0  # s
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def traces(
     Choose what to show: the drive that draws most unevenly, in the longest stretch.
 
     Among stretches of about the same length it is the one in which that drive varies most; not
-    more than 6 s of it are shown.
+    more than 4 s of it are shown.
     """
     spread = np.nan_to_num(np.nanstd(comparison.measured, axis=0))
     column = int(np.argmax(spread))

@@ -12,16 +12,18 @@ from power_estimator.model import PowerModel
 from power_estimator.scores import Score, block_means, score
 
 Floats = NDArray[np.float32]
+LAGS = 0.05  # s, the longest lag of a supply's readings that is looked for
 
 
 @dataclass(frozen=True)
 class WholeRobot:
     """Power at the supply and what models make of it, at 50 Hz."""
 
-    supply: Floats  # W [N]
+    supply: Floats  # W [N], brought forward by lag
     estimated: Mapping[str, Floats]  # W [N], by model; drives and electronics
     electronics: Mapping[str, float]  # W, by model
     drives: int  # in the sum
+    lag: float  # s by which the supply's readings come late
 
     def scores(self) -> dict[str, Score]:
         """Score of each model against the supply."""
@@ -34,26 +36,45 @@ def whole_robot(
     """
     Sum the estimates of all drives; None if the supply or a drive's signals are missing.
 
-    What the electronics draw is a constant from the training rows: the supply less the measured
-    drives where all of them were measured, else less the estimated ones.
+    Two constants come from the training rows: what the electronics draw (supply less the measured
+    drives where all of them were measured, else less the estimated ones) and by how much the
+    supply's readings come late, as one whose readings are means of the time before them does.
     """
-    if not (np.isfinite(test.supply).any() and np.isfinite(training.supply).any()):
-        return None
     block = max(1, round(test.rate / RATE))
-    stretches = list(test.segments())
     complete = set(training.measured_drives()) == set(training.names)
-    estimated, electronics = {}, {}
+    estimated, electronics, lag = {}, {}, None
     for model in models:
-        drawn = training.power if complete else model.predict(training)
-        rest = training.supply - drawn.sum(axis=1)
+        drawn = (training.power if complete else model.predict(training)).sum(axis=1)
         watts = model.predict(test).sum(axis=1)
+        if lag is None:
+            lag = _lag(training, drawn)
+        rest = shifted(training.supply, training, lag) - drawn
         if not (np.isfinite(rest).any() and np.isfinite(watts).any()):
             continue
         electronics[model.name] = float(np.nanmean(rest, dtype=float))
-        estimated[model.name] = block_means(watts, stretches, block) + np.float32(
+        estimated[model.name] = block_means(watts, test.segments(), block) + np.float32(
             electronics[model.name]
         )
-    if not estimated:
+    if lag is None or not estimated:
         return None
-    supply = block_means(test.supply, stretches, block)
-    return WholeRobot(supply, estimated, electronics, len(test.names))
+    supply = block_means(shifted(test.supply, test, lag), test.segments(), block)
+    if not np.isfinite(supply).any():
+        return None
+    return WholeRobot(supply, estimated, electronics, len(test.names), lag / test.rate)
+
+
+def shifted(values: Floats, data: AlignedDataset, samples: int) -> Floats:
+    """Values [T] brought forward by a number of samples inside each segment; NaN at its end."""
+    result = np.full_like(values, np.nan)
+    for run in data.segments():
+        if run.stop - run.start > samples:
+            result[run.start : run.stop - samples] = values[run.start + samples : run.stop]
+    return result
+
+
+def _lag(data: AlignedDataset, drawn: Floats) -> int:
+    def spread(samples: int) -> float:
+        rest = shifted(data.supply, data, samples) - drawn
+        return float(np.nanvar(rest)) if np.isfinite(rest).any() else np.inf
+
+    return min(range(round(LAGS * data.rate) + 1), key=spread)
