@@ -113,13 +113,19 @@ class Context:
     def _interrupt(self) -> None:
         """Become invalid and wake what waits; a signal handler may call this."""
         self.valid = False
+        self._wake()
+
+    def _wake(self) -> None:
         for executor in list(self._executors):
             executor.wake()
 
     def shutdown(self) -> None:
-        """Stop; raise RuntimeError where it was not started."""
+        """Stop; raise RuntimeError where it was not started, RCLError where it was stopped."""
         if not self.initialized:
             raise RuntimeError('Context must be initialized before it can be shutdown')
+        if not self.valid:
+            self._close()
+            raise RCLError('failed to shutdown: rcl_shutdown already called on the given context')
         self._shutdown()
 
     def try_shutdown(self) -> None:

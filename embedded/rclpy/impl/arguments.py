@@ -11,6 +11,7 @@ import yaml
 from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.impl import names
 
+EXPONENT = re.compile(r'[+-]?[0-9]+(?:\.[0-9]*)?[eE][+-]?[0-9]+')
 FLAGS_WITHOUT_VALUE = re.compile(r'--(?:enable|disable)-(?:rosout|stdout|external-lib)-logs?')
 NODE_PREFIX = re.compile(r'([A-Za-z_][A-Za-z0-9_]*|\*{1,2}|/[A-Za-z0-9_/*]*):(?!=)(.*)', re.DOTALL)
 
@@ -154,6 +155,8 @@ def _value_of(name: str, text: str) -> Any:
             f"failed to parse arguments: Couldn't parse parameter override rule: "
             f"'-p {name}:={text}'. Error: {error}"
         ) from error
+    if isinstance(value, str) and EXPONENT.fullmatch(value):
+        return float(value)
     return '' if value is None and text == '' else value
 
 

@@ -13,12 +13,13 @@ from cyclonedds.builtin import (
 )
 from cyclonedds.core import InstanceState
 from cyclonedds.qos import Policy, Qos
-from rosidl_embedded import deserialize, message_class, serialize
+from rosidl_embedded import definitions, deserialize, message_class, serialize
 
 from rclpy.impl.transport import Participant, raw_type
 
 TOPIC = 'ros_discovery_info'
 TYPE = 'rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_'
+MESSAGE = 'rmw_dds_common/msg/ParticipantEntitiesInfo'
 PREFIXES = {'rt': 'topic', 'rq': 'request', 'rr': 'reply'}
 LIMIT = 20_000
 
@@ -77,6 +78,7 @@ def _qos(depth: int) -> Qos:
         history,
         Policy.DurabilityService(0, history, -1, -1, -1),
         Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
+        Policy.Userdata(f'typehash={definitions.type_hash(MESSAGE)};'.encode()),
     )
 
 
