@@ -1,6 +1,7 @@
 """The state between init and shutdown: arguments, participant, graph."""
 
 import atexit
+import gc
 import os
 import sys
 import threading
@@ -17,6 +18,9 @@ from rclpy.impl.graph import Graph
 from rclpy.impl.transport import Participant
 
 MAX_DOMAIN_ID = 232
+
+# Python's last garbage collection takes longer than all else that a node does at its end.
+atexit.register(gc.freeze)
 
 
 def _domain_id(given: int | None) -> int:
