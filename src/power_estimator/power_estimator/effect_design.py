@@ -1,16 +1,17 @@
 """The linearised design of a model of effects: one reduced column per coefficient."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from power_estimator.effect_signals import Prepared
+from power_estimator.effect_signals import Prepared, rate_of
 from power_estimator.effects import Bend, Effect, Shape, Signals
 from power_estimator.effects.catalogue import regressors_of
 
 Floats = NDArray[np.float64]
+_SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient
 
 
 @dataclass(frozen=True)
@@ -131,12 +132,13 @@ class Design:
 
 @dataclass(frozen=True)
 class Point:
-    """Where a structure is linearised."""
+    """Where a structure is linearised, with the model's own estimates there."""
 
     structure: Structure
     coefficients: Floats  # [D, m]
-    signals: Signals  # with the model's own estimates there
-    bend: Floats  # N·m [T, D], what the structure adds to the torque
+    signals: Signals
+    power: Floats  # W [T, D], of the whole model
+    passed: Floats | None  # slope of the whole power by the drawn power [T, D]; None for 1
 
 
 class DesignBuilder:
@@ -150,50 +152,66 @@ class DesignBuilder:
 
     def point(self, structure: Structure, coefficients: Floats) -> Point:
         """The model's own estimates at coefficients [D, m]."""
-        signals, bend = estimates(
-            structure, coefficients, self.prepared.signals, self._base, self._columns
-        )
-        return Point(structure, coefficients, signals, bend)
+        signals = self.prepared.signals
+        signals = estimates(structure, coefficients, signals, self._base, self._columns)
+        power = signals.drawn.copy()
+        passed: Floats | None = None
+        for active, own in _split(structure, coefficients):
+            if 'drawn' not in active.effect.follows or not own.any():
+                continue
+            power += _weighted(active.columns(signals), own)
+            slope = active.effect.drawn_slope(signals, own[None])
+            if slope is not None:
+                passed = (1.0 if passed is None else passed) + slope
+        return Point(structure, coefficients, signals, power, passed)
 
     def build(self, structure: Structure, coefficients: Floats) -> Design:
         """Linearise about coefficients [D, m]."""
         point = self.point(structure, coefficients)
         columns = [self.columns(active, point) for active in structure.free]
-        constant = self.constant(point)
-        joined = np.concatenate(columns, axis=2) if columns else np.empty((*constant.shape, 0))
+        count = (len(self.prepared.time), len(self.prepared.names))
+        joined = np.concatenate(columns, axis=2) if columns else np.empty((*count, 0))
+        constant = self.constant(point, joined)
         return Design(structure, joined, constant, *structure.bounds(coefficients))
 
     def columns(self, active: Active, point: Point) -> Floats:
-        """Reduced columns of one effect about the point, [N, D, n]."""
-        signals = point.signals
-        if active.effect.acts_on == 'torque':
-            price = (signals.velocity + signals.torque_cost)[..., None]
-            return self.prepared.reduced(self._columns(active, signals) * price)
-        if active.effect.follows:
-            return self.prepared.reduced(active.columns(signals))
-        return self._reduced_once(active, signals)
+        """Reduced derivatives of the power by one effect's coefficients, [N, D, n]."""
+        signals, effect = point.signals, active.effect
+        if effect.acts_on == 'speed':
+            return self.prepared.reduced(self._by_speed(active, point))
+        if effect.acts_on == 'torque':
+            price = (signals.motor_velocity + signals.torque_cost)[..., None]
+            power = self._columns(active, signals) * price
+        elif effect.follows or point.passed is not None:
+            power = self._columns(active, signals)
+        else:
+            return self._reduced_once(active, signals)
+        if point.passed is not None and 'drawn' not in effect.follows:
+            power = power * point.passed[..., None]
+        return self.prepared.reduced(power)
 
-    def constant(self, point: Point) -> Floats:
-        """What does not depend on the coefficients, W [N, D]."""
-        signals = point.signals
-        constant = np.zeros((len(self.prepared.time), len(signals.names)))
-        for active in point.structure.actives:
-            if active.effect.fixed is not None:
-                constant += active.effect.fixed * self._reduced_once(active, signals)[..., 0]
-        if self._base is not None:
-            if ('base',) not in self._reduced:
-                self._reduced['base',] = self.prepared.reduced(self._base)
-            constant += self._reduced['base',]
-        if point.bend.any() and signals.torque_cost.any():
-            constant -= self.prepared.reduced(signals.torque_cost * point.bend)
-        return constant
+    def constant(self, point: Point, columns: Floats) -> Floats:
+        """What is left of the model's power at the point beside its columns, W [N, D]."""
+        return self.prepared.reduced(point.power) - _weighted(columns, point.coefficients)
 
-    def power(self, structure: Structure, coefficients: Floats) -> Floats:
-        """The model's power at the input rate, W [T, D], not linearised."""
-        return evaluate(structure, coefficients, self.prepared.signals, self._base, self._columns)
+    def _by_speed(self, active: Active, point: Point) -> Floats:
+        """Derivatives by coefficients that move the motor's speed, W per unit [T, D, n]."""
+        place = point.structure.columns_of(active.name)
+        structure, coefficients = point.structure, point.coefficients
+        if not place:
+            structure = structure.plus(active)
+            place = structure.columns_of(active.name)
+            extra = np.zeros((len(coefficients), len(place)))
+            coefficients = np.concatenate([coefficients, extra], axis=1)
+        columns = []
+        for column in place:
+            moved = coefficients.copy()
+            moved[:, column] += _SPEED_STEP
+            columns.append((self.point(structure, moved).power - point.power) / _SPEED_STEP)
+        return np.stack(columns, axis=-1)
 
     def _columns(self, active: Active, signals: Signals) -> Floats:
-        if active.effect.follows:
+        if active.effect.follows or signals.motor_velocity is not signals.velocity:
             return active.columns(signals)
         key = (active.name, active.shape)
         if key not in self._instant:
@@ -201,6 +219,8 @@ class DesignBuilder:
         return self._instant[key]
 
     def _reduced_once(self, active: Active, signals: Signals) -> Floats:
+        if signals.motor_velocity is not signals.velocity:
+            return self.prepared.reduced(active.columns(signals))
         key: tuple[object, ...] = (active.name, active.shape)
         if key not in self._reduced:
             self._reduced[key] = self.prepared.reduced(active.columns(signals))
@@ -218,59 +238,72 @@ def estimates(
     structure: Structure,
     coefficients: Floats,
     signals: Signals,
-    base: Floats | None,
+    base: Floats | None = None,
     source: Source = _fresh,
-) -> tuple[Signals, Floats]:
+) -> Signals:
     """
-    The signals with the model's own estimates, and the torque that its effects add, N·m [T, D].
+    The signals with the model's own estimates.
 
     coefficients is [D, m]; base is the power of a model underneath, W [T, D].
     """
-    bend = np.zeros_like(signals.torque)
-    for active, own in _split(structure, coefficients):
+    parts = _split(structure, coefficients)
+    signals = _with_motion(parts, signals, source)
+    torque = np.zeros_like(signals.torque)
+    for active, own in parts:
         if active.effect.acts_on == 'torque' and own.any():
-            bend += np.einsum('tdn,dn->td', source(active, signals), own)
-    motor = signals.torque + bend
-    signals = signals.with_estimates(motor, signals.torque_cost, signals.drawn)
-    cost = np.zeros_like(bend)
-    for active, own in _split(structure, coefficients):
+            torque += _weighted(source(active, signals), own)
+    signals = replace(signals, motor_torque=signals.torque + torque)
+    cost = np.zeros_like(torque)
+    for active, own in parts:
         slope = active.effect.torque_slope(signals, own[None]) if own.any() else None
         if slope is not None:
             cost += slope
-    signals = signals.with_estimates(motor, cost, signals.drawn)
-    before = bend * signals.velocity
+    signals = replace(signals, torque_cost=cost)
+    drawn = torque * signals.motor_velocity
+    if signals.motor_velocity is not signals.velocity:
+        drawn += signals.torque * (signals.motor_velocity - signals.velocity)
     if base is not None:
-        before += base
+        drawn += base
     for active in structure.actives:
         if active.effect.fixed is not None:
-            before += active.effect.fixed * source(active, signals)[..., 0]
-    before += _power_effects(structure, coefficients, signals, source, drawn=False)
-    return signals.with_estimates(motor, cost, before), bend
+            drawn += active.effect.fixed * source(active, signals)[..., 0]
+    for active, own in parts:
+        power = active.effect.acts_on == 'power' and 'drawn' not in active.effect.follows
+        if power and own.any():
+            drawn += _weighted(source(active, signals), own)
+    return replace(signals, drawn=drawn)
 
 
 def evaluate(
-    structure: Structure,
-    coefficients: Floats,
-    signals: Signals,
-    base: Floats | None = None,
-    source: Source = _fresh,
+    structure: Structure, coefficients: Floats, signals: Signals, base: Floats | None = None
 ) -> Floats:
     """Power of the model in W [T, D] at the rate of the signals."""
-    signals, _ = estimates(structure, coefficients, signals, base, source)
-    return signals.drawn + _power_effects(structure, coefficients, signals, source, drawn=True)
-
-
-def _power_effects(
-    structure: Structure, coefficients: Floats, signals: Signals, source: Source, *, drawn: bool
-) -> Floats:
-    """Summed power of the effects that follow the drawn power, or of all the others."""
-    total = np.zeros_like(signals.torque)
+    signals = estimates(structure, coefficients, signals, base)
+    power = signals.drawn
     for active, own in _split(structure, coefficients):
-        if active.effect.acts_on == 'torque' or ('drawn' in active.effect.follows) is not drawn:
-            continue
-        if own.any():
-            total += np.einsum('tdn,dn->td', source(active, signals), own)
-    return total
+        if 'drawn' in active.effect.follows and own.any():
+            power = power + _weighted(active.columns(signals), own)
+    return power
+
+
+def _with_motion(
+    parts: Sequence[tuple[Active, Floats]], signals: Signals, source: Source
+) -> Signals:
+    extra = np.zeros_like(signals.velocity)
+    for active, own in parts:
+        if active.effect.acts_on == 'speed' and own.any():
+            extra += _weighted(source(active, signals), own)
+    if not extra.any():
+        return signals
+    acceleration = signals.acceleration + rate_of(extra, signals.stretches(), signals.rate)
+    return replace(
+        signals, motor_velocity=signals.velocity + extra, motor_acceleration=acceleration
+    )
+
+
+def _weighted(columns: Floats, coefficients: Floats) -> Floats:
+    """[T, D, n] times [D, n] → [T, D]."""
+    return np.einsum('tdn,dn->td', columns, coefficients)
 
 
 def _split(structure: Structure, coefficients: Floats) -> Sequence[tuple[Active, Floats]]:

@@ -115,7 +115,7 @@ class Fitter:
         self.builder = DesignBuilder(prepared, base)
         count = len(prepared.names)
         self.groups = [list(g) for g in groups] if groups else [[d] for d in range(count)]
-        self._weight = np.maximum(np.nan_to_num(prepared.noise, nan=0.1), 0.02) ** 2
+        self.weight = np.maximum(np.nan_to_num(prepared.noise, nan=0.1), 0.02) ** 2
 
     def fit(
         self,
@@ -166,7 +166,7 @@ class Fitter:
         out = np.zeros(moment.shape)
         prior = design.structure.priors()
         for group in self.groups:
-            ridge = float(self._weight[group].mean()) * REDUCED_RATE / np.square(prior)
+            ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior)
             lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
             out[:, group] = bounded_solve(
                 gram[:, group].sum(axis=1), moment[:, group].sum(axis=1), lower, upper, ridge
@@ -209,7 +209,7 @@ class Fitter:
         prior = design.structure.priors()
         total = np.zeros(len(moment))
         for group in self.groups:
-            ridge = float(self._weight[group].mean()) * REDUCED_RATE / np.square(prior)
+            ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior)
             lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
             matrix = gram[group].sum(axis=0)
             right = moment[:, group].sum(axis=1)

@@ -1,5 +1,6 @@
 """From aligned recordings to what effects are fitted on: corrected signals, reduced products."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_daq.cli import InputError
 from power_daq.recording.aligned import AlignedDataset
-from scipy.signal import upfirdn
+from scipy.signal import savgol_filter, upfirdn
 
 from power_estimator.effects import Signals
 
@@ -20,6 +21,7 @@ EARLIEST, LATEST, SHIFT_STEP = -0.006, 0.022, 0.001
 """Delays of the power against the joint signals that a fit tries, s."""
 _HALF_WIDTH = 0.2  # s, of the low-pass
 _LAG_LIMIT = 0.02  # s
+_DERIVATIVE = 7  # samples
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,7 @@ def signals_of(data: AlignedDataset, lag: Floats | None = None) -> Signals:
     position = np.asarray(data.position, dtype=np.float64)
     if lag is not None:
         velocity = velocity + lag * _rate_of(velocity, data)
+    acceleration = _rate_of(velocity, data)
     return Signals(
         rate=data.rate,
         names=data.names,
@@ -164,11 +167,13 @@ def signals_of(data: AlignedDataset, lag: Floats | None = None) -> Signals:
         recording=data.recording,
         position=position,
         velocity=velocity,
-        acceleration=_rate_of(velocity, data),
+        acceleration=acceleration,
         torque=torque,
         torque_rate=_rate_of(torque, data),
         voltage=np.asarray(data.voltage, dtype=np.float64),
         temperature=np.asarray(data.temperature, dtype=np.float64),
+        motor_velocity=velocity,
+        motor_acceleration=acceleration,
         motor_torque=torque,
         torque_cost=np.zeros_like(torque),
         drawn=torque * velocity,
@@ -249,12 +254,19 @@ def velocity_lag(data: AlignedDataset) -> Floats:
     return lags
 
 
-def _rate_of(values: Floats, data: AlignedDataset) -> Floats:
+def rate_of(values: Floats, stretches: Iterable[slice], rate: float) -> Floats:
+    """Time derivative [T, D] inside each stretch, of a parabola through 7 samples."""
     out = np.zeros_like(values)
-    for part in data.segments():
-        if part.stop - part.start > 2:
-            out[part] = np.gradient(values[part], 1.0 / data.rate, axis=0)
+    for part in stretches:
+        if part.stop - part.start > _DERIVATIVE:
+            out[part] = savgol_filter(
+                values[part], _DERIVATIVE, 2, deriv=1, delta=1.0 / rate, axis=0, mode='nearest'
+            )
     return out
+
+
+def _rate_of(values: Floats, data: AlignedDataset) -> Floats:
+    return rate_of(values, data.segments(), data.rate)
 
 
 def _long_enough_data(data: AlignedDataset) -> tuple[slice, ...]:

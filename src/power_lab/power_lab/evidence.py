@@ -15,7 +15,7 @@ PIECE = 10
 """Blocks (of 1 s) that stay together in a fold."""
 EMBARGO = 1
 """Blocks left out of the training on either side of what is tested."""
-_LEAST_MSE = 1e-4
+LEAST_MSE = 1e-4
 """W²: errors below this are alike; keeps the logarithm from rewarding luck."""
 
 
@@ -63,7 +63,7 @@ class Evidence:
     @property
     def loss(self) -> Floats:
         """Summed over drives: log of the mean squared error of each block [B]."""
-        return np.nansum(np.log(self.mse + _LEAST_MSE), axis=1)
+        return np.nansum(np.log(self.mse + LEAST_MSE), axis=1)
 
     @property
     def mean_mse(self) -> Floats:
@@ -86,9 +86,7 @@ class Examiner:
     def examine(self, fit: Fit, names: Sequence[str] = ()) -> Evidence:
         """Held-out errors with the fit's delay and shapes, all coefficients refitted per fold."""
         coefficients = self.fitter.solve(fit.design, fit.normal, self.folds.training)
-        return Evidence(
-            fit, coefficients, self.block_mse(fit.normal, coefficients), tuple(names)
-        )
+        return Evidence(fit, coefficients, self.block_mse(fit.normal, coefficients), tuple(names))
 
     def block_mse(self, normal: Normal, coefficients: Floats) -> Floats:
         """W² [B, D] of each block with its own fold's coefficients [F, D, m]."""

@@ -188,6 +188,6 @@ def _checked(kind: type[Effect], path: Path) -> Effect:
     for term in kind.terms:
         if not isinstance(term, Term) or not term.unit or not term.lower <= term.upper:
             raise InputError(f'{where}: terms are Term(symbol, unit, lower, upper); got {term!r}')
-    if kind.acts_on not in ('power', 'torque'):
-        raise InputError(f"{where}: acts_on is 'power' or 'torque', not {kind.acts_on!r}")
+    if kind.acts_on not in ('power', 'torque', 'speed'):
+        raise InputError(f"{where}: acts_on is 'power', 'torque' or 'speed', not {kind.acts_on!r}")
     return kind()

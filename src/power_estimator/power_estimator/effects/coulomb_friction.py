@@ -22,8 +22,8 @@ class CoulombFriction(Effect):
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """The sign of the speed."""
-        return smooth_sign(signals.velocity)[..., None]
+        return smooth_sign(signals.motor_velocity)[..., None]
 
     def bend(self, signals: Signals, **shape: float) -> Floats:
         """A slow rise or fall with speed."""
-        return smooth_sign(signals.velocity) * log_speed(signals.velocity)
+        return smooth_sign(signals.motor_velocity) * log_speed(signals.motor_velocity)

@@ -48,8 +48,9 @@ class Effect(ABC):
 
     An effect that acts on 'power' gives watts per unit coefficient. One that acts on 'torque'
     gives the extra motor torque in N·m per unit coefficient; the model turns it into power
-    through the motor's speed and through every effect that depends on the motor's torque
-    (facts on friction: f·w + 2·k·torque·f + k·f²).
+    through the motor's speed and through every effect that depends on the motor's torque: for
+    friction f that is f·w + 2·k·torque·f + k·f². One that acts on 'speed' gives extra speed of the
+    motor in rad/s per unit coefficient.
 
     To make an effect of your own, derive from this class in a file, give the attributes
     without a default and `regressors`, and name the file with --effects-path.
@@ -60,7 +61,7 @@ class Effect(ABC):
     formula: ClassVar[str]
     terms: ClassVar[tuple[Term, ...]]
     excitation: ClassVar[Excitation]
-    acts_on: ClassVar[Literal['power', 'torque']] = 'power'
+    acts_on: ClassVar[Literal['power', 'torque', 'speed']] = 'power'
     kind: ClassVar[Literal['physics', 'measurement', 'bend']] = 'physics'
     ties: ClassVar[tuple[str, ...]] = ()  # cannot be told apart in any recording
     near: ClassVar[tuple[str, ...]] = ()  # told apart by its excitation only
@@ -70,10 +71,14 @@ class Effect(ABC):
 
     @abstractmethod
     def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """[T, D, n] for the n terms: W per unit coefficient, or N·m where acts_on is 'torque'."""
+        """[T, D, n] for the n terms: W, N·m or rad/s per unit coefficient, by acts_on."""
 
     def torque_slope(self, signals: Signals, coefficients: Floats) -> Floats | None:
         """Derivative of this effect's power by the motor's torque, W/(N·m) [T, D]."""
+        return None
+
+    def drawn_slope(self, signals: Signals, coefficients: Floats) -> Floats | None:
+        """Derivative of this effect's power by the power drawn without it [T, D]."""
         return None
 
     bend_limit: ClassVar[float] = 0.0

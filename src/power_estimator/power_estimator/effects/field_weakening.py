@@ -23,5 +23,5 @@ class FieldWeakening(Effect):
 
     def regressors(self, signals: Signals, *, per_volt: float = 0.125, **_: float) -> Floats:
         """Squared excess over the base speed."""
-        excess = np.abs(signals.velocity) - per_volt * signals.voltage
+        excess = np.abs(signals.motor_velocity) - per_volt * signals.voltage
         return np.square(np.maximum(0.0, excess))[..., None]

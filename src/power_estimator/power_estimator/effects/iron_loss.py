@@ -39,16 +39,16 @@ class IronLoss(Effect):
 
     def regressors(self, signals: Signals, *, carried: float = 0.0, **_: float) -> Floats:
         """Speed and speed squared, with what their torque costs."""
-        speed = np.abs(signals.velocity)
+        speed = np.abs(signals.motor_velocity)
         cost = carried * signals.torque_cost
         return np.stack(
             [
-                speed + cost * smooth_sign(signals.velocity),
-                np.square(speed) + cost * signals.velocity,
+                speed + cost * smooth_sign(signals.motor_velocity),
+                np.square(speed) + cost * signals.motor_velocity,
             ],
             axis=-1,
         )
 
     def bend(self, signals: Signals, **shape: float) -> Floats:
         """Exponents between 1 and 2."""
-        return np.abs(signals.velocity) * log_speed(signals.velocity)
+        return np.abs(signals.motor_velocity) * log_speed(signals.motor_velocity)

@@ -25,3 +25,7 @@ class LineResistance(Effect):
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """Current at the drive's input squared."""
         return np.square(signals.drawn / np.maximum(signals.voltage, 1.0))[..., None]
+
+    def drawn_slope(self, signals: Signals, coefficients: Floats) -> Floats:
+        """Twice the resistance times current over voltage."""
+        return 2.0 * coefficients[..., 0] * signals.drawn / np.square(signals.voltage)

@@ -24,7 +24,7 @@ class LoadFriction(Effect):
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """The load's size with the sign of the speed."""
-        return (np.abs(signals.torque) * smooth_sign(signals.velocity))[..., None]
+        return (np.abs(signals.torque) * smooth_sign(signals.motor_velocity))[..., None]
 
     def bend(self, signals: Signals, **shape: float) -> Floats:
         """Worse when driving than when driven, or the other way round."""

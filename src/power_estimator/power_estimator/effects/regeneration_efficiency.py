@@ -24,3 +24,7 @@ class RegenerationEfficiency(Effect):
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """The power that would flow back."""
         return np.maximum(0.0, -signals.drawn)[..., None]
+
+    def drawn_slope(self, signals: Signals, coefficients: Floats) -> Floats:
+        """Minus the lost share while power flows back."""
+        return np.where(signals.drawn < 0.0, -coefficients[..., 0], 0.0)

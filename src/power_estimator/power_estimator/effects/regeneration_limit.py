@@ -27,3 +27,10 @@ class RegenerationLimit(Effect):
         blocked = np.maximum(0.0, -signals.drawn.sum(axis=1, keepdims=True))
         share = returned / np.maximum(returned.sum(axis=1, keepdims=True), 1e-9)
         return (share * blocked)[..., None]
+
+    def drawn_slope(self, signals: Signals, coefficients: Floats) -> Floats:
+        """Minus the blocked share while power flows back."""
+        returned = np.maximum(0.0, -signals.drawn)
+        blocked = np.maximum(0.0, -signals.drawn.sum(axis=1, keepdims=True))
+        share = blocked / np.maximum(returned.sum(axis=1, keepdims=True), 1e-9)
+        return np.where(signals.drawn < 0.0, -coefficients[..., 0] * share, 0.0)

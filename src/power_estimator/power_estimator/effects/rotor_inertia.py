@@ -19,4 +19,4 @@ class RotorInertia(Effect):
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """The acceleration."""
-        return signals.acceleration[..., None]
+        return signals.motor_acceleration[..., None]

@@ -14,9 +14,10 @@ class Signals:
     """
     Signals of D drives at the rate at which products are formed, [T, D] unless said otherwise.
 
-    motor_torque, torque_cost and drawn are the model's own estimates so far: torque at the motor
-    including friction and rotor inertia, the slope of the losses by it, and power drawn at the
-    drive's input. They let an effect depend on what the other effects add.
+    What starts with motor_, torque_cost and drawn are the model's own estimates so far: the
+    motor's motion behind a spring, its torque including friction and rotor inertia, the slope of
+    the losses by that torque, and the power drawn at the drive's input. They let an effect depend
+    on what the other effects add.
     """
 
     rate: float  # Hz
@@ -31,15 +32,11 @@ class Signals:
     torque_rate: Floats  # N·m/s
     voltage: Floats  # V
     temperature: Floats  # °C winding, NaN where not measured
+    motor_velocity: Floats  # rad/s, of the motor in turns of the joint
+    motor_acceleration: Floats  # rad/s²
     motor_torque: Floats  # N·m
     torque_cost: Floats  # W/(N·m), what more motor torque costs in losses
     drawn: Floats  # W
-
-    def with_estimates(
-        self, motor_torque: Floats, torque_cost: Floats, drawn: Floats
-    ) -> 'Signals':
-        """The same signals with the model's own estimates, [T, D] each."""
-        return replace(self, motor_torque=motor_torque, torque_cost=torque_cost, drawn=drawn)
 
     def drive(self, index: int) -> 'Signals':
         """The signals of one drive, D = 1."""

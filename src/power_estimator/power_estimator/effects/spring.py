@@ -5,12 +5,17 @@ from power_estimator.effects.signals import Signals
 
 
 class Spring(Effect):
-    """Energy that the series spring takes in and gives back."""
+    """The motor runs ahead of the joint while the series spring is being loaded."""
 
     name = 'spring'
-    physics = 'the series spring stores energy while it is loaded and returns it later'
-    formula = 'torque·dtorque/dt/ks'
-    terms = (Term('1/ks', 'rad/(N·m)', 0.0, 0.1),)
+    physics = (
+        'the motor also turns to load the series spring, and friction acts on that motion too'
+    )
+    formula = (
+        '(torque + friction)·dtorque/dt/ks, and friction at the motor speed w + dtorque/dt/ks'
+    )
+    terms = (Term('1/ks', 'rad/(N·m)', 0.0, 0.05),)
+    acts_on = 'speed'
     near = ('time_offset', 'rotor_inertia')
     excitation = Excitation(
         'fast steps of torque at a locked joint',
@@ -22,5 +27,5 @@ class Spring(Effect):
     )
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """Torque times its rate."""
-        return (signals.torque * signals.torque_rate)[..., None]
+        """The rate of the torque."""
+        return signals.torque_rate[..., None]

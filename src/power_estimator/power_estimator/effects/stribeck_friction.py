@@ -24,5 +24,5 @@ class StribeckFriction(Effect):
 
     def regressors(self, signals: Signals, *, speed: float = 0.35, **_: float) -> Floats:
         """The sign of the speed, fading out above the Stribeck speed."""
-        velocity = signals.velocity
+        velocity = signals.motor_velocity
         return (np.exp(-np.square(velocity / speed)) * smooth_sign(velocity))[..., None]

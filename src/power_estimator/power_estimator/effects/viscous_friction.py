@@ -22,8 +22,8 @@ class ViscousFriction(Effect):
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """The speed."""
-        return signals.velocity[..., None]
+        return signals.motor_velocity[..., None]
 
     def bend(self, signals: Signals, **shape: float) -> Floats:
         """An exponent that is not quite 1: grease thins."""
-        return signals.velocity * log_speed(signals.velocity)
+        return signals.motor_velocity * log_speed(signals.motor_velocity)

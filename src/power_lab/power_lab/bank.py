@@ -1,0 +1,185 @@
+"""All candidate effects in all their shapes, linearised about one fit: any subset at no cost."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.bounded_lsq import bounded_solve
+from power_estimator.effect_design import Active, Structure
+from power_estimator.effect_fit import Fit, Fitter
+from power_estimator.effect_signals import REDUCED_RATE
+
+from power_lab.evidence import FOLDS, LEAST_MSE, Folds
+
+Floats = NDArray[np.float64]
+_FINE = 8  # delays tried between two neighbours
+
+
+@dataclass(frozen=True)
+class Screened:
+    """Held-out errors of a subset of the candidates on top of the base."""
+
+    actives: tuple[Active, ...]
+    mse: Floats  # W² [B, D], NaN where not measured
+    training_error: float  # summed log of the error of the fit to everything
+    delay: float  # s
+
+    @property
+    def loss(self) -> float:
+        """Mean over blocks of the summed log error."""
+        return float(np.nansum(np.log(self.mse + LEAST_MSE), axis=1).mean())
+
+    @property
+    def mean_mse(self) -> Floats:
+        """W² [D]."""
+        return np.nanmean(self.mse, axis=0)
+
+
+class Bank:
+    """Screens subsets of candidates by their normal equations alone."""
+
+    def __init__(
+        self, fitter: Fitter, folds: Folds, base: Fit, candidates: Sequence[Active]
+    ) -> None:
+        self.fitter, self.folds, self.base = fitter, folds, base
+        self.candidates = tuple(candidates)
+        builder = fitter.builder
+        point = builder.point(base.structure, base.coefficients)
+        parts = [builder.columns(active, point) for active in base.structure.free]
+        parts += [builder.columns(active, point) for active in self.candidates]
+        self._columns = np.concatenate(parts, axis=2)
+        own = self._columns[..., : base.design.columns.shape[2]]
+        self._constant = builder.constant(point, own)
+        lower, upper = base.structure.bounds(base.coefficients)
+        for active in self.candidates:
+            ends = Structure((active,)).bounds(np.zeros((len(lower), len(active.effect.terms))))
+            lower = np.concatenate([lower, ends[0]], axis=1)
+            upper = np.concatenate([upper, ends[1]], axis=1)
+        self._lower, self._upper = lower, upper
+        priors = [base.structure.priors()]
+        priors += [Structure((active,)).priors() for active in self.candidates]
+        self._prior = np.concatenate(priors)
+        self._own = base.design.columns.shape[2]
+        ends = self._own + np.cumsum([len(a.effect.terms) for a in self.candidates])
+        self._place = {
+            (active.name, active.shape): list(range(int(end) - len(active.effect.terms), int(end)))
+            for active, end in zip(self.candidates, ends, strict=True)
+        }
+
+    def screen(self, actives: Sequence[Active] = ()) -> Screened:
+        """Held-out errors with these candidates added, at their own best delay."""
+        columns = list(range(self._own))
+        for active in actives:
+            columns += self._place[active.name, active.shape]
+        pick = np.array(columns)
+        gram = self._gram[:, :, pick[:, None], pick]
+        total = gram.sum(axis=0)
+        moment = self._moment[..., pick]
+        place, error = self._best_delay(total, moment.sum(axis=1), pick)
+        left = min(int(place), moment.shape[0] - 2)
+        w = place - left
+        own = (1 - w) * moment[left] + w * moment[left + 1]
+        square = (
+            (1 - w) ** 2 * self._square[left]
+            + w**2 * self._square[left + 1]
+            + 2 * w * (1 - w) * self._next[left]
+        )
+        mse = self._held_out(gram, own, square, pick)
+        shifts = self.fitter.prepared.shifts
+        delay = float(shifts[0] + place * (shifts[1] - shifts[0]))
+        return Screened(tuple(actives), mse, error, delay)
+
+    def _held_out(
+        self, gram: Floats, moment: Floats, square: Floats, pick: NDArray[np.intp]
+    ) -> Floats:
+        blocks, training = self.fitter.blocks, self.folds.training
+        count, drives, m = moment.shape
+        all_gram = np.tensordot(training, gram, axes=1)  # [F, D, m, m]
+        all_moment = np.tensordot(training, moment, axes=1)
+        out = np.zeros((FOLDS, drives, m))
+        for group in self.fitter.groups:
+            out[:, group] = self._solve(
+                all_gram[:, group].sum(axis=1), all_moment[:, group].sum(axis=1), group, pick
+            )[:, None]
+        own = out[self.folds.test]
+        bent = np.einsum('bdij,bdj->bdi', gram, own)
+        error = square + (own * (bent - 2.0 * moment)).sum(axis=2)
+        mse = np.maximum(error, 0.0) / blocks.length
+        return np.where(blocks.valid, mse, np.nan)
+
+    def _solve(
+        self, gram: Floats, moment: Floats, group: Sequence[int], pick: NDArray[np.intp]
+    ) -> Floats:
+        weight = float(self.fitter.weight[list(group)].mean())
+        ridge = weight * REDUCED_RATE / np.square(self._prior[pick])
+        lower = self._lower[group][:, pick].mean(axis=0)
+        upper = self._upper[group][:, pick].mean(axis=0)
+        return bounded_solve(gram, moment, lower, upper, ridge)
+
+    def _best_delay(
+        self, gram: Floats, moment: Floats, pick: NDArray[np.intp]
+    ) -> tuple[float, float]:
+        square, next_ = self._square.sum(axis=1), self._next.sum(axis=1)
+        coarse = self._profile(gram, moment, square, pick)
+        best = int(np.clip(np.argmin(coarse), 1, len(coarse) - 2))
+        places = np.linspace(best - 1, best + 1, 2 * _FINE + 1)
+        left = np.minimum(places.astype(int), len(coarse) - 2)
+        w = (places - left)[:, None]
+        between = (1 - w)[..., None] * moment[left] + w[..., None] * moment[left + 1]
+        squares = (
+            (1 - w) ** 2 * square[left] + w**2 * square[left + 1] + 2 * w * (1 - w) * next_[left]
+        )
+        fine = self._profile(gram, between, squares, pick)
+        return float(places[int(np.argmin(fine))]), float(fine.min())
+
+    def _profile(
+        self, gram: Floats, moment: Floats, square: Floats, pick: NDArray[np.intp]
+    ) -> Floats:
+        total = np.zeros(len(moment))
+        for group in self.fitter.groups:
+            matrix = gram[group].sum(axis=0)
+            right = moment[:, group].sum(axis=1)
+            batch = np.broadcast_to(matrix, (len(right), *matrix.shape)).copy()
+            x = self._solve(batch, right, group, pick)
+            error = square[:, group].sum(axis=1) - 2 * (x * right).sum(axis=1)
+            error = error + np.einsum('si,ij,sj->s', x, matrix, x)
+            total += len(group) * np.log(np.maximum(error, 1e-9))
+        return total
+
+    @cached_property
+    def _rows(self) -> NDArray[np.intp]:
+        return self.fitter.blocks.rows
+
+    @cached_property
+    def _gram(self) -> Floats:
+        """[B, D, M, M]."""
+        valid = self.fitter.blocks.valid
+        x = self._columns[self._rows].transpose(0, 2, 3, 1) * valid[:, :, None, None]
+        return x @ x.transpose(0, 1, 3, 2)
+
+    @cached_property
+    def _targets(self) -> Floats:
+        """W [S, B, D, L]."""
+        power = self.fitter.prepared.power[:, self._rows].astype(np.float64)
+        less = power - self._constant[self._rows]
+        valid = self.fitter.blocks.valid[:, None, :]
+        return np.where(valid, np.nan_to_num(less), 0.0).transpose(0, 1, 3, 2)
+
+    @cached_property
+    def _moment(self) -> Floats:
+        """[S, B, D, M]."""
+        x = self._columns[self._rows].transpose(0, 2, 3, 1)  # [B, D, M, L]
+        y = self._targets.transpose(1, 2, 3, 0)  # [B, D, L, S]
+        return (x @ y).transpose(3, 0, 1, 2)
+
+    @cached_property
+    def _square(self) -> Floats:
+        return np.square(self._targets).sum(axis=3)
+
+    @cached_property
+    def _next(self) -> Floats:
+        out = np.zeros_like(self._square)
+        out[:-1] = (self._targets[:-1] * self._targets[1:]).sum(axis=3)
+        return out

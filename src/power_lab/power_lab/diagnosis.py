@@ -1,0 +1,241 @@
+"""Which physical effect a model misses: the procedure and its verdict."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effect_design import Active, Structure
+from power_estimator.effect_fit import Fit, Fitter
+from power_estimator.effects import Catalogue
+
+from power_lab.bank import Bank, Screened
+from power_lab.confidence_set import confidence_set
+from power_lab.evidence import Evidence, Examiner
+from power_lab.leftover import Leftover, examine_leftover
+
+Floats = NDArray[np.float64]
+Verdict = Literal['named', 'ambiguous', 'none_of_the_above', 'no_evidence']
+
+FLOOR = 0.15
+"""W: what explains less is not worth a name (half the noise of a good meter)."""
+RELATIVE_FLOOR = 0.004
+"""Of the rms power: no meter and no formula is more accurate than this."""
+NEXT_SHARE = 0.15
+"""A further effect must explain this share of what the first one does."""
+NAMED_SHARE = 0.8
+"""Named effects must explain this share of all that can be explained."""
+MOST_EFFECTS = 3
+_FINALISTS = 6
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect on top of the base."""
+
+    name: str
+    active: Active
+    evidence: Evidence
+    gain: Floats  # W² [D], held-out
+
+
+@dataclass(frozen=True)
+class Step:
+    """One round: what competed for the next place, and what could have it."""
+
+    added: tuple[str, ...]
+    members: tuple[tuple[str, ...], ...]  # sets of effects that may be the best
+    none_possible: bool
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The verdict with everything it rests on."""
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    base: Evidence
+    best: Evidence  # with the effects that the data ask for
+    chosen: tuple[str, ...]
+    singles: tuple[Candidate, ...]
+    in_set: frozenset[str]
+    explained: Floats  # W² [D], by the chosen effects
+    leftover: Leftover
+    floor: Floats  # W [D]
+    share: float
+    steps: tuple[Step, ...] = field(default=())
+
+
+class Diagnoser:
+    """Runs the procedure on one set of prepared signals."""
+
+    def __init__(
+        self, fitter: Fitter, base: Structure, catalogue: Catalogue, seed: int = 0
+    ) -> None:
+        """Base holds the model's effects and the measurement terms."""
+        self.fitter = fitter
+        self.examiner = Examiner(fitter)
+        self.base = base.bent()
+        self.catalogue = catalogue
+        self.seed = seed
+        self.floor = floors(fitter)
+        self.candidates = candidates(fitter, base, catalogue)
+
+    def run(self) -> Diagnosis:
+        """All of it."""
+        none = self.examiner.examine(self.fitter.fit(self.base, iterations=4))
+        bank = Bank(self.fitter, self.examiner.folds, none.fit, self.candidates)
+        shaped = best_shapes(bank)
+        singles = self._singles(none, bank, shaped)
+        chosen: tuple[str, ...] = ()
+        best, steps = none, []
+        while len(chosen) < MOST_EFFECTS:
+            step, better = self._next(none, best, chosen, bank, shaped)
+            steps.append(step)
+            if better is None:
+                break
+            chosen, best = better.names, better
+        return self._judge(none, best, chosen, singles, steps)
+
+    def _singles(
+        self, none: Evidence, bank: Bank, shaped: dict[str, Screened]
+    ) -> tuple[Candidate, ...]:
+        order = sorted(shaped.values(), key=lambda screened: screened.loss)
+        out = []
+        for rank, screened in enumerate(order):
+            active = screened.actives[0]
+            evidence = self._full(none.fit, (active,), 2 if rank < _FINALISTS else 1)
+            out.append(Candidate(active.name, active, evidence, none.mean_mse - evidence.mean_mse))
+        return tuple(sorted(out, key=lambda c: float(c.evidence.loss.mean())))
+
+    def _full(self, start: Fit, actives: Sequence[Active], iterations: int = 2) -> Evidence:
+        structure = self.base.plus(*actives)
+        fit = self.fitter.fit(structure.bent(), start, iterations=iterations)
+        fit = self.fitter.fit(structure.bent(), fit, iterations=1)
+        return self.examiner.examine(fit, [active.name for active in actives])
+
+    def _next(
+        self,
+        none: Evidence,
+        best: Evidence,
+        chosen: tuple[str, ...],
+        bank: Bank,
+        shaped: dict[str, Screened],
+    ) -> tuple[Step, Evidence | None]:
+        """The best set with one effect more, if it is worth it."""
+        size = len(chosen) + 1
+        names = list(shaped)
+        if size <= 2:
+            subsets = list(itertools.combinations(names, size))
+        else:
+            subsets = [
+                tuple(sorted((*kept, extra), key=names.index))
+                for kept in (*itertools.combinations(chosen, size - 2), chosen)
+                for extra in names
+                if extra not in kept and len(kept) == size - 1
+            ]
+        screened = sorted(
+            (bank.screen([shaped[name].actives[0] for name in subset]) for subset in subsets),
+            key=lambda s: s.loss,
+        )
+        finalists = [
+            self._full(none.fit, s.actives, 2) for s in screened[: _FINALISTS if size == 1 else 4]
+        ]
+        finalists.sort(key=lambda e: float(e.loss.mean()))
+        losses = [best.loss, *(e.loss for e in finalists)]
+        members = confidence_set(losses, seed=self.seed)
+        gain = best.mean_mse - finalists[0].mean_mse
+        first = none.mean_mse - best.mean_mse
+        worth = above_floor(gain, self.floor)
+        if chosen:
+            worth = worth and gain.sum() >= NEXT_SHARE**2 * first.sum()
+        step = Step(
+            chosen,
+            tuple(finalists[i - 1].names for i in members if i > 0),
+            0 in members,
+        )
+        if 0 in members or not worth:
+            return step, None
+        return step, finalists[0]
+
+    def _judge(
+        self,
+        none: Evidence,
+        best: Evidence,
+        chosen: tuple[str, ...],
+        singles: tuple[Candidate, ...],
+        steps: list[Step],
+    ) -> Diagnosis:
+        prepared, blocks = self.fitter.prepared, self.fitter.blocks
+        residual = self.examiner.residual(best)
+        leftover = examine_leftover(residual, prepared, blocks, self.examiner.folds, self.seed)
+        explained = np.maximum(none.mean_mse - best.mean_mse, 0.0)
+        explainable = explained + leftover.explained
+        share = float(explained.sum() / max(explainable.sum(), 1e-12))
+        possible = steps[len(chosen) - 1].members if chosen else ()
+        effects = tuple(dict.fromkeys(itertools.chain(*(possible or ((),)))))
+        verdict: Verdict
+        if not above_floor(explainable, self.floor) or (
+            not chosen and not above_floor(leftover.explained, self.floor)
+        ):
+            verdict, effects = 'no_evidence', ()
+        elif share < NAMED_SHARE or not chosen:
+            verdict, effects = 'none_of_the_above', chosen if share > 0.5 else ()
+        elif len(possible) > 1:
+            verdict = 'ambiguous'
+        else:
+            verdict, effects = 'named', chosen
+        return Diagnosis(
+            verdict=verdict,
+            effects=effects,
+            base=none,
+            best=best,
+            chosen=chosen,
+            singles=singles,
+            in_set=frozenset(itertools.chain(*possible)),
+            explained=explained,
+            leftover=leftover,
+            floor=self.floor,
+            share=share,
+            steps=tuple(steps),
+        )
+
+
+def floors(fitter: Fitter) -> Floats:
+    """W [D]: the least effect that is worth a name."""
+    prepared = fitter.prepared
+    power = prepared.power_at(0.0)
+    rms = np.sqrt(np.nanmean(np.square(power), axis=0))
+    half = 0.5 * np.nan_to_num(prepared.noise)
+    return np.maximum(np.maximum(FLOOR, half), RELATIVE_FLOOR * rms)
+
+
+def above_floor(gain: Floats, floor: Floats) -> bool:
+    """Whether squared watts [D] reach the floor [D], pooled over the drives or on one alone."""
+    ratio = np.maximum(gain, 0.0) / np.square(floor)
+    return bool(ratio.mean() >= 1.0 or ratio.max() >= 2.0)
+
+
+def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Active]:
+    """Physical effects that the base has not, in every usable shape."""
+    signals = fitter.prepared.signals
+    return [
+        Active.of(effect, shape)
+        for effect in catalogue.physics()
+        if effect.name not in base.names and effect.fixed is None
+        for shape in effect.shapes
+        if effect.usable(signals, **shape)
+    ]
+
+
+def best_shapes(bank: Bank) -> dict[str, Screened]:
+    """For each effect the screening of its best shape."""
+    best: dict[str, Screened] = {}
+    for active in bank.candidates:
+        screened = bank.screen([active])
+        known = best.get(active.name)
+        if known is None or screened.training_error < known.training_error:
+            best[active.name] = screened
+    return best
