@@ -217,8 +217,8 @@ class LiveEstimator:
     """
     Joint states and commands in, estimates at rate/block (50 Hz) out.
 
-    A command counts from its stamp on and is held until the next one. Joint states and commands
-    with a NaN are left out and counted.
+    A command counts from its stamp on and is held until the next one; one without targets (the
+    drives are damped) means that there is no estimate. Joint states with a NaN are left out.
     """
 
     def __init__(
@@ -239,16 +239,8 @@ class LiveEstimator:
         self._block: list[Sample] = []
         self._since_fresh = 0
 
-    @property
-    def has_command(self) -> bool:
-        """Whether a command has come into force."""
-        return self._command is not None
-
     def command(self, stamp: int, position: Doubles) -> None:
-        """Take a position target [D] in rad that counts from stamp (ns) on."""
-        if not np.isfinite(position).all():
-            self.refused += 1
-            return
+        """Take position targets [D] in rad, NaN for none, that count from stamp (ns) on."""
         while self._waiting and stamp < self._waiting[-1][0]:
             self._waiting.pop()
         self._waiting.append((stamp, position))
