@@ -13,7 +13,7 @@ _SLACK = 1.5
 class Assembled(NamedTuple):
     """A complete sample: its index, the device time in ns of its first frame, values [Q, D]."""
 
-    index: int
+    number: int
     device_time: int
     values: Floats
 
@@ -33,7 +33,7 @@ class _Seen(NamedTuple):
     """The newest frame of a slot."""
 
     raw: int
-    index: int
+    number: int
     device_time: int
 
 
@@ -127,9 +127,9 @@ class Assembler:
         if index is None:
             index = self._align(raw, arrival)
         seen = _Seen(raw, index, device_time)
-        if last is None or index > last.index:
+        if last is None or index > last.number:
             self._seen[slot] = seen
-        if self._newest is None or index > self._newest.index:
+        if self._newest is None or index > self._newest.number:
             self._newest, self._newest_arrival = seen, arrival
         return index
 
@@ -143,7 +143,7 @@ class Assembler:
             return None
         if step - expected > _SLACK + 0.05 * expected:
             self.counter_jumps += 1
-        return last.index + step
+        return last.number + step
 
     def _align(self, raw: int, arrival: int) -> int:
         """Index of a slot's first frame, by the other slots, or by the time since the last."""
@@ -153,5 +153,5 @@ class Assembler:
         if self._resync:
             self._resync = False
             elapsed = (arrival - self._newest_arrival) * self._group.rate * 1e-9
-            return max(newest.index, self._closed) + max(2, round(elapsed))
-        return newest.index + self._counter.advance(newest.raw, raw, 0)
+            return max(newest.number, self._closed) + max(2, round(elapsed))
+        return newest.number + self._counter.advance(newest.raw, raw, 0)

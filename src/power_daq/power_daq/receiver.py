@@ -147,7 +147,7 @@ class Receiver:
         if route.group == 'electrical' and self._calibration is not None:
             values[:2] = values[:2] * self._calibration.gain + self._calibration.offset
         stamp = self._stamp(route.group, clock, done.device_time)
-        return Sample(route.group, done.index, stamp, done.device_time, values)
+        return Sample(route.group, done.number, stamp, done.device_time, values)
 
     def _restart(self, clock: str) -> None:
         """A device started again, so the counters of its frames do too."""

@@ -71,10 +71,12 @@ def test_what_is_packed_unpacks_to_the_same_frames(frames):
     ]
     messages.append(can.Message(is_error_frame=True, dlc=8, data=bytes(8)))
     messages.append(can.Message(is_remote_frame=True, dlc=4, arbitration_id=7))
-    again = unpack(pack(messages), 0.0, '')
+    again = unpack(pack(messages), '')
     assert len(again) == len(messages)
     for sent, received in zip(messages, again, strict=True):
-        assert sent.equals(received, check_channel=False, check_direction=False)
+        assert sent.equals(
+            received, check_channel=False, check_direction=False, timestamp_delta=None
+        )
 
 
 def test_python_can_finds_the_interface_by_its_name():
@@ -91,6 +93,16 @@ def test_every_frame_reaches_all_others_and_not_its_sender(host, path):
         assert bytes(host.recv(10).data) == b'abc'
         assert two.recv(10).arbitration_id == 3
         assert one.recv(0) is None
+
+
+def test_frames_carry_the_time_at_which_they_were_sent(host, path):
+    with connect(path) as bus:
+        serve_until_connected(host, 1)
+        before = time.time()
+        host.send(frame())
+        after = time.time()
+        time.sleep(0.05)
+        assert before - 1e-6 <= bus.recv(10).timestamp <= after + 1e-6
 
 
 def test_filters_keep_other_identifiers_away(host, path):

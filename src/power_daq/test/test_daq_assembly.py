@@ -37,7 +37,7 @@ def joints():
 def test_a_sample_is_complete_with_its_last_frame_in_whatever_order(joints):
     assert joints.send(7, (2, 0, 3)) == []
     (sample,) = joints.send(7, (1,))
-    assert (sample.index, sample.device_time) == (0, 7 * PERIOD)
+    assert (sample.number, sample.device_time) == (0, 7 * PERIOD)
     np.testing.assert_allclose(sample.values[0], 0.007, atol=2e-6)
     assert joints.assembler.lost == 0
 
@@ -46,7 +46,7 @@ def test_a_missing_frame_loses_its_sample_and_no_other(joints):
     indices = []
     for count in range(10):
         slots = (0, 1, 3) if count == 4 else (0, 1, 2, 3)
-        indices += [sample.index for sample in joints.send(count, slots)]
+        indices += [sample.number for sample in joints.send(count, slots)]
     assert indices == [0, 1, 2, 3, 5, 6, 7, 8, 9]
     assert joints.assembler.lost == 1
     assert joints.assembler.missing == [0, 0, 1, 0]
@@ -65,13 +65,13 @@ def test_a_leg_that_is_gone_for_good_is_counted_while_it_is_gone(joints):
         assert joints.send(count, (0, 1, 2)) == []
     assert 90 <= joints.assembler.lost <= 100
     assert joints.assembler.missing[3] == joints.assembler.lost
-    assert [s.index for s in joints.send(101)] == [101]
+    assert [s.number for s in joints.send(101)] == [101]
     assert joints.assembler.lost == 100
 
 
 def test_joining_in_the_middle_of_a_sample_is_no_loss(joints):
     assert joints.send(0, (2, 3)) == []
-    assert [s.index for s in joints.send(1)] == [1]
+    assert [s.number for s in joints.send(1)] == [1]
     assert joints.assembler.lost == 0
     assert joints.assembler.missing == [0, 0, 0, 0]
 
@@ -80,8 +80,8 @@ def test_frames_of_two_samples_may_interleave(joints):
     joints.send(0)
     assert joints.send(1, (0, 1)) == []
     assert joints.send(2, (0, 1)) == []
-    assert [s.index for s in joints.send(1, (2, 3))] == [1]
-    assert [s.index for s in joints.send(2, (2, 3))] == [2]
+    assert [s.number for s in joints.send(1, (2, 3))] == [1]
+    assert [s.number for s in joints.send(2, (2, 3))] == [2]
     assert joints.assembler.lost == 0
 
 
@@ -99,7 +99,7 @@ def test_counters_that_wrap_are_followed_and_long_silences_counted_in_full(joint
         joints.send(count)
     assert joints.assembler.lost == 0
     (sample,) = joints.send(65540 + 200_000)
-    assert sample.index == 10 + 200_000
+    assert sample.number == 10 + 200_000
     assert joints.assembler.lost == 200_000
     assert joints.assembler.counter_jumps == 0
 
@@ -108,7 +108,7 @@ def test_a_counter_that_jumps_ahead_is_a_loss_and_is_told(joints):
     joints.send(0)
     joints.send(1)
     (sample,) = joints.send(102, at=2 * PERIOD)
-    assert sample.index == 102
+    assert sample.number == 102
     assert joints.assembler.lost == 100
     assert joints.assembler.counter_jumps == 4
 
@@ -116,7 +116,7 @@ def test_a_counter_that_jumps_ahead_is_a_loss_and_is_told(joints):
 def test_a_counter_that_goes_back_is_told_and_samples_go_on(joints):
     for count in range(500, 510):
         joints.send(count)
-    indices = [s.index for k in range(10, 20) for s in joints.send(500 + k, raw=k - 10)]
+    indices = [s.number for k in range(10, 20) for s in joints.send(500 + k, raw=k - 10)]
     assert indices == list(range(11, 21))
     assert joints.assembler.counter_jumps == 1
     assert joints.assembler.lost == 1
@@ -127,7 +127,7 @@ def test_after_a_restart_of_the_device_the_gap_is_as_long_as_it_lasted(joints):
         joints.send(count)
     joints.assembler.restart()
     (sample,) = joints.send(100 + 400, raw=3)
-    assert sample.index == 99 + 401
+    assert sample.number == 99 + 401
     assert joints.assembler.lost == 400
 
 
@@ -138,6 +138,6 @@ def test_single_frames_need_no_waiting():
     for count in [65534, 65535, 65536, 65540]:
         (message,) = bus.encode_electrical(count, 1000 * count, np.full(12, 48.0), np.zeros(12))
         time = count * 1_000_000
-        indices.append(assembler.add(0, count % 65536, time, time, message.data).index)
+        indices.append(assembler.add(0, count % 65536, time, time, message.data).number)
     assert indices == [0, 1, 2, 6]
     assert assembler.lost == 3

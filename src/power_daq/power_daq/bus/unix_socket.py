@@ -16,19 +16,25 @@ from typing import Protocol
 import can
 from can.bus import CanProtocol
 
+_TIME = struct.Struct('<Q')
 _HEAD = struct.Struct('<IBBxx')
 _EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
 _BITRATE_SWITCH, _ERROR_STATE, _FD = 1, 2, 4
 _FRAMES_PER_PACKET = 256
-_PACKET_BYTES = _FRAMES_PER_PACKET * (_HEAD.size + 64)
+_PACKET_BYTES = _TIME.size + _FRAMES_PER_PACKET * (_HEAD.size + 64)
 _BUFFER_BYTES = 4 << 20
 _HOST_QUEUE = 4096
 _SERVICE_PERIOD = 0.005
+_PACKETS_PER_SERVICE = 64
 
 
 def pack(messages: Iterable[can.Message]) -> bytes:
-    """Frames one behind the other, each laid out as SocketCAN's canfd_frame up to its length."""
-    parts: list[bytes | bytearray] = []
+    """
+    Time of sending, then the frames, each laid out as SocketCAN's canfd_frame up to its length.
+
+    The time is system time in ns: as on vcan, where the kernel stamps a frame while it is sent.
+    """
+    parts: list[bytes | bytearray] = [_TIME.pack(time.time_ns())]
     for m in messages:
         identifier = m.arbitration_id
         if m.is_extended_id:
@@ -47,10 +53,13 @@ def pack(messages: Iterable[can.Message]) -> bytes:
     return b''.join(parts)
 
 
-def unpack(packet: bytes, timestamp: float, channel: str) -> list[can.Message]:
+def unpack(packet: bytes, channel: str) -> list[can.Message]:
     """Messages of a packet; ValueError if it is not one."""
+    if len(packet) < _TIME.size:
+        raise ValueError(f'{len(packet)} bytes without a time')
     messages = []
-    place = 0
+    timestamp = 1e-9 * _TIME.unpack_from(packet)[0]
+    place = _TIME.size
     while place < len(packet):
         if len(packet) - place < _HEAD.size:
             raise ValueError(f'{len(packet) - place} bytes after the last frame')
@@ -128,7 +137,7 @@ class UnixSocketBus(can.BusABC):
         if not self._pending:
             for packet in self._end.receive(timeout):
                 try:
-                    self._pending.extend(unpack(packet, time.time(), self.channel))
+                    self._pending.extend(unpack(packet, self.channel))
                 except ValueError as error:
                     raise can.CanOperationError(
                         f'{self.channel_info} carries what is no CAN frame: {error}'
@@ -281,8 +290,11 @@ class _Host:
         for descriptor, _ in self._poll.poll(milliseconds):
             if descriptor == self._listener.fileno():
                 self._accept()
-            elif descriptor in self._clients:
-                self._read(self._clients[descriptor])
+            else:
+                for _ in range(_PACKETS_PER_SERVICE):
+                    client = self._clients.get(descriptor)
+                    if client is None or not self._read(client):
+                        break
 
     def _accept(self) -> None:
         with suppress(OSError):
@@ -293,19 +305,19 @@ class _Host:
             self._clients[client.fileno()] = client
             self._poll.register(client, select.POLLIN)
 
-    def _read(self, client: socket.socket) -> None:
+    def _read(self, client: socket.socket) -> bool:
+        """Pass a client's packet on; False if there is none (any more)."""
         try:
             packet = client.recv(_PACKET_BYTES)
-            frames = len(unpack(packet, 0.0, ''))
+            frames = len(unpack(packet, ''))
         except BlockingIOError:
-            return
+            return False
         except (OSError, ValueError):
-            packet, frames = b'', 0
-        if not packet:
             self._forget(client)
-            return
+            return False
         self._inbox.append(packet)
         self._fan_out(packet, frames, client)
+        return True
 
     def _forget(self, client: socket.socket) -> None:
         if self._dropped.pop(client, None) is not None:
@@ -329,10 +341,10 @@ class _Host:
         return HostStatistics(len(dropped), self._disconnected, dropped)
 
     def close(self) -> None:
+        self._listener.close()
+        with suppress(OSError):
+            os.unlink(self._path)
         for client in list(self._dropped):
             client.close()
         self._dropped.clear()
         self._clients.clear()
-        self._listener.close()
-        with suppress(OSError):
-            os.unlink(self._path)

@@ -1,0 +1,166 @@
+"""The DAQ node: reads the drives' bus and publishes what they draw and where they are."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import JointState
+
+from drive_power_msgs.msg import DriveSupply
+from power_daq.acquisition import Acquisition, SampleQueue
+from power_daq.bus.connection import BusSettings
+from power_daq.bus.description import BusDescription
+from power_daq.calibration import Calibration
+from power_daq.cli import command
+from power_daq.clock_mapping import RosTime
+from power_daq.health import Health, Level, Report
+from power_daq.parameters import DeviceParameters
+from power_daq.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
+from power_daq.receiver import Receiver, Sample
+
+_PERIOD = 1.0
+_QUEUED_SAMPLES = 4000
+_LOSSLESS = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000
+)
+
+_EXAMPLE = """
+example, with the simulated robot:
+  ros2 run power_daq daq --ros-args -p interface:=unixsocket -p channel:=/tmp/drives
+example, on hardware:
+  ros2 run power_daq daq --ros-args -p interface:=socketcan -p channel:=can0 \\
+      -p dbc:=robot.dbc -p mapping:=robot.yaml
+"""
+
+
+class DaqNode(Node):
+    """Publishes drive_supply, joint_states and diagnostics; InputError for bad parameters."""
+
+    def __init__(self) -> None:
+        super().__init__('power_daq')
+        given = DeviceParameters(self)
+        settings = BusSettings(
+            given.text('interface', 'socketcan', 'python-can interface, or unixsocket'),
+            given.text('channel', 'can0', 'bus of that interface, such as can0 or a path'),
+            given.whole('bitrate', 1_000_000, 'bit/s, arbitration phase', 10_000, 1_000_000),
+            given.whole('data_bitrate', 5_000_000, 'bit/s, data phase', 10_000, 10_000_000),
+        )
+        bus = BusDescription.load(
+            given.path('dbc', 'DBC file of the bus; empty for the shipped one'),
+            given.path('mapping', 'YAML file from signals to drives; empty for the shipped one'),
+        )
+        frame_id = given.text('frame_id', bus.device, 'frame_id of drive_supply')
+        per_message = given.whole('samples_per_message', 1, 'samples in a drive_supply', 1, 1000)
+        delay = given.real('transport_delay', 0.0, 's from sample to arrival, at best', 0.0, 0.1)
+        calibration = given.path('calibration', 'YAML file of gains and offsets; empty for none')
+        corrections = None
+        if calibration is not None and 'electrical' in bus.groups:
+            corrections = Calibration.load(calibration, bus.groups['electrical'].drives)
+        if self.get_parameter('use_sim_time').value:
+            self.get_logger().warning('use_sim_time: samples of a device are in system time')
+        self._publishers_by_group = self._make_publishers(bus, frame_id, per_message)
+        self._queue = SampleQueue(_QUEUED_SAMPLES)
+        receiver = Receiver(bus, RosTime(), corrections, int(1e9 * delay))
+        self._publishing = PublishingThread(self._queue, self._publish)
+        self._acquisition = Acquisition(
+            receiver, settings.open, self._queue.put, self.get_logger().warning
+        )
+        self._health = Health(self._acquisition, self._queue, bus, settings)
+        self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        self._said = Level.OK
+        self.create_timer(_PERIOD, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._publishing.start()
+        self._acquisition.start()
+
+    def _make_publishers(
+        self, bus: BusDescription, frame_id: str, per_message: int
+    ) -> dict[str, Callable[[Sample], None]]:
+        """By group: what publishes its samples."""
+        made: dict[str, Callable[[Sample], None]] = {}
+        drives = {name: group.drives for name, group in bus.groups.items()}
+        if 'electrical' in drives:
+            supply = SupplyPublisher(
+                self.create_publisher(DriveSupply, 'drive_supply', _LOSSLESS),
+                drives['electrical'],
+                frame_id,
+                per_message,
+                drives.get('temperature', ()),
+            )
+            made = {'electrical': supply.take, 'temperature': supply.take_temperature}
+        if 'joints' in drives:
+            publisher = self.create_publisher(JointState, 'joint_states', _LOSSLESS)
+            made['joints'] = JointStatePublisher(publisher, drives['joints']).take
+        return made
+
+    def _publish(self, sample: Sample) -> None:
+        publish = self._publishers_by_group.get(sample.group)
+        if publish is not None:
+            publish(sample)
+
+    def _diagnose(self) -> None:
+        if self._acquisition.failed or self._publishing.failed:
+            self.stop()
+            return
+        report = self._health.report(time.monotonic())
+        self._log_change(report)
+        status = DiagnosticStatus(
+            level=bytes([report.level]),
+            name=f'{self.get_name()}: bus',
+            message=report.sentence,
+            hardware_id=report.figures['bus'],
+            values=[KeyValue(key=key, value=value) for key, value in report.figures.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def _log_change(self, report: Report) -> None:
+        """Log a fault when it begins, once in ten seconds while it lasts, and when it ends."""
+        logger = self.get_logger()
+        if report.level is not Level.OK:
+            logger.warning(report.sentence, throttle_duration_sec=10.0)
+        elif self._said is not Level.OK:
+            logger.info(report.sentence)
+        self._said = report.level
+
+    def stop(self) -> None:
+        """End both threads, publish what is left; raises what one of them failed by."""
+        self._acquisition.stop()
+        self._acquisition.join(_PERIOD)
+        self._publishing.stop()
+        self._publishing.join(_PERIOD)
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until Ctrl-C; 2 for bad parameters, 1 for a failed device."""
+    parser = argparse.ArgumentParser(
+        prog='ros2 run power_daq daq',
+        description='Publishes the supply of each drive at 1 kHz and joint states at 400 Hz, '
+        'from a CAN FD bus.',
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    arguments = sys.argv[1:] if args is None else list(args)
+    parser.parse_args(remove_ros_args(arguments))
+    rclpy.init(args=arguments)
+    node = None
+    try:
+        node = DaqNode()
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if node is not None:
+            node.stop()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
