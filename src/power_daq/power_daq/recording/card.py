@@ -1,7 +1,7 @@
 """The card of a recording: what was measured, on what, and under which conditions."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -98,6 +98,10 @@ class Card:
         return cls(
             **{key: value for key, value in values.items() if value is not None}, other=other
         )
+
+    def with_drives(self, measured: Sequence[str]) -> Self:
+        """The card with the drives that were measured, unless it names some already."""
+        return self if self.drives else replace(self, drives=tuple(measured))
 
     def save(self, bag_dir: Path) -> Path:
         """Write card.yaml into a recording's folder, whole or not at all; return its path."""

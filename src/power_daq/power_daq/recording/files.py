@@ -2,10 +2,12 @@
 
 import errno
 import os
+import shutil
 from pathlib import Path
 
 from power_daq.cli import InputError
 
+_ROOM = 64 << 20  # bytes
 _ADVICE = {
     errno.ENOSPC: 'the disk is full: free some space or choose another disk',
     errno.EDQUOT: 'the disk quota is used up: free some space or choose another disk',
@@ -40,3 +42,13 @@ def write_whole(path: Path, content: str | bytes) -> None:
     except OSError as error:
         temporary.unlink(missing_ok=True)
         raise RecordingError(f'cannot write {path}: {advice(error)}') from error
+
+
+def check_room(path: Path) -> None:
+    """InputError if the disk that path will be on has less than 64 MiB left."""
+    folder = next(p for p in path.absolute().parents if p.exists())
+    free = shutil.disk_usage(folder).free
+    if free < _ROOM:
+        raise InputError(
+            f'only {free / 1e6:.0f} MB are free for {path}: free some space or choose another disk'
+        )

@@ -26,7 +26,7 @@ def antialias(rate: float, lower: float) -> NDArray[np.float64]:
         return np.ones(1)
     length, beta = kaiserord(_RIPPLE, (lower / 4) / (rate / 2))
     taps = firwin(length | 1, lower * 3 / 8, window=('kaiser', beta), fs=rate)
-    return np.asarray(taps / taps.sum(), np.float64)
+    return np.asarray(taps, np.float64)
 
 
 def gain(taps: NDArray[np.float64], frequency: float, rate: float) -> float:
