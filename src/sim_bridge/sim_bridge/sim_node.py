@@ -43,7 +43,7 @@ class SimNode(Node):
         bus = BusDescription.load(settings.dbc, settings.mapping)
         encoder = FrameEncoder(bus, simulation.joints, instruments.clock)
         self._joints = simulation.joints
-        self._clock = instruments.clock
+        self._device_clock = instruments.clock
         self._start_ns = self.get_clock().now().nanoseconds
         publisher = SamplePublisher(
             self, instruments.clock, self._start_ns, settings.publish_clock
@@ -137,8 +137,8 @@ class SimNode(Node):
                 'frames_refused': self._bus.refused,
                 'steps': plant.simulation.steps,
                 'start_ns': self._start_ns,
-                'device_clock_offset_s': self._clock.offset,
-                'device_clock_drift_ppm': self._clock.drift,
+                'device_clock_offset_s': self._device_clock.offset,
+                'device_clock_drift_ppm': self._device_clock.drift,
             }.items()
         ]
         message = DiagnosticArray(status=[status])
