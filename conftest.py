@@ -171,7 +171,7 @@ class NodeProcesses:
     def command(self, *arguments: str | Path, **environment: str) -> NodeProcess:
         """Start any command; keywords are added to its environment."""
         first, *rest = map(str, arguments)
-        beside = Path(sys.executable).with_name(first)
+        beside = Path(sys.executable).parent / first
         found = str(beside) if beside.is_file() else shutil.which(first)
         assert found is not None, f'{first} is not installed'
         added = {'PYTHONUNBUFFERED': '1', **environment}

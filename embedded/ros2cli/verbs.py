@@ -43,6 +43,7 @@ class Verbs:
 
 def add_spin_time(parser: argparse.ArgumentParser) -> None:
     """Let users say how long to wait for discovery."""
+    parser.add_argument('--no-daemon', action='store_true', help='no effect: there is no daemon')
     parser.add_argument(
         '--spin-time',
         type=float,

@@ -1,0 +1,145 @@
+"""The verbs of `ros2`, on a node in another process."""
+
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+GADGET = Path(__file__).parent / 'nodes' / 'gadget.py'
+
+
+@pytest.fixture
+def gadget(node_process):
+    process = node_process.python(GADGET)
+    process.wait_for_output('ready')
+    return process
+
+
+@pytest.fixture
+def ros2(node_process):
+    def run(*arguments, code=0):
+        process = node_process.ros2(*arguments)
+        assert process.wait() == code, process.output
+        return process.output
+
+    return run
+
+
+def test_lists_show_nodes_topics_and_services(gadget, ros2):
+    assert '/gadget' in ros2('node', 'list', '--no-daemon').splitlines()
+    assert '/state [std_msgs/msg/String]' in ros2('topic', 'list', '-t', '--no-daemon')
+    assert '/gadget/enable [std_srvs/srv/SetBool]' in ros2('service', 'list', '-t')
+    shown = ros2('node', 'info', '/gadget', '--no-daemon')
+    assert '/state: std_msgs/msg/String' in shown
+    assert '/gadget/enable: std_srvs/srv/SetBool' in shown
+
+
+def test_a_node_that_ended_is_no_longer_listed(gadget, ros2):
+    assert '/gadget' in ros2('node', 'list', '--no-daemon').splitlines()
+    gadget.interrupt()
+    gadget.wait()
+    assert '/gadget' not in ros2('node', 'list', '--no-daemon').splitlines()
+
+
+def test_echo_prints_yaml_and_hz_a_rate(gadget, node_process, ros2):
+    first, _ = ros2('topic', 'echo', '--once', '/state', 'std_msgs/msg/String').split('---')
+    assert yaml.safe_load(first) == {'data': 'idle'}
+    assert 'idle' in ros2(
+        'topic', 'echo', '--once', '--field', 'data', '/state', 'std_msgs/msg/String'
+    )
+    rate = node_process.ros2('topic', 'hz', '/state')
+    rate.wait_for_output(r'average rate: \d+\.\d+')
+
+
+def test_topic_info_tells_the_qos_of_publishers(gadget, ros2):
+    shown = ros2('topic', 'info', '-v', '/state', '--no-daemon')
+    assert 'Publisher count: 1' in shown
+    assert 'Node name: gadget' in shown
+    assert 'Reliability: RELIABLE' in shown
+
+
+def test_parameters_are_read_set_and_described(gadget, ros2):
+    listed = {line.strip() for line in ros2('param', 'list', '/gadget').splitlines()}
+    assert {'gain', 'count', 'device', 'filter.window', 'names', 'use_sim_time'} <= listed
+    assert 'Double value is: 1.5' in ros2('param', 'get', '/gadget', 'gain')
+    assert 'successful' in ros2('param', 'set', '/gadget', 'gain', '2.25')
+    gadget.wait_for_output('applied gain=2.25')
+    dumped = yaml.safe_load(ros2('param', 'dump', '/gadget'))['/gadget']['ros__parameters']
+    assert dumped['gain'] == 2.25
+    assert dumped['filter']['window'] == 4
+    assert dumped['names'] == ['LF', 'RF']
+    described = ros2('param', 'describe', '/gadget', 'gain')
+    assert 'V/A' in described
+    assert 'Max value: 10.0' in described
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('gain', '99.0', 'out of range'),
+        ('gain', 'high', 'Wrong parameter type'),
+        ('count', '12', 'not a valid step'),
+        ('device', 'daq1', 'read-only'),
+        ('filter.window', '3', 'the window must be even'),
+    ],
+)
+def test_a_value_that_is_refused_is_told_with_the_reason(
+    gadget, node_process, name, value, reason
+):
+    process = node_process.ros2('param', 'set', '/gadget', name, value)
+    process.wait_for_output(f'Setting parameter failed:.*{reason}')
+    process.wait()
+
+
+def test_services_are_called_with_yaml(gadget, ros2):
+    call = ('service', 'call', '/gadget/enable', 'std_srvs/srv/SetBool')
+    assert "SetBool_Response(success=True, message='on')" in ros2(*call, '{data: true}')
+    assert "SetBool_Response(success=False, message='off')" in ros2(*call)
+
+
+def test_pub_reaches_a_subscription(node_process):
+    echo = node_process.ros2('topic', 'echo', '/word', 'std_msgs/msg/String')
+    pub = node_process.ros2('topic', 'pub', '--once', '/word', 'std_msgs/msg/String', '{data: hi}')
+    assert pub.wait() == 0
+    echo.wait_for_output('data: hi')
+
+
+def test_run_passes_arguments_output_and_exit_code_on(node_process, tmp_path, monkeypatch):
+    folder = tmp_path / 'lib' / 'toy'
+    folder.mkdir(parents=True)
+    script = folder / 'say'
+    script.write_text(f'#!{sys.executable}\nimport sys\nprint(sys.argv[1:])\nsys.exit(7)\n')
+    script.chmod(0o755)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    process = node_process('toy', 'say', '--loud', 'a b')
+    process.wait_for_output(r"\['--loud', 'a b'\]")
+    assert process.wait() == 7
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (['run', 'no_such_package', 'x'], "Package 'no_such_package' not found"),
+        (['run', 'power_daq', 'no_such_node'], "No executable 'no_such_node'"),
+        (['topic', 'echo', '/nobody'], "Could not determine the type.*'/nobody'"),
+        (['topic', 'echo', '/a', 'std_msgs/msg/Nope'], "message type 'std_msgs/msg/Nope' is inva"),
+        (['topic', 'info', '/nobody'], "Unknown topic '/nobody'"),
+        (
+            ['service', 'call', '/a', 'std_srvs/srv/Nope'],
+            "service type 'std_srvs/srv/Nope' is inv",
+        ),
+        (
+            ['service', 'call', '--timeout', '0.1', '/a', 'std_srvs/srv/Empty'],
+            "'/a' is not available",
+        ),
+        (['service', 'call', '/a', 'std_srvs/srv/SetBool', '{dta: 1}'], "no field 'dta'"),
+        (['service', 'call', '/a', 'std_srvs/srv/SetBool', '{dta'], 'as YAML'),
+        (['node', 'info', '/nobody'], "Unable to find node '/nobody'"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_one_line_and_ends_with_1(node_process, arguments, message):
+    process = node_process.ros2(*arguments)
+    process.wait_for_output(message)
+    assert process.wait() == 1
+    assert 'Traceback' not in process.output
