@@ -259,7 +259,7 @@ def test_a_topic_of_another_type_is_refused(tmp_path: Path) -> None:
         topic = bag.add_topic('joint_states', cdr.BATTERY_STATE)
         bag.write(topic, START, cdr.encode_batteries(np.array([START]), [1], [1])[0])
     with pytest.raises(InputError, match=r'/joint_states is a sensor_msgs/msg/BatteryState'):
-        Recording.open(tmp_path / 'walk')
+        Recording.open(tmp_path / 'walk').joint_states()
 
 
 def test_topics_in_a_namespace_are_found_unless_two_robots_are_there(
@@ -273,7 +273,7 @@ def test_topics_in_a_namespace_are_found_unless_two_robots_are_there(
     assert len(Recording.open(sketch.write(tmp_path / 'one')).joint_states()) == 40
     sketch.left_out = ()
     with pytest.raises(InputError, match='record one robot at a time'):
-        Recording.open(sketch.write(tmp_path / 'two'))
+        Recording.open(sketch.write(tmp_path / 'two')).joint_states()
 
 
 def test_another_definition_of_a_message_is_refused(tmp_path: Path) -> None:
@@ -286,7 +286,7 @@ def test_another_definition_of_a_message_is_refused(tmp_path: Path) -> None:
         writer.add_message(topic, START, b'\0\1\0\0' + bytes(40), START)
         writer.finish()
     with pytest.raises(InputError, match=r'another definition of drive_power_msgs.*volts'):
-        Recording.open(tmp_path / 'walk.mcap')
+        Recording.open(tmp_path / 'walk.mcap').drive_supply()
 
 
 def test_damaged_messages_are_counted_and_left_out(tmp_path: Path) -> None:
@@ -306,7 +306,34 @@ def test_wrong_array_lengths_are_named(tmp_path: Path) -> None:
         topic = bag.add_topic('joint_states', cdr.JOINT_STATE)
         bag.write(topic, START, cdr.serialize(cdr.JOINT_STATE, message))
     with pytest.raises(InputError, match='joint_states: position has 2 values for 3 names'):
-        Recording.open(tmp_path / 'walk')
+        Recording.open(tmp_path / 'walk').joint_states()
+
+
+def test_names_that_never_settle_are_an_error(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'walk') as bag:
+        topic = bag.add_topic('joint_states', cdr.JOINT_STATE)
+        for i in range(300):
+            message = cdr.encode_joint_states(np.array([START + i]), [f'joint_{i:04}'], [[1.0]])
+            bag.write(topic, START + i, message[0])
+    recording = Recording.open(tmp_path / 'walk')
+    with pytest.raises(InputError, match='change in nearly every message'):
+        recording.joint_states()
+
+
+def test_a_topic_that_cannot_be_used_does_not_keep_others_from_being_read(
+    walk: Make, tmp_path: Path
+) -> None:
+    sketch = walk(0.1)
+    sketch.topics['/imu'] = (
+        cdr.BATTERY_STATE,
+        np.array([START]),
+        cdr.encode_batteries(np.array([START]), [1], [1]),
+    )
+    recording = Recording.open(sketch.write(tmp_path / 'walk'))
+    assert len(recording.joint_states()) == 40
+    assert recording.has('imu')
+    with pytest.raises(InputError, match='/imu is a sensor_msgs/msg/BatteryState'):
+        recording.imu()
 
 
 def write_with_rosbags(path: Path, sketch: Any, plugin: StoragePlugin, packed: bool) -> None:

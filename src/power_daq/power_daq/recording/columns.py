@@ -40,6 +40,7 @@ class Columns:
     blocks: list[Block] = field(default_factory=list)
     count: int = 0
     damaged: int = 0
+    restless: bool = False  # names or lengths change in nearly every message
     _layouts: dict[int, list[Layout]] = field(default_factory=dict)
 
     def add(self, batch: Batch) -> None:
@@ -71,12 +72,10 @@ class Columns:
                 self.damaged += 1
                 rows, order = rows[1:], order[1:]
                 continue
+            if len(layouts) == _MOST_LAYOUTS:
+                self.restless = True
+                return
             layouts.append(layout)
-            if len(layouts) > _MOST_LAYOUTS:
-                raise InputError(
-                    f'the names in {self.topic} change in nearly every message; '
-                    'expected one set of names'
-                )
             matched = layout.matches(rows)
             self._decode(layout, rows[matched], order[matched])
             rows, order = rows[~matched], order[~matched]
@@ -86,6 +85,14 @@ class Columns:
         stamp = seconds * 1_000_000_000 + layout.decode(rows, 'header.stamp.nanosec')
         columns = {path: _narrow(layout.decode(rows, path)) for path in self.paths}
         self.blocks.append(Block(layout, order, stamp, columns))
+
+    def check(self) -> None:
+        """InputError if there are too many sets of names to make columns of."""
+        if self.restless:
+            raise InputError(
+                f'{self.topic}: the names or array lengths change in nearly every message; '
+                'expected one set of names'
+            )
 
     def stamps(self) -> NDArray[np.int64]:
         """Header stamps of all messages in recorded order, ns [N]."""

@@ -59,6 +59,7 @@ class Recording:
     problems: tuple[str, ...]
     _samples: Mapping[str, Samples]
     _breaks: Mapping[str, NDArray[np.int64]]
+    _errors: Mapping[str, InputError]
 
     @classmethod
     def open(cls, path: Path) -> Self:
@@ -66,7 +67,8 @@ class Recording:
         Read a bag folder or .mcap file, by whatever program it was recorded.
 
         A recording that was cut off is read as far as it goes. Raises InputError for one that
-        is empty, truncated to nothing, no bag at all, or whose topics have other types.
+        is empty, truncated to nothing or no bag at all. What is wrong with a topic (another type
+        or definition, arrays of the wrong length) is raised by the method that asks for it.
         """
         path = Path(path)
         bag = bag_folder.find(path)
@@ -95,6 +97,7 @@ class Recording:
             problems=tuple(problems),
             _samples=samples,
             _breaks=breaks,
+            _errors=loader.errors,
         )
 
     @property
@@ -108,8 +111,8 @@ class Recording:
         return Card.load(self.folder) if (self.folder / FILE).exists() else Card()
 
     def has(self, name: str) -> bool:
-        """Whether there are samples of a topic."""
-        return name in self._samples
+        """Whether there are messages of a topic."""
+        return name in self._samples or name in self._errors
 
     def breaks(self, name: str) -> NDArray[np.int64]:
         """Stamps [ns] of samples of a topic that do not follow on the one before: a cut."""
@@ -152,6 +155,8 @@ class Recording:
         return cast(CmdVelSamples, self._get('cmd_vel'))
 
     def _get(self, name: str) -> Samples:
+        if name in self._errors:
+            raise self._errors[name]
         if name not in self._samples:
             there = ', '.join(n for n, topic in self.topics.items() if topic.count)
             raise InputError(f'{self.path} has no messages on topic {name!r}; there are: {there}')
@@ -166,6 +171,7 @@ class _Loader:
         self._columns: dict[str, Columns | None] = {}
         self._found: dict[str, str] = {}
         self.counts: dict[str, int] = {}
+        self.errors: dict[str, InputError] = {}
         self.start_ns = 2**63 - 1
         self.end_ns = 0
 
@@ -182,26 +188,31 @@ class _Loader:
 
     def _declare(self, topic: Topic) -> Columns | None:
         short = topic.name.rsplit('/', 1)[-1]
-        kind = KINDS.get(short)
-        if kind is None:
+        if short not in KINDS:
             return None
-        if topic.type_name != kind.type_name:
+        try:
+            if short in self._found:
+                raise InputError(
+                    f'{self._path} has both {self._found[short]} and {topic.name}: '
+                    'record one robot at a time'
+                )
+            self._found[short] = topic.name
+            self._check(topic, KINDS[short].type_name)
+        except InputError as error:
+            self.errors[short] = error
+            return None
+        return Columns(f'{self._path}: {topic.name}', topic.type_name, KINDS[short].paths)
+
+    def _check(self, topic: Topic, type_name: str) -> None:
+        if topic.type_name != type_name:
             raise InputError(
-                f'{self._path}: topic {topic.name} is a {topic.type_name}; '
-                f'expected {kind.type_name}'
+                f'{self._path}: topic {topic.name} is a {topic.type_name}; expected {type_name}'
             )
         if topic.encoding != 'cdr':
             raise InputError(
                 f'{self._path}: {topic.name} is encoded as {topic.encoding!r}, not cdr'
             )
-        if short in self._found:
-            raise InputError(
-                f'{self._path} has both {self._found[short]} and {topic.name}: '
-                'record one robot at a time'
-            )
-        self._found[short] = topic.name
         _check_definition(self._path, topic)
-        return Columns(f'{self._path}: {topic.name}', topic.type_name, kind.paths)
 
     def samples(
         self, problems: list[str]
@@ -210,12 +221,19 @@ class _Loader:
         breaks: dict[str, NDArray[np.int64]] = {}
         for short, name in self._found.items():
             columns = self._columns[name]
-            assert columns is not None
+            if columns is None or short in self.errors:
+                continue
             if columns.damaged:
                 problems.append(f'{name}: {columns.damaged} damaged messages left out')
-            if columns.blocks:
+            if not columns.blocks:
+                continue
+            try:
+                columns.check()
                 whole = KINDS[short].build(columns)
-                found[short], breaks[short] = _in_time(whole, name, problems)
+            except InputError as error:
+                self.errors[short] = error
+                continue
+            found[short], breaks[short] = _in_time(whole, name, problems)
         return found, breaks
 
 
