@@ -102,8 +102,13 @@ class DaqNode(Node):
 
     def _publish(self, sample: Sample) -> None:
         publish = self._publishers_by_group.get(sample.group)
-        if publish is not None:
+        if publish is None:
+            return
+        try:
             publish(sample)
+        except RuntimeError:
+            if self.context.ok():
+                raise
 
     def _diagnose(self) -> None:
         if self._acquisition.failed or self._publishing.failed:

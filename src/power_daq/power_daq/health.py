@@ -75,11 +75,11 @@ class Health:
         counts = self._counts()
         span = now - self._time if self._time is not None else 0.0
         news = {name: value - self._before.get(name, 0) for name, value in counts.items()}
-        first, self._time, self._before = self._time is None, now, counts
-        rates = {
-            name: news[f'{name} samples'] / span if span > 0 else 0.0
-            for name in self._description.groups
-        }
+        self._time, self._before = now, counts
+        rates = {}
+        if span > 0:
+            groups = self._description.groups
+            rates = {name: news[f'{name} samples'] / span for name in groups}
         figures = {'bus': f'{self._settings.interface} {self._settings.channel}'}
         figures['bus state'] = self._acquisition.state.value
         if span > 0:
@@ -91,7 +91,7 @@ class Health:
         figures['samples waiting'] = str(len(self._queue))
         for key, count in self._acquisition.receiver.unknown_ids.most_common(4):
             figures[f'unknown id {key & 0x1FFFFFFF:#x}'] = str(count)
-        level, sentence = self._judge(news, {} if first else rates)
+        level, sentence = self._judge(news, rates)
         return Report(level, sentence, figures)
 
     def _clock_figures(self) -> dict[str, str]:
