@@ -25,13 +25,13 @@ PLANTS = Path(__file__).parent / 'plants'
 class DriveParameters:
     """One type of drive, every quantity as seen at the joint (behind the gear)."""
 
-    resistance: float = bounded(0.42, 0.01, 10.0, 'ohm', 'DC equivalent, at 25 °C')
-    torque_constant: float = bounded(4.9, 0.1, 20.0, 'N·m/A', 'motor constant times gear')
+    resistance: float = bounded(0.5, 0.01, 10.0, 'ohm', 'DC equivalent, at 25 °C')
+    torque_constant: float = bounded(5.4, 0.1, 20.0, 'N·m/A', 'motor constant times gear')
     saturation: float = bounded(0.05, 0.0, 0.5, '', 'more current at full torque')
-    reactance: float = bounded(0.05, 0.001, 1.0, 'V·s/(rad·A)', 'inductance times pole pairs')
+    reactance: float = bounded(0.08, 0.001, 1.0, 'V·s/(rad·A)', 'inductance times pole pairs')
     torque_limit: float = bounded(80.0, 1.0, 500.0, 'N·m', '')
     modulation: float = bounded(0.95, 0.5, 1.0, '', 'share of the bus voltage at the motor')
-    weakening_current: float = bounded(12.0, 0.0, 50.0, 'A', 'most that opposes the magnets')
+    weakening_current: float = bounded(10.0, 0.0, 50.0, 'A', 'most that opposes the magnets')
     temperature_coefficient: float = bounded(0.0039, 0.0, 0.01, '1/K', 'of the resistance')
     winding_capacity: float = bounded(60.0, 1.0, 1e4, 'J/K', '')
     winding_conductance: float = bounded(0.7, 0.01, 100.0, 'W/K', 'winding to housing')

@@ -241,9 +241,12 @@ class Simulation:
         acceleration: Floats,
     ) -> None:
         drives, trace = self.drives, self.drives.trace
-        spring = np.zeros_like(speed)
+        spring = damper = np.zeros_like(speed)
         if drives.elastic:
-            spring = trace.output[rows] * (rotor_speed - speed)
+            twisting = rotor_speed - speed
+            joint = self._qvel[rows, -len(self.joints) :]
+            damper = drives.damping * (trace.velocity[rows] - joint) * twisting
+            spring = trace.output[rows] * twisting - damper
         parts = drives.friction.parts(
             trace.position[rows], trace.velocity[rows], trace.motor[rows]
         )
@@ -265,6 +268,7 @@ class Simulation:
             'cogging_field': trace.cogging[rows] * rotor_speed,
             'rotor': drives.inertia * acceleration * rotor_speed,
             'spring': spring,
+            'spring_damping': damper,
             'shaft': self._torque[rows] * speed,
         }
         self.books.add({name: float(power.sum()) for name, power in powers.items()}, STEP)
