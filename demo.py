@@ -1,0 +1,283 @@
+"""
+The whole loop in about five minutes: walk, measure, record, train, and check the estimate live.
+
+Everything runs as a user would run it: by `ros2 run`, each node in a process of its own.
+"""
+
+import argparse
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from datetime import datetime
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+ROOT = Path(__file__).resolve().parent
+PATIENCE = 30.0
+DOMAIN = '83'
+PROXIES = (
+    'torque_squared',
+    'torque_abs',
+    'mechanical_power',
+    'mechanical_power_positive',
+    'acceleration_squared',
+)
+
+
+class DemoError(Exception):
+    """A step of the demo failed; the message says which and where its log lies."""
+
+
+def ros2_command() -> str:
+    """The ros2 beside this Python, or that of a sourced ROS 2."""
+    beside = Path(sys.executable).with_name('ros2')
+    found = str(beside) if beside.is_file() else shutil.which('ros2')
+    if found is None:
+        raise DemoError('no ros2 command: run `make setup`, or source ROS 2')
+    return found
+
+
+class Node:
+    """A process whose output goes to a log and can be waited for."""
+
+    def __init__(self, name: str, command: Sequence[str], log: Path) -> None:
+        self.name, self.log = name, log
+        self._file = log.open('w')
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=self._file,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+        )
+
+    def check(self) -> None:
+        """Raise DemoError if the process ended before its time."""
+        code = self._process.poll()
+        if code is not None:
+            raise DemoError(
+                f'{self.name} ended with code {code}: {self._last_line()} ({self.log})'
+            )
+
+    def wait_for(self, pattern: str) -> None:
+        """Wait until a line of the output matches."""
+        deadline = time.monotonic() + PATIENCE
+        while not re.search(pattern, self.log.read_text(errors='replace')):
+            self.check()
+            if time.monotonic() > deadline:
+                raise DemoError(f'{self.name} did not say {pattern!r} in time ({self.log})')
+            time.sleep(0.1)
+
+    def wait(self, patience: float) -> None:
+        """Wait for an end in good order."""
+        code = self._process.wait(patience)
+        if code != 0:
+            raise DemoError(
+                f'{self.name} ended with code {code}: {self._last_line()} ({self.log})'
+            )
+
+    @property
+    def running(self) -> bool:
+        """Whether the process still runs."""
+        return self._process.poll() is None
+
+    def stop(self) -> None:
+        """Do what Ctrl-C does, and insist after a while."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            if not self.running:
+                break
+            os.killpg(self._process.pid, number)
+            try:
+                self._process.wait(8.0)
+            except subprocess.TimeoutExpired:
+                continue
+        self._file.close()
+
+    def _last_line(self) -> str:
+        lines = self.log.read_text(errors='replace').strip().splitlines()
+        return lines[-1] if lines else 'no output'
+
+
+class Demo:
+    """The steps, their results and their logs, in one folder."""
+
+    def __init__(self, output: Path, console: Console) -> None:
+        self.output, self.console = output, console
+        self._ros2 = ros2_command()
+        self._logs = output / 'logs'
+        self._logs.mkdir(parents=True)
+        self._started = time.monotonic()
+
+    def title(self, text: str) -> None:
+        """Announce a step."""
+        minutes, seconds = divmod(int(time.monotonic() - self._started), 60)
+        self.console.print(f'\n[bold]{text}[/]  [dim]{minutes}:{seconds:02d}[/]')
+
+    def run(self, package: str, executable: str, *arguments: str | Path) -> None:
+        """Run a command in the foreground, its output on the screen."""
+        command = ['ros2', 'run', package, executable, *map(str, arguments)]
+        shown = ' '.join(_short(part) for part in command)
+        self.console.print(f'[cyan]$ {shown}[/]', soft_wrap=True)
+        code = subprocess.run([self._ros2, *command[1:]], check=False).returncode
+        if code != 0:
+            raise DemoError(f'`{" ".join(command)}` ended with code {code}')
+
+    @contextmanager
+    def node(self, log: str, package: str, executable: str, *arguments: str) -> Iterator[Node]:
+        """Run a node in the background until the block ends."""
+        command = [self._ros2, 'run', package, executable, *arguments]
+        node = Node(executable, command, self._logs / f'{log}_{executable}.log')
+        try:
+            yield node
+        finally:
+            node.stop()
+
+    def live(self, name: str, seconds: float, seed: int, model: Path | None = None) -> Path:
+        """Walk live with every node in its own process; returns the recording."""
+        bag = self.output / name
+        with tempfile.TemporaryDirectory(prefix='wattwalk') as folder, ExitStack() as stack:
+            bus = ['-p', 'interface:=unixsocket', '-p', f'channel:={folder}/bus']
+            seeded = ['-p', f'seed:={seed}', '-p', 'reset_after_fall:=1.0']
+            start = stack.enter_context
+            nodes = [
+                start(self.node(name, 'sim_bridge', 'sim', '--ros-args', *bus, *seeded)),
+                start(self.node(name, 'power_daq', 'daq', '--ros-args', *bus)),
+            ]
+            if model is not None:
+                estimate = ('estimate', '--ros-args', '-p', f'model:=ppn:{model}')
+                nodes.append(start(self.node(name, 'power_estimator', *estimate)))
+            walk = ('--policy', 'trot', '--start', '--random-commands', '--restart-after', '1')
+            runner = start(self.node(name, 'policy_runner', 'run', *walk, '--seed', str(seed)))
+            nodes.append(runner)
+            runner.wait_for('running')
+            card = ('--card', 'robot=anymal_c', 'controller=trot', 'notes=demo, simulated')
+            record = ('-o', str(bag), '--duration', str(seconds), *card)
+            recorder = start(self.node(name, 'power_daq', 'record', *record))
+            self._watch(recorder, nodes, seconds)
+            recorder.wait(PATIENCE)
+        return bag
+
+    def _watch(self, recorder: Node, nodes: Sequence[Node], seconds: float) -> None:
+        columns = (
+            TextColumn('recording'),
+            BarColumn(),
+            TimeElapsedColumn(),
+            TextColumn('{task.description}'),
+        )
+        with Progress(*columns, console=self.console) as progress:
+            task = progress.add_task(f'{len(nodes) + 1} nodes', total=seconds)
+            while recorder.running:
+                for node in nodes:
+                    node.check()
+                time.sleep(0.5)
+                progress.update(task, advance=0.5)
+
+    def offline(self, names: Sequence[str], seconds: float, seed: int) -> list[Path]:
+        """Simulate recordings side by side, faster than real time."""
+        bags = [self.output / name for name in names]
+        with ExitStack() as stack, self.console.status('simulating'):
+            nodes = [
+                stack.enter_context(
+                    self.node(
+                        bag.name,
+                        'sim_bridge',
+                        'sim',
+                        '--offline',
+                        '--pushes',
+                        '--seed',
+                        str(100 * seed + index),
+                        '--duration',
+                        str(seconds),
+                        '-o',
+                        str(bag),
+                    )
+                )
+                for index, bag in enumerate(bags)
+            ]
+            for node in nodes:
+                node.wait(20 * PATIENCE)
+        return bags
+
+
+def _short(part: str) -> str:
+    path = Path(part)
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else part
+
+
+def run(demo: Demo, options: argparse.Namespace) -> None:
+    """Record live, add offline recordings, train, then estimate live and compare."""
+    live, seed = options.live, options.seed
+    demo.title(
+        f'1/4  ANYmal walks for {live:.0f} s, simulated; its 12 drives are metered at 1 kHz'
+    )
+    first = demo.live('live_1', live, seed)
+
+    demo.title('2/4  More walking, faster than real time')
+    offline = demo.offline(['offline_1', 'offline_2'], options.offline, seed)
+
+    demo.title('3/4  A network per drive type learns watts from position error, torque and speed')
+    network = demo.output / 'ppn'
+    demo.run('power_estimator', 'train', first, *offline, '-o', network, '--folds', '1')
+
+    demo.title(f'4/4  The network estimates live while the robot walks for {live:.0f} s more')
+    second = demo.live('live_2', live, seed + 1, network)
+    picture = demo.output / 'live.png'
+    demo.run(
+        *('power_estimator', 'benchmark', second, '--models', f'ppn:{network}', *PROXIES),
+        *('--picture', picture),
+    )
+    demo.title('Done')
+    demo.console.print(f'recordings  {_short(str(first))}, {_short(str(second))}')
+    demo.console.print(f'network     {_short(str(network))}')
+    demo.console.print(f'picture     {_short(str(picture))}')
+    demo.console.print(
+        'next, play the recording through the live estimator, or judge another model:'
+    )
+    demo.console.print(
+        f'  .venv/bin/ros2 run power_estimator replay {_short(str(second))} '
+        f'--model ppn:{_short(str(network))} -o runs/replayed',
+        soft_wrap=True,
+    )
+
+
+def parse(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, epilog='example: make demo')
+    parser.add_argument('--output', type=Path, help='new folder for all results (runs/demo_…)')
+    parser.add_argument('--live', type=float, default=35.0, help='s of live walking, twice')
+    parser.add_argument('--offline', type=float, default=150.0, help='s of each offline run')
+    parser.add_argument('--seed', type=int, default=1)
+    return parser.parse_args(args)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the demo: 0 done, 1 a step failed, 2 bad input."""
+    options = parse(args)
+    output = options.output or ROOT / 'runs' / f'demo_{datetime.now():%Y%m%d_%H%M%S}'
+    if output.exists():
+        print(f'demo: {output} exists; name another folder', file=sys.stderr)
+        return 2
+    os.environ.setdefault('ROS_DOMAIN_ID', DOMAIN)
+    console = Console()
+    try:
+        run(Demo(output.resolve(), console), options)
+    except DemoError as error:
+        console.print(f'[bold red]demo stopped:[/] {error}')
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
