@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from power_daq.cli import InputError
 from power_daq.recording.cdr import typestore
 from power_daq.recording.layout import Layout
-from power_daq.recording.mcap_file import Batch
+from power_daq.recording.mcap_file import Batch, windows
 
 _MOST_LAYOUTS = 256
 
@@ -52,8 +52,7 @@ class Columns:
             if size < 4:
                 self.damaged += len(those)
                 continue
-            windows = np.lib.stride_tricks.sliding_window_view(batch.data, size)
-            self._sort(windows[batch.offsets[those]], order[those])
+            self._sort(windows(batch.data, size)[batch.offsets[those]], order[those])
 
     def _sort(self, rows: NDArray[np.uint8], order: NDArray[np.int64]) -> None:
         layouts = self._layouts.setdefault(rows.shape[1], [])

@@ -52,6 +52,11 @@ class Batch:
     log_times: Integers  # ns
 
 
+def windows(data: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    """All stretches of `size` bytes, [len(data) − size + 1, size], without copying."""
+    return np.ndarray((len(data) - size + 1, size), np.uint8, data, strides=(1, 1))
+
+
 class McapFile:
     """
     An MCAP file, read from front to back without its index.
@@ -190,7 +195,7 @@ class _Records:
             offsets = entries['offset'].astype(np.int64)
             if offsets.min() < 0 or offsets.max() + _MESSAGE.size > len(self.data):
                 return None
-            heads = np.lib.stride_tricks.sliding_window_view(self.data, 11)[offsets]
+            heads = windows(self.data, 11)[offsets]
             lengths = np.ascontiguousarray(heads[:, 1:9]).view('<i8')[:, 0]
             channels = np.ascontiguousarray(heads[:, 9:11]).view('<u2')[:, 0]
             if (heads[:, 0] != Opcode.MESSAGE).any() or (channels != channel).any():

@@ -13,7 +13,7 @@ from rosbags.typesys import TypesysError, get_types_from_msg
 from power_daq.cli import InputError
 from power_daq.recording import bag_folder
 from power_daq.recording.card import FILE, Card
-from power_daq.recording.cdr import full_name, typestore
+from power_daq.recording.cdr import definition, full_name, typestore
 from power_daq.recording.columns import Columns
 from power_daq.recording.mcap_file import Topic
 from power_daq.recording.samples import (
@@ -239,7 +239,7 @@ class _Loader:
 
 def _check_definition(path: Path, topic: Topic) -> None:
     """Refuse messages whose fields are not those of the type as this software knows it."""
-    if not topic.definition:
+    if topic.definition in ('', definition(topic.type_name)):
         return
     try:
         recorded = get_types_from_msg(topic.definition, full_name(topic.type_name))
