@@ -12,7 +12,7 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'pyyaml', 'mcap', 'rosbags', 'python-can', 'cantools', 'rich'],
+    install_requires=['setuptools', 'numpy', 'scipy', 'pyyaml', 'mcap', 'zstandard', 'lz4', 'rosbags', 'python-can', 'cantools', 'rich'],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='wattwalk maintainers',
