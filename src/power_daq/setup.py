@@ -12,12 +12,25 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'pyyaml', 'mcap', 'zstandard', 'lz4', 'rosbags', 'python-can', 'cantools', 'rich'],
+    install_requires=[
+        'setuptools',
+        'numpy',
+        'scipy',
+        'pyyaml',
+        'mcap',
+        'zstandard',
+        'lz4',
+        'rosbags',
+        'python-can',
+        'cantools',
+        'rich',
+    ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='wattwalk maintainers',
     maintainer_email='wattwalk@example.org',
-    description='Measures the drives of a robot: bus drivers, clock mapping, the DAQ node, the recorder and aligned reading of recordings.',
+    description='Measures the drives of a robot: bus drivers, clock mapping, the DAQ node, '
+    'the recorder and aligned reading of recordings.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -1,1 +1,1 @@
-"""Measures the drives of a robot: bus drivers, clock mapping, the DAQ node, the recorder and aligned reading of recordings."""
+"""Measures the drives of a robot: bus, clocks, DAQ node, recorder, recordings as arrays."""

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from power_daq.acquisition import SampleQueue
 from power_daq.bus.description import BusDescription
 from power_daq.bus.generator import SignalGenerator
-from power_daq.publishing import JointStatePublisher, SupplyPublisher
+from power_daq.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
 from power_daq.receiver import Sample
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -92,6 +93,30 @@ def test_joint_states_carry_torque_as_effort():
     assert list(sent['velocity']) == [1.0, 2.0]
     assert list(sent['effort']) == [30.0, 40.0]
     assert sent['stamp'] == (0, 7)
+
+
+def test_the_publishing_thread_empties_its_queue_before_it_ends():
+    queue, done = SampleQueue(100), []
+    thread = PublishingThread(queue, done.append)
+    for sequence in range(50):
+        queue.put(electrical(sequence))
+    thread.start()
+    thread.stop()
+    thread.join()
+    assert [sample.sequence for sample in done] == list(range(50))
+
+
+def test_an_error_while_publishing_comes_out_of_join():
+    def refuse(sample):
+        raise OSError('no room')
+
+    queue = SampleQueue(10)
+    thread = PublishingThread(queue, refuse)
+    thread.start()
+    queue.put(electrical(0))
+    with pytest.raises(OSError, match='no room'):
+        thread.join()
+    assert thread.failed
 
 
 class Listener:

@@ -192,6 +192,62 @@ def test_calibration_corrects_each_channel(tmp_path):
     assert voltage.tolist() == pytest.approx([48.0] * 11 + [47.0])
 
 
+ARM_DBC = """VERSION ""
+BU_: Host
+BO_ 10 SHOULDER: 8 Host
+ SG_ t : 7|16@0+ (0.1,0) [0|0] "ms" Host
+ SG_ n : 16|8@1+ (1,0) [0|0] "" Host
+ SG_ which M : 24|8@1+ (1,0) [0|0] "" Host
+ SG_ pitch_I m1 : 32|16@1- (0.01,0) [0|0] "A" Host
+ SG_ roll_I m2 : 32|16@1- (0.01,0) [0|0] "A" Host
+BO_ 11 ELBOW: 8 Host
+ SG_ t : 7|16@0+ (0.1,0) [0|0] "ms" Host
+ SG_ n : 16|8@1+ (1,0) [0|0] "" Host
+ SG_ volts : 24|12@1+ (0.02,0) [0|0] "V" Host
+ SG_ elbow_I : 36|12@1- (0.01,0) [0|0] "A" Host
+"""
+ARM_MAPPING = """
+electrical:
+  rate: 500
+  frames:
+    - {message: SHOULDER, time: t, counter: n, drives: [{drive: pitch, current: pitch_I}]}
+    - {message: SHOULDER, time: t, counter: n, drives: [{drive: roll, current: roll_I}]}
+    - message: ELBOW
+      time: t
+      counter: n
+      drives:
+        - {drive: elbow, voltage: volts, current: elbow_I}
+        - {drive: pitch, voltage: volts}
+        - {drive: roll, voltage: volts}
+"""
+
+
+def test_three_drives_over_multiplexed_frames_with_small_counters_are_measured(tmp_path):
+    (tmp_path / 'arm.dbc').write_text(ARM_DBC)
+    (tmp_path / 'arm.yaml').write_text(ARM_MAPPING)
+    bus = BusDescription.load(tmp_path / 'arm.dbc', tmp_path / 'arm.yaml')
+    receiver = Receiver(bus, RosTime(lambda: 0, lambda: 0))
+    samples = []
+    for count in range(10_000):
+        us = 2000 * count
+        frames = bus.encode_electrical(count, us, [24.0] * 3, [0.01 * (count % 100), 1.0, -2.0])
+        if count in (5000, 5001):
+            del frames[1]
+        for message in frames:
+            samples += receiver.take(message, (us + 80) * US)
+    assert bus.drives == ('pitch', 'roll', 'elbow')
+    assert receiver.clocks['device'].epoch == 0
+    assert receiver.losses == {'electrical': 2}
+    assert receiver.assemblers['electrical'].missing == [0, 2, 0]
+    sequences = [s.sequence for s in samples]
+    assert sequences == [k for k in range(sequences[0], 10_000) if k not in (5000, 5001)]
+    for sample in samples[::97]:
+        assert sample.stamp == pytest.approx((2000 * sample.sequence + 80) * US, abs=2000)
+        pitch = 0.01 * (sample.sequence % 100)
+        np.testing.assert_allclose(sample.values[1], [pitch, 1.0, -2.0], atol=1e-9)
+        np.testing.assert_allclose(sample.values[0], 24.0)
+
+
 @pytest.mark.parametrize(
     ('text', 'words'),
     [

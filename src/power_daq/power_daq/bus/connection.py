@@ -41,12 +41,14 @@ class BusSettings:
         Raises can.CanError or OSError if it is not there (yet), InputError if it never will be.
         """
         rates: dict[str, Any] = {}
+        channel: str | int = self.channel
         if self.interface not in _KERNEL_CONFIGURED:
             rates = {'bitrate': self.bitrate, 'data_bitrate': self.data_bitrate}
+            channel = int(channel) if self.channel.isdecimal() else channel
         try:
             return can.Bus(
                 interface=self.interface,
-                channel=self.channel,
+                channel=channel,
                 ignore_config=True,
                 fd=True,
                 **rates,
