@@ -20,7 +20,7 @@ def header(stamp: int, frame: str) -> dict[str, Any]:
     return {'stamp': {'sec': stamp // 10**9, 'nanosec': stamp % 10**9}, 'frame_id': frame}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(derandomize=True, max_examples=60, deadline=None)
 @given(
     names=NAMES,
     frame=NAME,
@@ -55,7 +55,7 @@ def test_a_block_of_joint_states_equals_single_messages_byte_for_byte(
     ]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(derandomize=True, max_examples=60, deadline=None)
 @given(
     names=NAMES,
     frame=NAME,

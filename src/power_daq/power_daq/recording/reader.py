@@ -16,6 +16,7 @@ from power_daq.recording.card import FILE, Card
 from power_daq.recording.cdr import definition, full_name, typestore
 from power_daq.recording.columns import Columns
 from power_daq.recording.mcap_file import Topic
+from power_daq.recording.ordering import ascending
 from power_daq.recording.samples import (
     CmdVelSamples,
     DriveSamples,
@@ -262,12 +263,9 @@ def _in_time(samples: S, topic: str, problems: list[str]) -> tuple[S, NDArray[np
     if (stamps == stamps[0]).all():
         problems.append(f'{topic}: all {len(stamps)} messages have the same stamp {stamps[0]} ns')
         return samples.rows(slice(1)), np.zeros(0, np.int64)
-    ahead = np.zeros(len(stamps), np.bool_)
-    ahead[1:-1] = (stamps[1:-1] > stamps[2:]) & (stamps[:-2] < stamps[2:])
-    latest = np.maximum.accumulate(np.where(ahead, np.iinfo(np.int64).min, stamps))
-    before = np.concatenate([[np.iinfo(np.int64).min], latest[:-1]])
-    twice = ~ahead & (stamps == before)
-    back = ahead | (stamps < before)
+    keep = ascending(stamps)
+    twice = np.diff(stamps, prepend=stamps[0] - 1) == 0
+    back = ~keep & ~twice
     if twice.any():
         problems.append(f'{topic}: {twice.sum()} samples with the stamp of another left out')
     if back.any():
@@ -276,8 +274,5 @@ def _in_time(samples: S, topic: str, problems: list[str]) -> tuple[S, NDArray[np
             f'{topic}: {back.sum()} samples whose stamps run backwards cut out, the first '
             f'at {stamps[first] / 1e9:.3f} s'
         )
-    keep = ~(twice | back)
-    kept = np.flatnonzero(keep)
-    cuts = np.cumsum(back)[kept]
-    after_cut = kept[1:][np.diff(cuts) > 0]
-    return samples.rows(keep), stamps[after_cut]
+    cuts = np.cumsum(back)[keep]
+    return samples.rows(keep), stamps[keep][1:][np.diff(cuts) > 0]

@@ -1,0 +1,59 @@
+"""Which samples to keep where stamps do not ascend."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Stamps = NDArray[np.int64]
+
+_MOST_RUNS = 2000
+_JUMP = 50.0  # usual steps
+
+
+def ascending(stamps: Stamps) -> NDArray[np.bool_]:
+    """
+    The samples to keep so that stamps [N] ascend strictly, as many as there can be.
+
+    Kept are stretches in which time ran forwards: a single stamp far ahead goes, rather than all
+    that come after it; after a clock was set back, those go that lie in a time that was already
+    there.
+    """
+    keep = np.ones(len(stamps), np.bool_)
+    keep[1:] = np.diff(stamps) != 0
+    kept = np.flatnonzero(keep)
+    times = stamps[kept]
+    steps = np.diff(times)
+    if (steps > 0).all():
+        return keep
+    odd = (steps < 0) | (steps > _JUMP * np.median(np.abs(steps)))
+    edges = np.concatenate([[0], np.flatnonzero(odd) + 1, [len(times)]])
+    if len(edges) > _MOST_RUNS:
+        latest = np.maximum.accumulate(times)
+        keep[kept[1:]] = times[1:] > latest[:-1]
+        return keep
+    keep[:] = False
+    for start, stop in _chain(times, edges):
+        keep[kept[start:stop]] = True
+    return keep
+
+
+def _chain(times: Stamps, edges: NDArray[np.intp]) -> list[tuple[int, int]]:
+    """The runs, each shortened to what lies after the one before, that hold most samples."""
+    starts, stops = edges[:-1], edges[1:]
+    ends = times[stops - 1]
+    best = stops - starts
+    previous = np.full(len(starts), -1)
+    first = starts.copy()
+    for i in range(1, len(starts)):
+        run = times[starts[i] : stops[i]]
+        after = np.searchsorted(run, ends[:i], side='right')
+        total = np.where(after < len(run), best[:i] + len(run) - after, 0)
+        winner = int(np.argmax(total))
+        if total[winner] > best[i]:
+            best[i], previous[i] = total[winner], winner
+            first[i] = starts[i] + after[winner]
+    chain = []
+    i = int(np.argmax(best))
+    while i >= 0:
+        chain.append((int(first[i]), int(stops[i])))
+        i = int(previous[i])
+    return chain[::-1]
