@@ -128,12 +128,12 @@ def _type_card(network: Network) -> dict[str, Any]:
 def _read(file: Path) -> tuple[dict[str, Floats], dict[str, Any]]:
     try:
         with file.open('rb') as stream:
-            head = stream.read(4)
+            head = stream.read(9)
     except FileNotFoundError:
         raise InputError('there is no such file; train writes it when it is done') from None
     except OSError as error:
         raise InputError(f'cannot be read ({error.strerror})') from None
-    if head[:2] == b'PK' or head[:1] == b'\x80':
+    if head[8:] != b'{' and (head[:2] == b'PK' or head[:1] == b'\x80'):
         raise InputError('is a pickle (torch.save); only safetensors is read, it runs no code')
     try:
         with safe_open(file, framework='np') as tensors:

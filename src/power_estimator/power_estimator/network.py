@@ -201,7 +201,7 @@ class Trainer:
         tensors = {f'now/{k}': v.numpy().copy() for k, v in self.network.state_dict().items()}
         tensors |= {f'best/{k}': v for k, v in vars(self.best).items()}
         for index, moments in self._optimiser.state_dict()['state'].items():
-            tensors |= {f'adam/{index}/{k}': np.array(v) for k, v in moments.items()}
+            tensors |= {f'adam/{index}/{k}': v.numpy().copy() for k, v in moments.items()}
         rows = [(e.loss, e.r2, e.best) for e in self.history]
         return tensors | {'history': np.array(rows, np.float64).reshape(-1, 3)}
 

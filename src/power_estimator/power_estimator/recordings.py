@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -20,7 +20,11 @@ Floats = NDArray[np.float32]
 
 
 def load(paths: Sequence[Path], drives: Sequence[str]) -> AlignedDataset:
-    """Aligned recordings at 200 Hz with the drives whose names fit one of the patterns, or all."""
+    """
+    Aligned recordings at 200 Hz with the drives whose names fit one of the patterns, or all.
+
+    Without some of the drives the robot's supply means nothing to them and is left out.
+    """
     data = load_aligned(paths, rate=200.0)
     if not drives:
         return data
@@ -28,7 +32,12 @@ def load(paths: Sequence[Path], drives: Sequence[str]) -> AlignedDataset:
     for pattern in drives:
         if not any(fnmatchcase(name, pattern) for name in data.names):
             raise InputError(f'--drives {pattern!r}: there are {", ".join(data.names)}')
-    return data.drives(chosen)
+    unknown = np.full_like(data.supply, np.nan)
+    return (
+        data.drives(chosen)
+        if len(chosen) == len(data.names)
+        else replace(data.drives(chosen), supply=unknown)
+    )
 
 
 def live_features(paths: Sequence[Path], data: AlignedDataset) -> Floats:
@@ -57,9 +66,12 @@ def describe(path: Path) -> TrainingRecording:
     files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
     digest = hashlib.sha256()
     for file in files:
-        with file.open('rb') as stream:
-            while block := stream.read(1 << 20):
-                digest.update(block)
+        try:
+            with file.open('rb') as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
+        except OSError as error:
+            raise InputError(f'{path}: cannot be read ({error.strerror})') from None
     folder = path if path.is_dir() else path.parent
     card = Card.load(folder) if (folder / FILE).exists() else Card()
     content = {k: v for k, v in asdict(card).items() if v not in ('', None, (), {})}

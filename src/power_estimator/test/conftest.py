@@ -1,12 +1,22 @@
 """A drive made of formulas, for tests that need aligned signals without a recording."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from power_daq.recording import cdr
 from power_daq.recording.aligned import AlignedDataset
+from power_daq.recording.writer import BagWriter
+from power_estimator.checkpoint import Checkpoint, NetworkConfig
+from power_estimator.drive_types import infer_types
+from power_estimator.network import TrainingConfig
+from power_estimator.protocol import Protocol
+from power_estimator.training import CrossValidation
 
 RATE = 200.0
+torch.set_num_threads(1)
 
 
 def low_passed(x: np.ndarray, frequency: float) -> np.ndarray:
@@ -38,9 +48,7 @@ def make_drives(
     torque, velocity, error = 15 * wander[:, :drives], 2 * wander[:, drives : 2 * drives], None
     error = 0.02 * wander[:, 2 * drives :] + torque / 80
     lossy = 1 + np.arange(drives) % 2
-    electrical = (
-        torque * velocity + 0.03 * lossy * torque**2 + 2 * lossy * np.abs(velocity) + 8
-    )
+    electrical = torque * velocity + 0.03 * lossy * torque**2 + 2 * lossy * np.abs(velocity) + 8
     power = low_passed(np.maximum(electrical, 0), 5.0) + 0.3 * rng.standard_normal(torque.shape)
     position = np.cumsum(velocity, axis=0) / RATE
 
@@ -71,3 +79,85 @@ def make_drives(
 def drives() -> Callable[..., AlignedDataset]:
     """Factory of synthetic drives; see make_drives."""
     return make_drives
+
+
+def make_bag(folder: Path, seconds: float = 40.0, seed: int = 0, **options: object) -> Path:
+    """A bag of synthetic drives: states 400 Hz, commands 100 Hz, power 1 kHz, supply 100 Hz."""
+    data = make_drives(seconds + 0.1, seed=seed, **options)
+    start = round(data.time[0] * 1e9)
+
+    def stamps(rate: float) -> np.ndarray:
+        return start + np.arange(round(seconds * rate)) * round(1e9 / rate)
+
+    def at(values: np.ndarray, rate: float) -> np.ndarray:
+        times = np.arange(round(seconds * rate)) / rate
+        grid = np.arange(len(values)) / RATE
+        columns = values.reshape(len(values), -1).T
+        return np.stack([np.interp(times, grid, column) for column in columns], axis=1)
+
+    states, commands, supplies, drawn = (stamps(rate) for rate in (400, 100, 100, 1000))
+    names = data.names
+    power = at(data.power, 1000)
+    total = at(data.supply, 100)[:, 0]
+    messages = {
+        'joint_states': (
+            cdr.JOINT_STATE,
+            states,
+            cdr.encode_joint_states(
+                states, names, at(data.position, 400), at(data.velocity, 400), at(data.torque, 400)
+            ),
+        ),
+        'joint_commands': (
+            cdr.JOINT_STATE,
+            commands,
+            cdr.encode_joint_states(commands, names, at(data.command, 100)),
+        ),
+        'drive_supply': (
+            cdr.DRIVE_SUPPLY,
+            drawn,
+            cdr.encode_drive_supply(
+                drawn, 0, drawn.astype(np.uint64), names, np.full(power.shape, 48.0), power / 48
+            ),
+        ),
+        'supply': (
+            cdr.BATTERY_STATE,
+            supplies,
+            cdr.encode_batteries(supplies, np.full(len(total), 48.0), -total / 48),
+        ),
+    }
+    with BagWriter(folder) as bag:
+        for topic, (type_name, times, encoded) in messages.items():
+            handle = bag.add_topic(topic, type_name)
+            for time, message in zip(times.tolist(), encoded, strict=True):
+                bag.write(handle, time, message)
+    return folder
+
+
+@pytest.fixture(scope='session')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of two drives, LF_HAA and LF_HFE."""
+    return make_bag(tmp_path_factory.mktemp('bags') / 'synthetic')
+
+
+@pytest.fixture(scope='session')
+def bags() -> Callable[..., Path]:
+    """Factory of bags; see make_bag."""
+    return make_bag
+
+
+@pytest.fixture(scope='session')
+def checkpoint() -> Checkpoint:
+    """Small networks of HAA and HFE that were trained briefly."""
+    data = make_drives(90.0)
+    validation = CrossValidation(
+        data,
+        infer_types(data.names),
+        network=NetworkConfig(hidden=24),
+        training=TrainingConfig(epochs=10, batch=8, chunk=50),
+        protocol=Protocol(folds=1),
+    )
+    trainers = {job: validation.trainer(job) for job in validation.jobs}
+    for trainer in trainers.values():
+        while not trainer.done:
+            trainer.epoch()
+    return validation.checkpoint(0, trainers)

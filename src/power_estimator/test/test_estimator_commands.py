@@ -1,0 +1,169 @@
+import json
+
+import numpy as np
+import pytest
+import yaml
+from power_daq.recording.reader import Recording
+from power_estimator.checkpoint import Checkpoint
+from power_estimator.proxies import PROXIES
+
+from power_estimator import benchmark_command, replay_command, train_command
+
+QUICK = ['--folds', '2', '--epochs', '4', '--hidden', '12', '--workers', '1']
+
+
+@pytest.fixture(scope='module')
+def trained(bag, tmp_path_factory):
+    output = tmp_path_factory.mktemp('runs') / 'first'
+    assert train_command.main([str(bag), '-o', str(output), *QUICK]) == 0
+    return output
+
+
+def test_a_run_folder_holds_all_that_is_needed_to_judge_and_to_repeat_it(trained, bag):
+    assert sorted(p.name for p in trained.iterdir()) == [
+        'config.yaml',
+        'curves.json',
+        'folds',
+        'model.safetensors',
+        'r2.png',
+        'recordings.yaml',
+        'table.json',
+        'traces.png',
+    ]
+    assert yaml.safe_load((trained / 'config.yaml').read_text())['network']['hidden'] == 12
+    (card,) = yaml.safe_load((trained / 'recordings.yaml').read_text())
+    assert card['name'] == bag.name
+    assert len(card['sha256']) == 64
+    curves = json.loads((trained / 'curves.json').read_text())
+    assert [len(curves[f'{t}-{f}']) for t in ('HAA', 'HFE') for f in (0, 1)] == [4, 4, 4, 4]
+
+
+def test_the_table_lists_the_network_and_all_proxies_per_drive_and_type(trained):
+    models = json.loads((trained / 'table.json').read_text())['models']
+    assert [m['name'] for m in models] == ['ppn', *PROXIES]
+    for model in models:
+        assert set(model['drives']) == {'LF_HAA', 'LF_HFE'}
+        assert set(model['types']) == {'HAA', 'HFE'}
+        assert {'r2', 'r2_std', 'rmse_w', 'energy_error'} <= set(model['drives']['LF_HAA'])
+        assert model['supply']['r2'] <= 1
+
+
+def test_train_prints_the_table_and_what_to_type_next(bag, tmp_path, capsys):
+    output = tmp_path / 'run'
+    assert train_command.main([str(bag), '-o', str(output), *QUICK, '--folds', '1']) == 0
+    printed = capsys.readouterr().out
+    assert 'torque_squared' in printed
+    assert f'ros2 run power_estimator estimate --ros-args -p model:=ppn:{output}' in printed
+
+
+def test_training_on_some_drives_only(bag, tmp_path):
+    output = tmp_path / 'run'
+    options = [*QUICK, '--folds', '1', '--drives', '*_HFE']
+    assert train_command.main([str(bag), '-o', str(output), *options]) == 0
+    assert [n.type.name for n in Checkpoint.load(output).networks] == ['HFE']
+
+
+def test_a_stopped_training_is_resumed_to_the_same_network(bag, trained, tmp_path, monkeypatch):
+    output = tmp_path / 'run'
+    command = [str(bag), '-o', str(output), *QUICK]
+    epoch = train_command.CrossValidation.trainer
+    begun = []
+
+    def interrupt_the_third(self, job):
+        begun.append(job)
+        if len(begun) == 3:
+            raise KeyboardInterrupt
+        return epoch(self, job)
+
+    monkeypatch.setattr(train_command.CrossValidation, 'trainer', interrupt_the_third)
+    assert train_command.main(command) == 130
+    monkeypatch.undo()
+    assert not (output / 'model.safetensors').exists()
+    assert train_command.main([*command, '--resume']) == 0
+    one, other = (Checkpoint.load(run) for run in (trained, output))
+    for a, b in zip(one.networks, other.networks, strict=True):
+        assert np.array_equal(a.weights.recurrent, b.weights.recurrent)
+    assert (trained / 'table.json').read_text() == (output / 'table.json').read_text()
+
+
+def test_benchmark_judges_a_network_on_what_it_was_not_trained_on(trained, bag, tmp_path, capsys):
+    file = tmp_path / 'b.json'
+    picture = tmp_path / 'b.png'
+    command = [str(bag), '--models', f'ppn:{trained}', 'torque_squared', '--json', str(file)]
+    assert benchmark_command.main([*command, '--picture', str(picture)]) == 0
+    assert 'held out' in capsys.readouterr().out
+    models = json.loads(file.read_text())['models']
+    assert [m['name'] for m in models] == [f'ppn:{trained}', 'torque_squared']
+    # one tenth of 40 s at 50 Hz, less margins
+    assert models[0]['drives']['LF_HAA']['samples'] < 200
+    assert picture.read_bytes()[:4] == (tmp_path / 'b_r2.png').read_bytes()[:4] == b'\x89PNG'
+
+
+def test_benchmark_judges_on_all_of_a_recording_that_is_new(trained, bags, tmp_path, capsys):
+    other = bags(tmp_path / 'other', 20.0, seed=5)
+    file = tmp_path / 'b.json'
+    command = [str(other), '--models', f'ppn:{trained}', *PROXIES, '--json', str(file)]
+    assert benchmark_command.main(command) == 0
+    models = json.loads(file.read_text())['models']
+    assert models[0]['drives']['LF_HAA']['samples'] > 900
+    best = max(m['types']['HAA']['r2'] for m in models)
+    assert models[0]['types']['HAA']['r2'] == best
+
+
+def test_replay_writes_a_bag_of_estimates_that_plays_beside_the_original(trained, bag, tmp_path):
+    output = tmp_path / 'estimate'
+    assert replay_command.main([str(bag), '--model', f'ppn:{trained}', '-o', str(output)]) == 0
+    original, replayed = Recording.open(bag), Recording.open(output)
+    found = replayed.power_estimate()
+    assert found.names == ('LF_HAA', 'LF_HFE')
+    assert len(found) == pytest.approx(40 * 50, abs=5)
+    assert original.start_ns < replayed.start_ns < replayed.end_ns <= original.end_ns
+    assert np.diff(found.stamp_ns).min() == np.diff(found.stamp_ns).max() == 20_000_000
+    assert found.total[10] == pytest.approx(found.power[10].sum(), rel=1e-4)
+    assert set(found.status[:4]) == {1}
+    assert replay_command.main([str(bag), '--model', f'ppn:{trained}', '-o', str(output)]) == 2
+
+
+def refused(main, *args):
+    assert main([str(a) for a in args]) == 2
+
+
+def one_line(capsys):
+    error = capsys.readouterr().err.strip()
+    assert len(error.splitlines()) == 1, error
+    return error
+
+
+def test_bad_input_ends_with_code_2_and_one_line(trained, bag, tmp_path, capsys):
+    missing, run = tmp_path / 'none', tmp_path / 'run'
+    train, benchmark, replay = train_command.main, benchmark_command.main, replay_command.main
+    cases = [
+        (train, (missing, '-o', run), 'none'),
+        (train, (bag, '-o', run, '--hidden', '0'), 'hidden = 0'),
+        (train, (bag, '-o', run, '--folds', '11'), 'folds = 11'),
+        (train, (bag, bag, '-o', run), 'given twice'),
+        (train, (bag, '-o', trained, *QUICK), 'exists already'),
+        (train, (bag, '-o', trained, '--resume', '--hidden', '13'), 'was started with'),
+        (train, (bag, '-o', run, '--drives', '*_KFE'), '*_KFE'),
+        (train, (bag, '-o', run, '--type', 'HAA'), 'NAME=PATTERN'),
+        (train, (bag, '-o', run, '--segments', '20'), 'training needs'),
+        (benchmark, (bag, '--models', 'nonsense'), 'nonsense'),
+        (benchmark, (bag, '--models', f'ppn:{missing}'), 'no such file'),
+        (benchmark, (bag, '--models', 'torque_abs', 'torque_abs'), 'twice'),
+        (benchmark, (missing, '--models', 'torque_abs'), 'none'),
+        (benchmark, (bag, '--models', 'torque_abs', '--picture', 'x.doc'), 'x.doc'),
+        (replay, (missing, '--model', f'ppn:{trained}', '-o', run), 'none'),
+        (replay, (bag, '--model', 'torque_abs', '-o', run), 'has no unit of power'),
+    ]
+    for main, arguments, quoted in cases:
+        refused(main, *arguments)
+        assert quoted in one_line(capsys)
+    assert not run.exists()
+
+
+@pytest.mark.parametrize('main', [train_command.main, benchmark_command.main, replay_command.main])
+def test_help_shows_an_example(main, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(['--help'])
+    assert end.value.code == 0
+    assert 'example: ros2 run power_estimator' in ' '.join(capsys.readouterr().out.split())

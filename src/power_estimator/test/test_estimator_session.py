@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+from power_daq.cli import InputError
+from power_estimator.live import Status
+from power_estimator.live_score import LiveScore
+from power_estimator.live_session import LiveSession, Vector
+from power_estimator.ppn import PowerPredictionNetwork
+
+START = 1_700_000_000_000_000_000
+PERIOD = 2_500_000
+
+
+@pytest.fixture(scope='module')
+def ppn(checkpoint):
+    return PowerPredictionNetwork(checkpoint)
+
+
+def feed(session, data, names, *, samples=400, start=0):
+    """Joint states at 400 Hz and commands in the given order of names; returns the estimates."""
+    columns = [data.names.index(name) for name in names]
+    found = []
+    for index in range(start, start + samples):
+        stamp, now, row = START + index * PERIOD, index * PERIOD / 1e9, index // 2
+        if index % 4 == 0:
+            session.command(Vector(stamp, names, data.command[row][None, columns]), now)
+        rows = np.array([s[row, columns] for s in (data.position, data.velocity, data.torque)])
+        estimate = session.joint_state(Vector(stamp, names, rows), now)
+        found += [] if estimate is None else [estimate]
+    return found
+
+
+def test_the_order_of_names_in_messages_does_not_matter(ppn, drives):
+    data = drives(2.0)
+    there, back = LiveSession(ppn), LiveSession(ppn)
+    one = feed(there, data, ('LF_HAA', 'LF_HFE'))
+    two = feed(back, data, ('LF_HFE', 'LF_HAA'))
+    assert there.drives == back.drives[::-1] == ('LF_HAA', 'LF_HFE')
+    assert np.allclose([e.power for e in one], [e.power[::-1] for e in two], atol=1e-3)
+
+
+def test_joints_that_the_network_does_not_know_are_left_out(ppn, drives):
+    data = drives(1.0, ('gripper', 'LF_HAA'))
+    session = LiveSession(ppn)
+    assert feed(session, data, data.names)
+    assert session.drives == ('LF_HAA',)
+
+
+def test_a_wanted_drive_that_is_not_there_is_named(ppn, drives):
+    data = drives(1.0)
+    with pytest.raises(InputError, match="drives names 'RH_KFE', joint_states has LF_HAA, LF_HFE"):
+        feed(LiveSession(ppn, wanted=['RH_KFE']), data, data.names)
+
+
+def test_a_robot_without_a_known_joint_is_refused(ppn, drives):
+    data = drives(1.0, ('wheel',))
+    with pytest.raises(InputError, match=r'knows none of the joints .*\(wheel\)'):
+        feed(LiveSession(ppn), data, data.names)
+
+
+def test_it_says_what_it_waits_for(ppn, drives):
+    data = drives(1.0)
+    session = LiveSession(ppn)
+    assert session.report(0.0)[:2] == (False, 'waiting for joint_commands')
+    session.command(Vector(START, data.names, data.command[:1]), 0.0)
+    assert session.report(0.1)[:2] == (False, 'waiting for joint_states')
+    feed(session, data, data.names)
+    assert session.report(1.0)[:2] == (True, 'estimating')
+
+
+def test_it_says_so_when_joint_states_stop(ppn, drives):
+    data = drives(1.0)
+    session = LiveSession(ppn)
+    last = feed(session, data, data.names)[-1]
+    assert session.stale(1.05) is None
+    stale = session.stale(1.5)
+    assert stale.status == Status.INPUT_STALE
+    assert stale.stamp == last.stamp
+    assert np.isnan(stale.power).all()
+    assert np.isnan(stale.total)
+    assert session.report(1.5)[:2] == (False, 'no joint_states for 0.5 s')
+
+
+def test_damping_commands_make_it_say_that_there_are_no_targets(ppn, drives):
+    data = drives(2.0)
+    session = LiveSession(ppn)
+    feed(session, data, data.names)
+    session.command(Vector(START + 400 * PERIOD, data.names, np.full((1, 2), np.nan)), 1.0)
+    for index in range(400, 500):
+        rows = np.zeros((3, 2))
+        session.joint_state(Vector(START + index * PERIOD, data.names, rows), index * PERIOD / 1e9)
+    assert session.stale(1.25).status == Status.INPUT_STALE
+    assert session.report(1.25)[1] == 'joint_commands are stale or have no targets'
+
+
+def test_messages_without_the_drives_are_counted_and_do_no_harm(ppn, drives):
+    data = drives(2.0)
+    session = LiveSession(ppn)
+    feed(session, data, data.names)
+    session.joint_state(Vector(START, ('arm',), np.zeros((3, 1))), 1.0)
+    session.command(Vector(START, ('arm',), np.zeros((1, 1))), 1.0)
+    assert session.report(1.0)[2]['messages without the drives'] == '2'
+    assert feed(session, data, data.names, start=400)[-1].status == Status.OK
+
+
+def test_figures_count_what_came_since_the_last_report(ppn, drives):
+    data = drives(2.0)
+    session = LiveSession(ppn)
+    feed(session, data, data.names)
+    session.sent(0.002)
+    figures = session.report(1.0)[2]
+    assert figures['joint_states in the last report'] == '400'
+    assert figures['power_estimate in the last report'] == '50'
+    assert figures['age p99'] == '2.00 ms'
+    assert session.report(1.0)[2]['joint_states in the last report'] == '0'
+
+
+def test_the_live_score_pairs_an_estimate_with_the_mean_over_its_time():
+    score = LiveScore(width=0.02)
+    rng = np.random.default_rng(0)
+    watts = 100 + 30 * rng.standard_normal(60 * 20)
+    for index, value in enumerate(watts):
+        stamp = START + (index + 1) * 1_000_000
+        score.measured(stamp, value)
+        if index % 20 == 19:
+            score.estimated(stamp, float(watts[index - 19 : index + 1].mean()))
+    score.measured(stamp + 1, 0.0)
+    assert score.figures()['R² of the sum'] == '1.000 over 30 s'
+
+
+def test_the_live_score_says_nothing_before_a_second_is_over():
+    score = LiveScore(width=0.02)
+    score.estimated(START, 1.0)
+    score.measured(START + 1, 1.0)
+    assert score.figures() == {}
