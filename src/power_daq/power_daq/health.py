@@ -9,6 +9,7 @@ from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
 
 _RATE_SLACK = 0.02
+_NAMED = 4
 _FAULTS = (
     *(' lost', ' missing', ' jumps', ' duplicates', ' dropped unpublished'),
     *('error frames', 'wrong length', 'unknown', 'steps of the system clock'),
@@ -89,8 +90,11 @@ class Health:
         figures |= self._clock_figures()
         figures |= {name: f'{value:.0f}' for name, value in counts.items()}
         figures['samples waiting'] = str(len(self._queue))
-        for key, count in self._acquisition.receiver.unknown_ids.most_common(4):
+        receiver = self._acquisition.receiver
+        for key, count in receiver.unknown_ids.most_common(_NAMED):
             figures[f'unknown id {key & 0x1FFFFFFF:#x}'] = str(count)
+        for what, count in receiver.wrong_lengths.most_common(_NAMED):
+            figures[f'wrong length {what}'] = str(count)
         level, sentence = self._judge(news, rates)
         return Report(level, sentence, figures)
 

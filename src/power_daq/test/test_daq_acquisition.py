@@ -168,6 +168,8 @@ def test_faults_on_the_bus_are_counted_and_measuring_goes_on(path, settings):
     for words in ('3000 unknown', '5 error frames', '5 wrong length'):
         assert words in report.sentence
     assert report.figures['bus state'] == 'active'
+    assert report.figures['wrong length DRIVE_SUPPLY: 48 bytes, not 64'] == '5'
+    assert sum(name.startswith('unknown id 0x6') for name in report.figures) == 4
     assert float(report.figures['bus load [%]']) > 0
 
 
