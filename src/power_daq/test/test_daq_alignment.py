@@ -512,6 +512,25 @@ def test_recordings_without_power_can_be_admitted(walk: Make, tmp_path: Path) ->
     assert data.measured_drives() == ()
 
 
+def test_a_recording_in_memory_is_aligned_like_one_on_disk(walk: Make, tmp_path: Path) -> None:
+    sketch = walk(1.0)
+    sketch.current[:] = 2 + wave(sketch.supply_time, 3)
+    disk = Recording.open(sketch.write(tmp_path / 'walk'))
+    parts = {
+        'drive_supply': disk.drive_supply(),
+        'joint_states': disk.joint_states(),
+        'joint_commands': disk.joint_commands(),
+    }
+    memory = Recording.in_memory('simulated', parts)
+    assert memory.duration == pytest.approx(0.999)
+    np.testing.assert_array_equal(align(memory).power, align(disk).power)
+    assert align(memory).recordings == ('simulated',)
+    with pytest.raises(InputError, match="no topic 'joints'"):
+        Recording.in_memory('simulated', {'joints': disk.joint_states()})
+    with pytest.raises(InputError, match='simulated holds no samples'):
+        Recording.in_memory('simulated', {'joint_states': disk.joint_states().rows(slice(0))})
+
+
 def test_other_rates_are_refused(walk: Make, tmp_path: Path) -> None:
     with pytest.raises(InputError, match='rate is 123 Hz; it is one of 400, 200, 100, 50'):
         aligned(walk(0.2), tmp_path, rate=123.0)

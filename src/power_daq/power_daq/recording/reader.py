@@ -101,6 +101,33 @@ class Recording:
             _errors=loader.errors,
         )
 
+    @classmethod
+    def in_memory(cls, name: str, samples: Mapping[str, Samples]) -> Self:
+        """
+        A recording that was never on disk, from samples by topic (`joint_states` and so on).
+
+        Raises InputError for a topic that is not one of the suite's, or without samples at all.
+        """
+        if unknown := samples.keys() - KINDS.keys():
+            raise InputError(f'no topic {min(unknown)!r}; there are {", ".join(KINDS)}')
+        there = [part.stamp_ns for part in samples.values() if len(part)]
+        if not there:
+            raise InputError(f'{name} holds no samples')
+        topics = {t: TopicInfo(KINDS[t].type_name, len(part)) for t, part in samples.items()}
+        problems: list[str] = []
+        ordered = {t: _in_time(part, t, problems) for t, part in samples.items() if len(part)}
+        return cls(
+            path=Path(name),
+            folder=Path(name),
+            topics=topics,
+            start_ns=min(int(stamps.min()) for stamps in there),
+            end_ns=max(int(stamps.max()) for stamps in there),
+            problems=tuple(problems),
+            _samples={t: part for t, (part, _) in ordered.items()},
+            _breaks={t: breaks for t, (_, breaks) in ordered.items()},
+            _errors={},
+        )
+
     @property
     def duration(self) -> float:
         """Seconds from the first to the last message."""
