@@ -6,13 +6,13 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from sim_bridge.plant import MeterParameters, Plant
 from sim_bridge.simulation import STEP, Block
 
 Floats = NDArray[np.float64]
 METER_PERIOD: Final = 2  # steps between samples: 1 kHz
+_PIECE: Final = 64  # steps filtered at once
 UNDERRANGE: Final = 1
 OVERRANGE: Final = 2
 
@@ -23,14 +23,21 @@ class LowPass:
     def __init__(self, bandwidth: float, start: Floats) -> None:
         """bandwidth: −3 dB, Hz; start: value of each channel before the first step."""
         keep = exp(-2.0 * pi * bandwidth * STEP)
-        self._b, self._a = np.array([1.0 - keep]), np.array([1.0, -keep])
-        self._state = keep * np.asarray(start, dtype=np.float64)[None, :]
+        age = np.arange(_PIECE)[:, None] - np.arange(_PIECE)
+        self._answer = np.where(age >= 0, (1.0 - keep) * keep ** np.maximum(age, 0), 0.0)
+        self._decay = keep ** np.arange(1.0, _PIECE + 1.0)[:, None]
+        self._state = np.array(start, dtype=np.float64)
 
     def __call__(self, values: Floats) -> Floats:
         """Filter the next steps, [B, channels]."""
-        result, self._state = lfilter(self._b, self._a, values, axis=0, zi=self._state)
-        filtered: Floats = result
-        return filtered
+        result = np.empty_like(values)
+        for first in range(0, len(values), _PIECE):
+            piece = values[first : first + _PIECE]
+            count = len(piece)
+            filtered = self._answer[:count, :count] @ piece + self._decay[:count] * self._state
+            result[first : first + count] = filtered
+            self._state = filtered[-1]
+        return result
 
 
 class Delay:

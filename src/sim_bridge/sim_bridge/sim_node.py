@@ -75,8 +75,9 @@ class SimNode(Node):
         try:
             self.plant.run(self._stop)
         except Exception as error:
-            self.failure = error
-            rclpy.try_shutdown()
+            if self.context.ok():
+                self.failure = error
+                self.context.try_shutdown()
 
     def _command(self, message: JointState) -> None:
         try:

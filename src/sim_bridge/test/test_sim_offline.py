@@ -1,0 +1,242 @@
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import pytest
+from power_daq.bus.description import BusDescription
+from power_daq.cli import InputError
+from power_daq.recording.card import Card
+from power_daq.recording.reader import Recording
+from sim_bridge.drive import JointCommand
+from sim_bridge.instruments import Instruments
+from sim_bridge.motions import SHAPES, Motion
+from sim_bridge.offline import run_offline, simulate_recording, walking_run
+from sim_bridge.plant import Plant
+from sim_bridge.robot import FOOT_NAMES, JOINT_NAMES
+from sim_bridge.session import Pushes, Session
+from sim_bridge.simulation import Simulation
+from sim_bridge.world import walking_world
+
+from sim_bridge import bench_command, sim_node
+
+TYPES = {
+    '/drive_supply': 'drive_power_msgs/msg/DriveSupply',
+    '/joint_states': 'sensor_msgs/msg/JointState',
+    '/joint_commands': 'sensor_msgs/msg/JointState',
+    '/supply': 'sensor_msgs/msg/BatteryState',
+    '/imu': 'sensor_msgs/msg/Imu',
+    '/odom': 'nav_msgs/msg/Odometry',
+    '/cmd_vel': 'geometry_msgs/msg/TwistStamped',
+    '/foot_force': 'sensor_msgs/msg/JointState',
+    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+}
+
+
+@pytest.fixture(scope='module')
+def walk(tmp_path_factory):
+    path = tmp_path_factory.mktemp('bags') / 'walk'
+    return run_offline(path, duration=3.0, seed=5, terrain='rough', pushes=True)
+
+
+def test_a_bag_has_the_live_systems_topics_types_and_rates(walk):
+    recording = Recording.open(walk)
+    assert {name: info.type_name for name, info in recording.topics.items()} == TYPES
+    counts = {name: info.count for name, info in recording.topics.items()}
+    assert counts['/drive_supply'] == 3000
+    assert counts['/joint_states'] == counts['/imu'] == counts['/foot_force'] == 1200
+    assert counts['/supply'] == counts['/odom'] == 300
+    assert counts['/diagnostics'] in (2, 3)
+
+
+def test_samples_are_complete_in_order_and_on_the_devices_clock(walk):
+    supply = Recording.open(walk).drive_supply()
+    assert supply.names == JOINT_NAMES
+    np.testing.assert_array_equal(np.diff(supply.sequence.astype(int)), 1)
+    np.testing.assert_array_equal(np.diff(supply.device_time.astype(int)), 1_000_000)
+    span = supply.stamp_ns[-1] - supply.stamp_ns[0]
+    device = int(supply.device_time[-1] - supply.device_time[0])
+    assert device / span - 1.0 == pytest.approx(18e-6, abs=1e-6)
+
+
+def test_values_are_those_that_survive_the_wire(walk):
+    recording, bus = Recording.open(walk), BusDescription.load()
+    supply, joints = recording.drive_supply(), recording.joint_states()
+    voltage, current = bus.quantise_electrical(supply.voltage, supply.current)
+    np.testing.assert_allclose(voltage, supply.voltage, atol=1e-5)
+    np.testing.assert_allclose(current, supply.current, atol=1e-5)
+    position, _, torque = bus.quantise_joints(joints.position, joints.velocity, joints.effort)
+    np.testing.assert_allclose(position, joints.position, atol=1e-6)
+    np.testing.assert_allclose(torque, joints.effort, atol=1e-5)
+
+
+def test_the_whole_robot_draws_what_its_drives_and_electronics_draw(walk):
+    recording = Recording.open(walk)
+    supply = recording.supply()
+    assert (supply.current < 0.0).all()
+    drives = recording.drive_supply().power.sum(axis=1).mean()
+    lost_before_the_meter = supply.power.mean() - drives - 192.0
+    assert 0.0 < lost_before_the_meter < 30.0
+
+
+def test_the_card_says_what_was_simulated(walk):
+    card = Card.load(walk)
+    assert (card.robot, card.unit, card.seed) == ('anymal_c', '0', 5)
+    assert (card.controller, card.terrain, card.drives) == ('trot', 'rough', JOINT_NAMES)
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
+    folders = [tmp_path / name / 'bag' for name in 'abc']
+    for folder, seed in zip(folders, (1, 1, 2), strict=True):
+        folder.parent.mkdir()
+        run_offline(folder, duration=1.0, seed=seed)
+    contents = [
+        {file.name: file.read_bytes() for file in sorted(folder.iterdir())} for folder in folders
+    ]
+    assert contents[0] == contents[1]
+    assert contents[0] != contents[2]
+    assert set(contents[0]) == {'bag_0.mcap', 'card.yaml', 'metadata.yaml'}
+
+
+def test_a_run_in_memory_is_the_run_in_the_bag(walk):
+    run = walking_run(Plant.load('anymal_c'), duration=3.0, seed=5, terrain='rough', pushes=True)
+    memory, bag = simulate_recording(run), Recording.open(walk)
+    for topic in ('drive_supply', 'joint_states', 'joint_commands', 'supply', 'cmd_vel'):
+        kept, read = getattr(memory, topic)(), getattr(bag, topic)()
+        np.testing.assert_array_equal(kept.stamp_ns, read.stamp_ns)
+        for field in ('current', 'position', 'velocity', 'effort', 'temperature'):
+            if hasattr(kept, field):
+                np.testing.assert_allclose(getattr(kept, field), getattr(read, field))
+    assert memory.foot_force().names == FOOT_NAMES
+
+
+def test_another_unit_draws_another_power_in_the_same_walk():
+    powers = [
+        simulate_recording(walking_run(Plant.load('anymal_c').unit(unit), duration=2.5, seed=1))
+        .drive_supply()
+        .power.mean()
+        for unit in (0, 4)
+    ]
+    assert 0.002 < abs(powers[1] / powers[0] - 1.0) < 0.3
+
+
+def test_only_the_asked_drives_are_metered():
+    run = walking_run(Plant.load('anymal_c'), duration=0.5, seed=0, drives=('RH_KFE', 'LF_HAA'))
+    recording = simulate_recording(run)
+    assert recording.drive_supply().names == ('RH_KFE', 'LF_HAA')
+    assert recording.joint_states().names == JOINT_NAMES
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'quoted'),
+    [
+        ({'duration': 0.0}, 'duration is 0.0'),
+        ({'seed': -1}, 'seed is -1'),
+        ({'drives': ('LF_TOE',)}, "no drive 'LF_TOE'"),
+        ({'controller': 'gallop'}, "no controller 'gallop'.*trot"),
+        ({'terrain': 'moon'}, "terrain is 'moon'.*flat, rough"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_anything_is_written(tmp_path, arguments, quoted):
+    with pytest.raises(InputError, match=quoted):
+        run_offline(tmp_path / 'bag', **{'duration': 1.0, 'seed': 0, **arguments})
+    assert not (tmp_path / 'bag').exists()
+
+
+def test_the_command_writes_a_bag_and_refuses_to_replace_one(tmp_path, capsys):
+    arguments = ['--offline', '--seed', '3', '--duration', '0.5', '-o', str(tmp_path / 'bag')]
+    assert sim_node.main([*arguments, '--drives', 'LF_KFE', '--controller', 'stand']) == 0
+    assert Recording.open(tmp_path / 'bag').card.drives == ('LF_KFE',)
+    assert sim_node.main(arguments) == 2
+    assert 'exists already' in capsys.readouterr().err
+    assert sim_node.main(['--offline']) == 2
+
+
+class Topple:
+    """Pulls all legs in, which a standing robot does not survive."""
+
+    name, period, velocity = 'topple', 20, None
+    resets = 0
+
+    def command(self, simulation):
+        return JointCommand(position=np.tile([0.4, 2.0, 2.0], 4))
+
+    def reset(self):
+        self.resets += 1
+
+
+def test_a_fall_is_told_once_and_the_robot_stands_again_after_a_second():
+    simulation = Simulation(Plant.load('anymal_c'), walking_world())
+    controller = Topple()
+    session = Session(simulation, Instruments(simulation, 0), controller)
+    events = [event for stretch in session.run(3.0) for event in stretch.events]
+    falls = [event for event in events if event.kind == 'fall']
+    assert falls
+    assert all(later.step - first.step >= 2000 for first, later in pairwise(falls))
+    assert controller.resets >= 1
+
+
+def test_pushes_come_from_all_sides_with_moderate_strength():
+    pushes = Pushes(3)
+    found = [push for t in np.arange(0.0, 600.0, 0.1) if (push := pushes.due(t)) is not None]
+    speeds = np.linalg.norm(found, axis=1)
+    assert 75 < len(found) < 200
+    assert speeds.min() >= 0.2
+    assert speeds.max() <= 0.6
+    assert {tuple(np.sign(push[:2])) for push in found} == {(1, 1), (1, -1), (-1, 1), (-1, -1)}
+
+
+def test_a_push_in_the_air_gives_the_whole_robot_the_velocity_asked_for():
+    simulation = Simulation(Plant.load('ideal'), walking_world())
+    model, data = simulation.world.model, simulation._data
+    data.qpos[2] += 2.0
+    simulation.push(np.array([0.3, -0.4, 0.0]))
+    simulation.advance(250)
+    mujoco.mj_subtreeVel(model, data)
+    np.testing.assert_allclose(data.subtree_linvel[0][:2], [0.3, -0.4], atol=1e-3)
+
+
+@pytest.mark.parametrize('shape', SHAPES)
+def test_a_bench_motion_stays_within_its_amplitude(shape):
+    motion = SHAPES[shape]
+    values = [motion.value(t, motion.frequency) for t in np.arange(0.0, 25.0, 0.0025)]
+    assert max(map(abs, values)) <= 1.0
+    assert shape == 'still' or max(values) > 0.99
+
+
+def test_a_chirp_ends_at_its_frequency():
+    shape = SHAPES['chirp']
+    late = np.array([shape.value(t, 4.0) for t in np.arange(19.0, 19.999, 1e-3)])
+    crossings = np.count_nonzero(np.diff(np.sign(late)))
+    assert crossings / 2 == pytest.approx(4.0, abs=0.5)
+
+
+@pytest.mark.parametrize('mode', ['position', 'velocity', 'torque'])
+def test_the_bench_command_records_one_drive_in_each_mode(tmp_path, mode):
+    bag = tmp_path / mode
+    arguments = ['sine', '-o', str(bag), '--mode', mode, '--duration', '1', '--drive', 'RF_HFE']
+    assert bench_command.main(arguments) == 0
+    recording = Recording.open(bag)
+    commands = recording.joint_commands()
+    given = {
+        'position': commands.position,
+        'velocity': commands.velocity,
+        'torque': commands.effort,
+    }
+    assert recording.drive_supply().names == recording.joint_states().names == ('RF_HFE',)
+    assert np.isfinite(given.pop(mode)).all()
+    assert all(np.isnan(other).all() for other in given.values())
+    assert '/imu' not in recording.topics
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'quoted'),
+    [
+        (('jump',), "'jump'"),
+        (('sine', 'power'), "'power'"),
+        (('sine', 'torque', 500.0), '500.0.*0..80 N·m'),
+        (('sine', 'position', 1.0, 0.0), 'frequency is 0.0'),
+    ],
+)
+def test_a_wrong_bench_motion_is_refused(arguments, quoted):
+    with pytest.raises(InputError, match=quoted):
+        Motion(*arguments)
