@@ -25,6 +25,10 @@ class DeviceParameters:
         value = self.text(name, '', description)
         return Path(value).expanduser() if value else None
 
+    def flag(self, name: str, default: bool, description: str) -> bool:
+        """A truth value."""
+        return self._declare(name, default, ParameterDescriptor(description=description))
+
     def whole(self, name: str, default: int, description: str, low: int, high: int) -> int:
         """An integer from low to high."""
         limits = [IntegerRange(from_value=low, to_value=high, step=0)]
@@ -44,6 +48,11 @@ class DeviceParameters:
         try:
             return self._node.declare_parameter(name, default, descriptor).value
         except ParameterException as error:
-            kind = {str: 'a string', int: 'an integer', float: 'a number with a decimal point'}
+            kind = {
+                str: 'a string',
+                bool: 'true or false',
+                int: 'an integer',
+                float: 'a number with a decimal point',
+            }
             expected = f'{kind[type(default)]} {limits}'.rstrip()
             raise InputError(f'parameter {name}: {error}; expected {expected}') from error
