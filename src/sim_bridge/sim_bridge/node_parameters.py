@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from power_daq.cli import InputError
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from power_daq.parameters import DeviceParameters
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
 from sim_bridge.plant import Plant
@@ -19,6 +21,10 @@ Floats = NDArray[np.float64]
 WORLDS = ('anymal_c', 'bench')
 DEFAULT_CHANNEL = '/tmp/wattwalk.sock'
 _MOST = 2**31 - 1
+_PUSH = (
+    ('push_velocity', 2.0, 'm/s that a push gives the robot; 0: random'),
+    ('push_direction', 180.0, "degrees from the world's x axis to the left"),
+)
 
 
 @dataclass(frozen=True)
@@ -40,44 +46,28 @@ class NodeParameters:
     @classmethod
     def declare(cls, node: Node) -> 'NodeParameters':
         """Declare on a node and read; InputError for a value that cannot be used."""
-
-        def fixed(name: str, default: str | bool, text: str) -> str:
-            descriptor = ParameterDescriptor(description=text, read_only=True)
-            return str(node.declare_parameter(name, default, descriptor).value)
-
-        def whole(name: str, text: str) -> int:
-            descriptor = ParameterDescriptor(
-                description=text,
-                read_only=True,
-                integer_range=[IntegerRange(from_value=0, to_value=_MOST, step=0)],
-            )
-            return int(node.declare_parameter(name, 0, descriptor).value)
-
-        def real(name: str, default: float, low: float, high: float, text: str) -> float:
-            descriptor = ParameterDescriptor(
-                description=text,
-                floating_point_range=[FloatingPointRange(from_value=low, to_value=high)],
-            )
-            return float(node.declare_parameter(name, default, descriptor).value)
-
-        real('push_velocity', 0.0, 0.0, 2.0, 'm/s that a push gives the robot; 0: random')
-        real('push_direction', 0.0, -180.0, 180.0, 'degrees from the front to the left, in world')
-        dbc = fixed('dbc', '', 'DBC file of the bus; empty: the shipped one')
-        mapping = fixed('mapping', '', 'mapping of signals to drives; empty: the shipped one')
-        plant = Plant.load(fixed('plant', 'anymal_c', 'plant file, or name of a shipped plant'))
+        for name, most, text in _PUSH:
+            span = FloatingPointRange(from_value=-most, to_value=most)
+            descriptor = ParameterDescriptor(description=text, floating_point_range=[span])
+            try:
+                node.declare_parameter(name, 0.0, descriptor)
+            except ParameterException as error:
+                raise InputError(f'parameter {name}: {error}') from error
+        read = DeviceParameters(node)
+        plant = Plant.load(read.text('plant', 'anymal_c', 'plant file, or a shipped plant'))
         settings = cls(
-            plant=plant.unit(whole('unit', 'unit of the robot; 0: exactly as in the plant file')),
-            terrain=fixed('terrain', 'flat', 'flat or rough'),
-            world=fixed('world', 'anymal_c', 'anymal_c (walking) or bench (one drive)'),
-            joint=fixed('joint', 'LF_KFE', 'drive on the bench'),
-            seed=whole('seed', 'of noise, terrain and random pushes'),
-            interface=fixed('interface', 'unixsocket', 'unixsocket, virtual or socketcan'),
-            channel=fixed('channel', DEFAULT_CHANNEL, 'socket path, or name of the bus'),
-            dbc=Path(dbc) if dbc else None,
-            mapping=Path(mapping) if mapping else None,
-            publish_clock=fixed('publish_clock', False, 'publish /clock at 200 Hz') == 'True',
-            reset_after_fall=real(
-                'reset_after_fall', 0.0, 0.0, 3600.0, 's on the ground before a reset; 0: never'
+            plant=plant.unit(read.whole('unit', 0, '0: exactly as in the plant file', 0, _MOST)),
+            terrain=read.text('terrain', 'flat', 'flat or rough'),
+            world=read.text('world', 'anymal_c', 'anymal_c (walking) or bench (one drive)'),
+            joint=read.text('joint', 'LF_KFE', 'drive on the bench'),
+            seed=read.whole('seed', 0, 'of noise, terrain and random pushes', 0, _MOST),
+            interface=read.text('interface', 'unixsocket', 'unixsocket, virtual or socketcan'),
+            channel=read.text('channel', DEFAULT_CHANNEL, 'socket path, or name of the bus'),
+            dbc=read.path('dbc', 'DBC file of the bus; empty: the shipped one'),
+            mapping=read.path('mapping', 'signals to drives; empty: the shipped one'),
+            publish_clock=read.flag('publish_clock', False, 'publish /clock at 200 Hz'),
+            reset_after_fall=read.real(
+                'reset_after_fall', 0.0, 's on the ground before a reset; 0: never', 0.0, 3600.0
             ),
         )
         settings._check()

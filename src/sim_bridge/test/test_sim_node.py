@@ -65,6 +65,10 @@ def test_a_push_is_answered_with_its_velocity(sim, node_process):
         ('terrain', 'moon', r"terrain is 'moon'"),
         ('world', 'sea', r"world is 'sea'"),
         ('dbc', '/nonexistent.dbc', r'/nonexistent.dbc'),
+        ('unit', '-3', r'unit'),
+        ('seed', 'many', r'seed'),
+        ('push_velocity', '9.0', r'push_velocity'),
+        ('publish_clock', '7', r'publish_clock'),
     ],
 )
 def test_a_wrong_parameter_ends_the_node_with_one_line(node_process, name, value, quoted):
