@@ -81,9 +81,11 @@ def create_node(node_name: str, **options: Any) -> Any:
 def get_global_executor() -> Any:
     """Return the executor that spins where none is given."""
     global _executor
-    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
     context = get_default_context()
+    if not context.ok():
+        raise ExternalShutdownException
     if _executor is None or _executor.context is not context:
         _executor = SingleThreadedExecutor(context=context)
         context.on_shutdown(_reset_executor)

@@ -216,7 +216,7 @@ class Node(Parameters):
         profile = profile_of(qos_profile)
         self._alive()
         name = self._resolve(topic, False)
-        return self._add(Publisher(self, msg_type, name, profile, event_callbacks))
+        return self._add(Publisher(self, msg_type, name, topic, profile, event_callbacks))
 
     def create_subscription(
         self,
@@ -234,9 +234,10 @@ class Node(Parameters):
         self._alive()
         name = self._resolve(topic, False)
         group = callback_group or self._default_callback_group
-        return self._add(
-            Subscription(self, msg_type, name, callback, group, profile, raw, event_callbacks)
+        made = Subscription(
+            self, msg_type, name, topic, callback, group, profile, raw, event_callbacks
         )
+        return self._add(made)
 
     def create_timer(
         self,

@@ -39,6 +39,7 @@ class Subscription:
         node: Any,
         msg_type: Any,
         topic: str,
+        given_name: str,
         callback: Callable[..., Any],
         callback_group: Any,
         qos_profile: QoSProfile,
@@ -62,7 +63,7 @@ class Subscription:
         keeps_all = qos_profile.history == HistoryPolicy.KEEP_ALL
         self._batch = BATCH if keeps_all else max(1, min(BATCH, qos_profile.depth))
         self._event: IncompatibleQos | None = IncompatibleQos(
-            self._reader, True, topic, event_callbacks, self._logger
+            self._reader, True, given_name, event_callbacks, self._logger
         )
 
     @property

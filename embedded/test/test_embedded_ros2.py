@@ -1,12 +1,17 @@
 """The verbs of `ros2`, on a node in another process."""
 
+import os
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 import yaml
 
 GADGET = Path(__file__).parent / 'nodes' / 'gadget.py'
+
+
+IS_EMBEDDED = find_spec('rosidl_embedded') is not None
 
 
 @pytest.fixture
@@ -50,6 +55,8 @@ def test_echo_prints_yaml_and_hz_a_rate(gadget, node_process, ros2):
     )
     rate = node_process.ros2('topic', 'hz', '/state')
     rate.wait_for_output(r'average rate: \d+\.\d+')
+    rate.interrupt()
+    rate.wait()
 
 
 def test_topic_info_tells_the_qos_of_publishers(gadget, ros2):
@@ -103,6 +110,8 @@ def test_pub_reaches_a_subscription(node_process):
     pub = node_process.ros2('topic', 'pub', '--once', '/word', 'std_msgs/msg/String', '{data: hi}')
     assert pub.wait() == 0
     echo.wait_for_output('data: hi')
+    echo.interrupt()
+    echo.wait()
 
 
 def test_run_passes_arguments_output_and_exit_code_on(node_process, tmp_path, monkeypatch):
@@ -111,12 +120,17 @@ def test_run_passes_arguments_output_and_exit_code_on(node_process, tmp_path, mo
     script = folder / 'say'
     script.write_text(f'#!{sys.executable}\nimport sys\nprint(sys.argv[1:])\nsys.exit(7)\n')
     script.chmod(0o755)
-    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    index = tmp_path / 'share' / 'ament_index' / 'resource_index' / 'packages'
+    index.mkdir(parents=True)
+    (index / 'toy').touch()
+    others = os.environ.get('AMENT_PREFIX_PATH', '')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path}{os.pathsep}{others}')
     process = node_process('toy', 'say', '--loud', 'a b')
     process.wait_for_output(r"\['--loud', 'a b'\]")
     assert process.wait() == 7
 
 
+@pytest.mark.skipif(not IS_EMBEDDED, reason='ROS 2 says it with other words and tracebacks')
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [

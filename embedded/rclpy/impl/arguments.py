@@ -99,8 +99,7 @@ def _rule(text: str, flag: str) -> tuple[str | None, str, str]:
     left, separator, target = text.partition(':=')
     if not separator or not left:
         raise RCLInvalidROSArgsError(
-            f"failed to parse arguments: Couldn't parse {flag} rule: '{flag} {text}'. "
-            "It must look like 'name:=value'"
+            f"Couldn't parse {flag} rule: '{flag} {text}'. It must look like 'name:=value'"
         )
     node = None
     if '://' not in left.partition(':=')[0] and (match := NODE_PREFIX.fullmatch(left)):
@@ -125,7 +124,7 @@ def parameter_file(path: str) -> list[tuple[str, dict[str, Any]]]:
 
     Raises RCLInvalidROSArgsError where it is absent or no such file.
     """
-    failed = f"failed to parse arguments: Couldn't parse params file: '--params-file {path}'."
+    failed = f"Couldn't parse params file: '--params-file {path}'."
     try:
         content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -152,8 +151,7 @@ def _value_of(name: str, text: str) -> Any:
         value = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise RCLInvalidROSArgsError(
-            f"failed to parse arguments: Couldn't parse parameter override rule: "
-            f"'-p {name}:={text}'. Error: {error}"
+            f"Couldn't parse parameter override rule: '-p {name}:={text}'. Error: {error}"
         ) from error
     if isinstance(value, str) and EXPONENT.fullmatch(value):
         return float(value)
@@ -173,12 +171,10 @@ def parse(argv: Sequence[str]) -> RosArguments:
         if FLAGS_WITHOUT_VALUE.fullmatch(flag):
             continue
         if flag not in FLAGS:
-            raise UnknownROSArgsError(f"found unknown ROS arguments: '{flag}'")
+            raise UnknownROSArgsError([flag])
         text = next(remaining, None)
         if text is None:
-            raise RCLInvalidROSArgsError(
-                f"failed to parse arguments: Couldn't parse trailing {flag} flag. No value found"
-            )
+            raise RCLInvalidROSArgsError(f"Couldn't parse trailing {flag} flag. No value found")
         FLAGS[flag](result, text)
     return result
 
@@ -200,7 +196,7 @@ def _log_level(result: RosArguments, text: str) -> None:
     name, _, level = text.rpartition(':=')
     if level.upper() not in ('UNSET', 'DEBUG', 'INFO', 'WARN', 'ERROR', 'FATAL'):
         raise RCLInvalidROSArgsError(
-            f"failed to parse arguments: Couldn't parse log level rule: '--log-level {text}'. "
+            f"Couldn't parse log level rule: '--log-level {text}'. "
             'It must be one of debug, info, warn, error, fatal'
         )
     result.log_levels[name] = level

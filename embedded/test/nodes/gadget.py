@@ -29,9 +29,15 @@ class Gadget(Node):
         self.add_post_set_parameters_callback(self.apply)
         self.publisher = self.create_publisher(String, 'state', 10)
         self.create_service(SetBool, '~/enable', self.enable)
-        self.create_timer(0.02, lambda: self.publisher.publish(String(data='idle')))
-        device = self.get_parameter('device').value
-        print(f'ready {self.get_fully_qualified_name()} {device}', flush=True)
+        self.create_timer(0.02, self.tick)
+        self.told = False
+
+    def tick(self):
+        self.publisher.publish(String(data='idle'))
+        if not self.told:
+            self.told = True
+            device = self.get_parameter('device').value
+            print(f'ready {self.get_fully_qualified_name()} {device}', flush=True)
 
     def validate(self, parameters):
         for parameter in parameters:

@@ -1,0 +1,163 @@
+"""Parameters of a node, declared and set from within."""
+
+import pytest
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterAlreadyDeclaredException,
+    ParameterImmutableException,
+    ParameterNotDeclaredException,
+    ParameterUninitializedException,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+
+@pytest.mark.parametrize(
+    ('value', 'kind'),
+    [
+        (True, 'BOOL'),
+        (3, 'INTEGER'),
+        (3.0, 'DOUBLE'),
+        ('x', 'STRING'),
+        ([True, False], 'BOOL_ARRAY'),
+        ([1, 2], 'INTEGER_ARRAY'),
+        ([1.0], 'DOUBLE_ARRAY'),
+        (['a'], 'STRING_ARRAY'),
+        ([b'\x01'], 'BYTE_ARRAY'),
+    ],
+)
+def test_the_type_comes_from_the_default_value_and_survives_the_message(node, value, kind):
+    parameter = node.declare_parameter('thing', value)
+    assert parameter.type_ is Parameter.Type[kind]
+    assert node.get_parameter('thing').value == value
+    assert parameter_value_to_python(parameter.get_parameter_value()) == value
+    assert (
+        list(Parameter.from_parameter_msg(parameter.to_parameter_msg()).value or [0])
+        if (isinstance(value, list))
+        else Parameter.from_parameter_msg(parameter.to_parameter_msg()).value == value
+    )
+
+
+def test_undeclared_parameters_raise_with_their_name(node):
+    with pytest.raises(ParameterNotDeclaredException, match='undeclared parameter.*gian'):
+        node.get_parameter('gian')
+    with pytest.raises(ParameterNotDeclaredException, match='gian'):
+        node.set_parameters([Parameter('gian', value=1)])
+
+
+def test_a_parameter_is_declared_once(node):
+    node.declare_parameter('gain', 1.0)
+    with pytest.raises(ParameterAlreadyDeclaredException, match='gain'):
+        node.declare_parameter('gain', 2.0)
+
+
+def test_another_type_is_refused(node):
+    node.declare_parameter('gain', 1.0)
+    (result,) = node.set_parameters([Parameter('gain', value=1)])
+    assert not result.successful
+    assert result.reason.startswith('Wrong parameter type')
+    assert node.get_parameter('gain').value == 1.0
+
+
+def test_an_override_of_another_type_fails_the_declaration(ros):
+    node = Node('other', parameter_overrides=[Parameter('gain', value='loud')])
+    with pytest.raises(InvalidParameterTypeException, match="'STRING', expecting type 'DOUBLE'"):
+        node.declare_parameter('gain', 1.0)
+    node.destroy_node()
+
+
+def test_overrides_replace_defaults(ros):
+    node = Node('other', cli_args=['-p', 'gain:=2.5', '-p', 'rate:=1e3', '-p', 'names:=[LF, RF]'])
+    assert node.declare_parameter('gain', 1.0).value == 2.5
+    assert node.declare_parameter('rate', 1.0).value == 1000.0
+    assert node.declare_parameter('names', ['']).value == ['LF', 'RF']
+    assert node.declare_parameter('gains.0', 1.0).value == 1.0
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('value', 'accepted'), [(0.0, True), (2.5, True), (10.0, True), (10.1, False), (-0.1, False)]
+)
+def test_floating_point_ranges_hold_at_their_edges(node, value, accepted):
+    limits = FloatingPointRange(from_value=0.0, to_value=10.0)
+    node.declare_parameter('gain', 1.0, ParameterDescriptor(floating_point_range=[limits]))
+    (result,) = node.set_parameters([Parameter('gain', value=value)])
+    assert result.successful == accepted
+
+
+@pytest.mark.parametrize(('value', 'accepted'), [(0, True), (15, True), (12, False), (101, False)])
+def test_integer_ranges_hold_their_step(node, value, accepted):
+    limits = IntegerRange(from_value=0, to_value=100, step=5)
+    node.declare_parameter('count', 10, ParameterDescriptor(integer_range=[limits]))
+    (result,) = node.set_parameters([Parameter('count', value=value)])
+    assert result.successful == accepted
+
+
+def test_a_default_outside_of_its_range_fails_the_declaration(node):
+    limits = IntegerRange(from_value=0, to_value=10)
+    with pytest.raises(InvalidParameterValueException, match='out of range'):
+        node.declare_parameter('count', 11, ParameterDescriptor(integer_range=[limits]))
+
+
+def test_read_only_parameters_are_declared_with_a_value_and_stay(node):
+    node.declare_parameter('device', 'a', ParameterDescriptor(read_only=True))
+    (result,) = node.set_parameters([Parameter('device', value='b')])
+    assert 'read-only' in result.reason
+    with pytest.raises(ParameterImmutableException):
+        node.undeclare_parameter('device')
+
+
+def test_a_parameter_declared_by_type_has_no_value_until_set(node):
+    node.declare_parameter('gain', Parameter.Type.DOUBLE)
+    with pytest.raises(ParameterUninitializedException, match='gain'):
+        node.get_parameter('gain')
+    assert node.get_parameter_or('gain', Parameter('gain', value=4.0)).value == 4.0
+    node.set_parameters([Parameter('gain', value=2.0)])
+    assert node.get_parameter('gain').value == 2.0
+
+
+def test_callbacks_validate_before_and_hear_after(node):
+    heard = []
+
+    def validate(parameters):
+        good = all(p.value % 2 == 0 for p in parameters if p.name == 'even')
+        return SetParametersResult(successful=good, reason='' if good else 'odd')
+
+    node.add_on_set_parameters_callback(validate)
+    node.add_post_set_parameters_callback(lambda ps: heard.extend((p.name, p.value) for p in ps))
+    node.declare_parameter('even', 2)
+    refused, accepted = node.set_parameters([Parameter('even', value=v) for v in (3, 4)])
+    assert (refused.successful, refused.reason, accepted.successful) == (False, 'odd', True)
+    assert heard == [('even', 2), ('even', 4)]
+
+
+def test_parameters_set_atomically_are_set_all_or_none(node):
+    node.declare_parameters('', [('a', 1), ('b', 1)])
+    result = node.set_parameters_atomically([Parameter('a', value=2), Parameter('b', value='x')])
+    assert not result.successful
+    assert (node.get_parameter('a').value, node.get_parameter('b').value) == (1, 1)
+
+
+def test_names_are_listed_by_prefix_and_depth(node):
+    node.declare_parameters('filter', [('window', 3), ('taps.first', 1)])
+    assert sorted(node.list_parameters(['filter'], 0).names) == [
+        'filter.taps.first',
+        'filter.window',
+    ]
+    assert node.list_parameters(['filter'], 1).names == ['filter.window']
+    assert {'filter', 'filter.taps'} <= set(node.list_parameters([], 0).prefixes)
+    assert set(node.get_parameters_by_prefix('filter')) == {'window', 'taps.first'}
+
+
+def test_values_without_a_parameter_type_raise(node):
+    with pytest.raises(TypeError, match='allowed types'):
+        node.declare_parameter('thing', {'a': 1})
+    with pytest.raises(ValueError, match='PARAMETER_NOT_SET'):
+        node.declare_parameter('thing', None)
