@@ -16,7 +16,8 @@ Steps = NDArray[np.int64]
 TEMPERATURE_PERIOD: Final = 200  # steps: 10 Hz
 SUPPLY_PERIOD: Final = 20  # steps: 100 Hz
 GRAVITY: Final = 9.81  # m/s²
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+_NOTHING = np.zeros(0)
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 _IMU_BANDWIDTH: Final = 150.0  # Hz
 _ACCELERATION_NOISE, _RATE_NOISE, _FORCE_NOISE = 0.03, 0.003, 1.0  # m/s², rad/s, N
 
@@ -131,9 +132,15 @@ class OdometrySamples:
     rate: Floats  # rad/s [N, 3], base frame
 
 
+_NO_STEPS: Final = np.zeros(0, np.int64)
+_NO_ODOMETRY: Final = OdometrySamples(_NO_STEPS, *(np.zeros((0, n)) for n in (3, 4, 3, 3)))
+
+
 def read_odometry(block: Block) -> OdometrySamples:
     """True pose and twist of the base, 100 Hz."""
     steps, rows = due_steps(block, SUPPLY_PERIOD)
+    if not len(steps):
+        return _NO_ODOMETRY
     base = block.base[rows]
     return OdometrySamples(
         step=steps,
@@ -168,6 +175,9 @@ class SupplySensor:
         steps, _ = due_steps(block, SUPPLY_PERIOD)
         drawn = np.concatenate((self._pending, block.supply_current))
         whole = SUPPLY_PERIOD * len(steps)
+        if not whole:
+            self._pending = drawn
+            return SupplySamples(steps, _NOTHING, _NOTHING)
         self._pending = drawn[whole:]
         drives = drawn[:whole].reshape(-1, SUPPLY_PERIOD).mean(axis=1)
         electronics = self._electronics.draw(len(steps)) / supply.voltage
@@ -188,5 +198,6 @@ def into_base(attitude: Floats, vector: Floats) -> Floats:
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    product: Floats = a[:, _NEXT] * b[:, _LAST] - a[:, _LAST] * b[:, _NEXT]
+    product: Floats = a.take(_NEXT, 1) * b.take(_LAST, 1)
+    product -= a.take(_LAST, 1) * b.take(_NEXT, 1)
     return product
