@@ -30,7 +30,7 @@ _EXAMPLE = """
 example, with a network trained before:
   ros2 run power_estimator estimate --ros-args -p model:=ppn:runs/first
 example, against the measurement, shown on diagnostics:
-  ros2 run power_estimator estimate --ros-args -p model:=ppn:runs/first -p compare:=yes
+  ros2 run power_estimator estimate --ros-args -p model:=ppn:runs/first -p compare:=true
 """
 
 
@@ -42,13 +42,11 @@ class PowerEstimator(Node):
         given = DeviceParameters(self)
         spec = given.text('model', '', 'power model: ppn:RUN or model.yaml')
         drives = given.text('drives', '', 'drives to estimate, with spaces; empty for all known')
-        compare = given.text('compare', 'no', 'yes: compare with drive_supply on diagnostics')
+        compare = given.flag('compare', False, 'compare with drive_supply, on diagnostics')
         stale = given.real('stale_after', 0.1, 's without joint_states until stale', 0.02, 10.0)
         timeout = given.real('command_timeout', 0.2, 's a command is held for', 0.01, 60.0)
         if not spec:
             raise InputError('parameter model is empty; give -p model:=ppn:RUN or a model.yaml')
-        if compare not in ('yes', 'no'):
-            raise InputError(f'parameter compare is {compare!r}; give yes or no')
         self._model = spec
         self._session = LiveSession(
             load_model(spec),
@@ -63,7 +61,7 @@ class PowerEstimator(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
         self.create_subscription(JointState, 'joint_commands', self._on_command, qos)
         self.create_subscription(JointState, 'joint_states', self._on_state, qos)
-        if compare == 'yes':
+        if compare:
             self.create_subscription(DriveSupply, 'drive_supply', self._on_supply, qos)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(0.02, self._watch, clock=steady)
