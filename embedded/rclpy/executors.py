@@ -156,11 +156,11 @@ class SingleThreadedExecutor:
         """Run one callback, after waiting for it; False at the deadline."""
         while not self._ready:
             self._collect(deadline)
+            if self._is_shutdown:
+                return False
             if not self._context.valid:
                 self._ready.clear()
                 raise ExternalShutdownException
-            if self._is_shutdown:
-                return False
             if not self._ready and deadline is not None and time.monotonic_ns() >= deadline:
                 return False
         function, argument = self._ready.popleft()

@@ -104,7 +104,8 @@ class Timer:
             return False
         self._last = now
         self._next += self._period
-        if self._next <= now:
+        if self._next < now:
             behind = now - self._next
-            self._next += (behind // self._period + 1) * self._period if self._period else behind
+            periods = 1 + (behind - 1) // self._period if self._period else 0
+            self._next = self._next + periods * self._period if periods else now
         return True

@@ -140,11 +140,11 @@ def _dump(options: argparse.Namespace) -> None:
 
 def _load(options: argparse.Namespace) -> int:
     from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError
-    from rclpy.impl.arguments import RosArguments, parameter_file
+    from rclpy.impl.arguments import RosArguments, parameters_of
 
     absolute = options.node if options.node.startswith('/') else f'/{options.node}'
     try:
-        entries = parameter_file(options.file)
+        entries = parameters_of(options.file)
     except RCLInvalidROSArgsError as error:
         raise CommandError(str(error)) from None
     values = RosArguments(parameters=entries).overrides(absolute)

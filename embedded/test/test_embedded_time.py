@@ -2,7 +2,6 @@
 
 import pytest
 import rclpy
-from builtin_interfaces.msg import Time as TimeMsg
 from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -60,11 +59,11 @@ def test_a_timer_on_simulated_time_follows_the_clock_topic(node, spin_until):
     node.create_timer(1.0, lambda: calls.append(node.get_clock().now().nanoseconds))
     spin_until(lambda: publisher.get_subscription_count() == 1)
     assert calls == []
-    for second in (1, 2, 5, 6):
-        publisher.publish(ClockMsg(clock=TimeMsg(sec=second)))
-        spin_until(lambda now=second: node.get_clock().now().nanoseconds == now * 10**9)
-        rclpy.spin_once(node, timeout_sec=0.0)
-    assert calls == [second * 10**9 for second in (1, 2, 5, 6)]
+    moments = [1_000_000_000, 2_000_000_000, 5_500_000_000, 6_000_000_000]
+    for moment in moments:
+        publisher.publish(ClockMsg(clock=Time(nanoseconds=moment).to_msg()))
+        spin_until(lambda now=moment: calls and calls[-1] == now)
+    assert calls == moments
     source.destroy_node()
 
 
@@ -87,10 +86,12 @@ def test_a_timer_that_is_late_skips_what_it_missed(node):
     simulated._set_ros_time_is_active(True)
     calls = []
     node.create_timer(0.1, lambda: calls.append(simulated.now().nanoseconds), clock=simulated)
-    for tenths in (1, 5, 5.5, 6):
-        simulated.set_ros_time_override(Time(seconds=tenths / 10, clock_type=ClockType.ROS_TIME))
-        rclpy.spin_once(node, timeout_sec=0.0)
-    assert calls == [100_000_000, 500_000_000, 600_000_000]
+    for hundredths in (10, 45, 47, 50):
+        now = Time(nanoseconds=hundredths * 10_000_000, clock_type=ClockType.ROS_TIME)
+        simulated.set_ros_time_override(now)
+        for _ in range(5):
+            rclpy.spin_once(node, timeout_sec=0.0)
+    assert calls == [100_000_000, 450_000_000, 500_000_000]
 
 
 def test_a_timer_without_autostart_waits_for_reset(node):

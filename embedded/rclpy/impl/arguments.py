@@ -3,15 +3,12 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
-
-import yaml
 
 from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.impl import names
+from rclpy.impl.parameter_yaml import YamlError, parameter_file, parameter_value
 
-EXPONENT = re.compile(r'[+-]?[0-9]+(?:\.[0-9]*)?[eE][+-]?[0-9]+')
 FLAGS_WITHOUT_VALUE = re.compile(r'--(?:enable|disable)-(?:rosout|stdout|external-lib)-logs?')
 NODE_PREFIX = re.compile(r'([A-Za-z_][A-Za-z0-9_]*|\*{1,2}|/[A-Za-z0-9_/*]*):(?!=)(.*)', re.DOTALL)
 
@@ -107,55 +104,18 @@ def _rule(text: str, flag: str) -> tuple[str | None, str, str]:
     return node, left, target
 
 
-def _flat(prefix: str, values: dict[str, Any]) -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        name = f'{prefix}{key}'
-        if isinstance(value, dict):
-            flat |= _flat(f'{name}.', value)
-        else:
-            flat[name] = value
-    return flat
-
-
-def parameter_file(path: str) -> list[tuple[str, dict[str, Any]]]:
+def parameters_of(path: str) -> list[tuple[str, dict[str, Any]]]:
     """
     Return pairs of node pattern and values of a ROS parameter file.
 
     Raises RCLInvalidROSArgsError where it is absent or no such file.
     """
-    failed = f"Couldn't parse params file: '--params-file {path}'."
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise RCLInvalidROSArgsError(f'{failed} Error: {error}') from error
-    entries: list[tuple[str, dict[str, Any]]] = []
-
-    def walk(node: str, block: Any) -> None:
-        if not isinstance(block, dict):
-            raise RCLInvalidROSArgsError(f"{failed} Error: no 'ros__parameters' below '{node}'")
-        for key, value in block.items():
-            if key == 'ros__parameters':
-                if not isinstance(value, dict):
-                    raise RCLInvalidROSArgsError(f"{failed} Error: no parameters below '{node}'")
-                entries.append((node, _flat('', value)))
-            else:
-                walk(f'{node}/{key}'.replace('//', '/') if node else str(key), value)
-
-    walk('', content)
-    return entries
-
-
-def _value_of(name: str, text: str) -> Any:
-    try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        return parameter_file(path)
+    except YamlError as error:
         raise RCLInvalidROSArgsError(
-            f"Couldn't parse parameter override rule: '-p {name}:={text}'. Error: {error}"
+            f"Couldn't parse params file: '--params-file {path}'. Error: {error}"
         ) from error
-    if isinstance(value, str) and EXPONENT.fullmatch(value):
-        return float(value)
-    return '' if value is None and text == '' else value
 
 
 def parse(argv: Sequence[str]) -> RosArguments:
@@ -185,11 +145,17 @@ def _remap(result: RosArguments, text: str) -> None:
 
 def _parameter(result: RosArguments, text: str) -> None:
     node, name, value = _rule(text, '-p')
-    result.parameters.append((node or '/**', {name: _value_of(name, value)}))
+    try:
+        values = {name: parameter_value(value)}
+    except YamlError as error:
+        raise RCLInvalidROSArgsError(
+            f"Couldn't parse parameter override rule: '-p {text}'. Error: {error}"
+        ) from error
+    result.parameters.append((node or '/**', values))
 
 
 def _parameters(result: RosArguments, text: str) -> None:
-    result.parameters += parameter_file(text)
+    result.parameters += parameters_of(text)
 
 
 def _log_level(result: RosArguments, text: str) -> None:

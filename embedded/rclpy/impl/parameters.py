@@ -2,6 +2,7 @@
 
 import math
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -93,6 +94,14 @@ class Parameters:
         given from outside has another type, InvalidParameterValueException where it is refused.
         """
         given = ParameterDescriptor() if descriptor is None else descriptor
+        if value is None and descriptor is None:
+            given.dynamic_typing = True
+            warnings.warn(
+                f"when declaring parameter named '{name}', declaring a parameter only providing "
+                'its name is deprecated. Pass a value, a type or a descriptor with '
+                '`dynamic_typing=True`',
+                stacklevel=2,
+            )
         return self.declare_parameters('', [(name, value, given)], ignore_override)[0]
 
     def declare_parameters(
