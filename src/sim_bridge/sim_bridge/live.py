@@ -20,7 +20,6 @@ Floats = NDArray[np.float64]
 BLOCK: Final = 4  # steps at a time: 2 ms
 CATCH_UP: Final = 20  # steps at a time when late
 STALE_AFTER: Final = 0.1  # s without a command, then the drives damp
-_LONGEST_SLEEP: Final = 0.05  # s
 
 
 @dataclass
@@ -96,32 +95,48 @@ class LivePlant:
         return progress
 
     def run(self, stop: Flag) -> None:
-        """Run until stop is set."""
-        start = last = self._now()
-        while not stop.is_set():
-            now = self._now()
-            due = int((now - start) * self._pace)
-            behind = due - self.simulation.steps
-            progress = self._progress
-            progress.wall += now - last
-            last = now
-            if behind < BLOCK:
-                wait = (self.simulation.steps + BLOCK) / self._pace - (now - start)
-                self._sleep(min(max(wait, 0.0), _LONGEST_SLEEP))
-                continue
-            progress.worst = max(progress.worst, (behind - BLOCK) * STEP)
-            progress.steps += self.advance(BLOCK if behind < 3 * BLOCK else CATCH_UP)
+        """
+        Run until stop is set.
 
-    def advance(self, steps: int) -> int:
-        """Run steps and hand on what was sampled; returns steps."""
+        A block is computed while its time passes and handed on at its end, so that the last
+        sample in it is as fresh as on hardware.
+        """
+        start = last = self._now()
+        late = 0.0
+        while not stop.is_set():
+            steps = BLOCK if late < 2 * BLOCK * STEP else CATCH_UP
+            samples, frames = self._compute(steps)
+            due = start + self.simulation.steps / self._pace
+            now = self._wait(due)
+            self._send(frames)
+            self._publish(samples)
+            late = now - due
+            progress = self._progress
+            progress.steps += steps
+            progress.wall += now - last
+            progress.worst = max(progress.worst, late)
+            last = now
+
+    def advance(self, steps: int) -> None:
+        """Run steps at once and hand on what was sampled."""
+        samples, frames = self._compute(steps)
+        self._send(frames)
+        self._publish(samples)
+
+    def _wait(self, due: float) -> float:
+        now = self._now()
+        while now < due:
+            self._sleep(due - now)
+            now = self._now()
+        return now
+
+    def _compute(self, steps: int) -> tuple[Samples, list[can.Message]]:
         while self._tasks:
             self._tasks.pop(0)()
         self._hold()
         samples = self._instruments.read(self.simulation.advance(steps))
-        self._send(self._encoder.encode(samples))
-        self._publish(samples)
         self._watch()
-        return steps
+        return samples, self._encoder.encode(samples)
 
     def _hold(self) -> None:
         if self._commanded is None:

@@ -23,10 +23,10 @@ _CLOCK_PERIOD = 10  # steps: 200 Hz
 class SamplePublisher:
     """Publishes imu, foot_force, odom and supply, and /clock where asked for."""
 
-    def __init__(self, node: Node, clock: DeviceClock, start_ns: int, with_clock: bool) -> None:
-        """start_ns: ROS time of step 0."""
+    def __init__(self, node: Node, clock: DeviceClock, with_clock: bool) -> None:
+        """Samples are stamped from `start_ns` on, the ROS time of step 0."""
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-        self._clock, self._start = clock, start_ns
+        self._clock, self.start_ns = clock, 0
         self._imu = node.create_publisher(Imu, 'imu', qos)
         self._feet = node.create_publisher(JointState, 'foot_force', qos)
         self._odom = node.create_publisher(Odometry, 'odom', qos)
@@ -84,7 +84,7 @@ class SamplePublisher:
             self._supply.publish(message)
 
     def _stamps(self, step: NDArray[np.int64]) -> list[tuple[int, int]]:
-        stamps = self._start + self._clock.elapsed_ns(step)
+        stamps = self.start_ns + self._clock.elapsed_ns(step)
         return [divmod(stamp, _SECOND) for stamp in stamps.tolist()]
 
 

@@ -2,6 +2,7 @@
 
 import gc
 import sys
+import time
 from collections.abc import Sequence
 from threading import Event, Thread
 
@@ -44,19 +45,19 @@ class SimNode(Node):
         encoder = FrameEncoder(bus, simulation.joints, instruments.clock)
         self._joints = simulation.joints
         self._device_clock = instruments.clock
-        self._start_ns = self.get_clock().now().nanoseconds
-        publisher = SamplePublisher(
-            self, instruments.clock, self._start_ns, settings.publish_clock
-        )
+        self._publisher = SamplePublisher(self, instruments.clock, settings.publish_clock)
         self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
         self._bus = SimulatedBus(settings.interface, settings.channel)
-        self.plant = LivePlant(simulation, instruments, encoder, self._bus.send, publisher.publish)
+        self.plant = LivePlant(
+            simulation, instruments, encoder, self._bus.send, self._publisher.publish
+        )
         self.failure: Exception | None = None
         self._reported = self._down_seconds = 0
         self.create_subscription(JointState, 'joint_commands', self._command, QoSProfile(depth=1))
         self.create_service(Trigger, 'push', self._push)
         self.create_service(Trigger, 'reset', self._reset)
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._steady_start = time.monotonic_ns()
         self._stop = Event()
         self._thread = Thread(target=self._run, name='plant', daemon=True)
         self._thread.start()
@@ -72,12 +73,18 @@ class SimNode(Node):
         self._bus.close()
 
     def _run(self) -> None:
+        self._steady_start = time.monotonic_ns()
+        self._follow_ros_time()
         try:
             self.plant.run(self._stop)
         except Exception as error:
             if self.context.ok():
                 self.failure = error
                 self.context.try_shutdown()
+
+    def _follow_ros_time(self) -> None:
+        elapsed = time.monotonic_ns() - self._steady_start
+        self._publisher.start_ns = self.get_clock().now().nanoseconds - elapsed
 
     def _command(self, message: JointState) -> None:
         try:
@@ -110,6 +117,7 @@ class SimNode(Node):
         return response
 
     def _report(self) -> None:
+        self._follow_ros_time()
         plant, progress = self.plant, self.plant.take_progress()
         if plant.falls > self._reported:
             self._reported = plant.falls
@@ -137,7 +145,7 @@ class SimNode(Node):
                 'falls': plant.falls,
                 'frames_refused': self._bus.refused,
                 'steps': plant.simulation.steps,
-                'start_ns': self._start_ns,
+                'start_ns': self._publisher.start_ns,
                 'device_clock_offset_s': self._device_clock.offset,
                 'device_clock_drift_ppm': self._device_clock.drift,
             }.items()
