@@ -249,9 +249,12 @@ def estimates(
     parts = _split(structure, coefficients)
     signals = _with_motion(parts, signals, source)
     torque = np.zeros_like(signals.torque)
-    for active, own in parts:
-        if active.effect.acts_on == 'torque' and own.any():
-            torque += _weighted(source(active, signals), own)
+    for follows in (False, True):
+        before = replace(signals, motor_torque=signals.torque + torque) if follows else signals
+        for active, own in parts:
+            second = 'motor_torque' in active.effect.follows
+            if active.effect.acts_on == 'torque' and second is follows and own.any():
+                torque = torque + _weighted(source(active, before), own)
     signals = replace(signals, motor_torque=signals.torque + torque)
     cost = np.zeros_like(torque)
     for active, own in parts:

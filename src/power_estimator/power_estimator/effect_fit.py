@@ -17,6 +17,7 @@ BLOCK_SECONDS = 1.0
 _BOOTSTRAPS = 200
 _BOOTSTRAP_BLOCK = 5  # blocks drawn together
 _FINE_STEP = 0.00025  # s
+_REWEIGHTINGS = 2
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,7 @@ class Fit:
     normal: Normal
     target: Floats  # W [N, D], power with the delay taken out, less the design's constant
     mse: Floats  # W² [D]
+    weights: Floats  # [B, D], low where nothing fits
 
     def residual(self) -> Floats:
         """Measured minus model, W [N, D]."""
@@ -117,6 +119,10 @@ class Fitter:
         self.groups = [list(g) for g in groups] if groups else [[d] for d in range(count)]
         self.weight = np.maximum(np.nan_to_num(prepared.noise, nan=0.1), 0.02) ** 2
 
+    def leave_out(self, events: NDArray[np.bool_]) -> None:
+        """Take blocks of drives [B, D] out of all that follows."""
+        self.blocks = replace(self.blocks, valid=self.blocks.valid & ~events)
+
     def fit(
         self,
         structure: Structure,
@@ -130,39 +136,43 @@ class Fitter:
         start gives the point to linearise about by the names of its effects.
         """
         coefficients = carried(structure, start, len(self.prepared.names))
+        weights = np.ones(self.blocks.valid.shape) if start is None else start.weights
         current: Fit | None = None
         for _ in range(max(1, iterations)):
-            current = self._step(structure, coefficients, delay)
-            coefficients = current.coefficients
+            design = self.builder.build(structure, coefficients)
+            current = self._fit_design(design, weights, delay)
+            coefficients, weights = current.coefficients, current.weights
         assert current is not None
         return current
 
-    def _step(self, structure: Structure, coefficients: Floats, delay: float | None) -> Fit:
-        design = self.builder.build(structure, coefficients)
-        return self.fit_design(design, delay)
-
-    def fit_design(self, design: Design, delay: float | None = None) -> Fit:
-        """Fit a design without linearising it anew."""
+    def _fit_design(self, design: Design, weights: Floats, delay: float | None) -> Fit:
         if delay is None:
-            delay = self._best_delay(design)
+            delay = self._best_delay(design, weights)
         target = self.prepared.power_at(delay) - design.constant
         normal = Normal.of(design.columns, target, self.blocks)
-        coefficients = self.solve(design, normal)
-        rows = np.maximum(self.blocks.valid.sum(axis=0) * self.blocks.length, 1)
-        mse = normal.errors(coefficients).sum(axis=0) / rows
-        return Fit(design.structure, coefficients, delay, design, normal, target, mse)
+        for _ in range(_REWEIGHTINGS):
+            coefficients = self.solve(design, normal, weights)
+            error = normal.errors(coefficients) / self.blocks.length
+            weights = robust_weights(error, self.blocks.valid)
+        mse = (error * self.blocks.valid).sum(axis=0) / np.maximum(self.blocks.valid.sum(0), 1)
+        return Fit(design.structure, coefficients, delay, design, normal, target, mse, weights)
 
-    def solve(self, design: Design, normal: Normal, weights: Floats | None = None) -> Floats:
+    def solve(
+        self, design: Design, normal: Normal, weights: Floats, drawn: Floats | None = None
+    ) -> Floats:
         """
-        Coefficients from the blocks, [D, m]; or [F, D, m] with weights [F, B] of the blocks.
+        Coefficients from the blocks at weights [B, D], [D, m].
 
-        Drives of a group share theirs.
+        With drawn [F, B], how often each block counts in each of F fits, [F, D, m]. Drives of a
+        group share theirs.
         """
-        if weights is None:
-            gram, moment = normal.gram.sum(axis=0)[None], normal.moment.sum(axis=0)[None]
+        gram = normal.gram * weights[:, :, None, None]
+        moment = normal.moment * weights[:, :, None]
+        if drawn is None:
+            gram, moment = gram.sum(axis=0)[None], moment.sum(axis=0)[None]
         else:
-            gram = np.tensordot(weights, normal.gram, axes=1)
-            moment = np.tensordot(weights, normal.moment, axes=1)
+            gram = np.tensordot(drawn, gram, axes=1)
+            moment = np.tensordot(drawn, moment, axes=1)
         out = np.zeros(moment.shape)
         prior = design.structure.priors()
         for group in self.groups:
@@ -171,9 +181,9 @@ class Fitter:
             out[:, group] = bounded_solve(
                 gram[:, group].sum(axis=1), moment[:, group].sum(axis=1), lower, upper, ridge
             )[:, None]
-        return out if weights is not None else out[0]
+        return out if drawn is not None else out[0]
 
-    def _best_delay(self, design: Design) -> float:
+    def _best_delay(self, design: Design, weights: Floats) -> float:
         prepared, blocks = self.prepared, self.blocks
         rows = blocks.rows
         keep = blocks.valid
@@ -186,8 +196,10 @@ class Fitter:
         square, next_ = np.zeros((shifts, count)), np.zeros((shifts, count))
         for drive in range(count):
             used = rows[keep[:, drive]].ravel()
-            x = design.columns[used, drive]
+            root = np.sqrt(np.repeat(weights[keep[:, drive], drive], blocks.length))
+            x = design.columns[used, drive] * root[:, None]
             y = prepared.power[:, used, drive].astype(np.float64) - design.constant[used, drive]
+            y *= root
             gram[drive] = x.T @ x
             moment[:, drive] = y @ x
             square[:, drive] = np.einsum('sn,sn->s', y, y)
@@ -231,14 +243,26 @@ class Fitter:
         count = len(self.blocks.starts)
         size = min(_BOOTSTRAP_BLOCK, count)
         draws = -(-count // size)
-        weights = np.zeros((_BOOTSTRAPS, count))
-        for row in weights:
+        drawn = np.zeros((_BOOTSTRAPS, count))
+        for row in drawn:
             starts = random.integers(0, count - size + 1, draws)
             np.add.at(row, (starts[:, None] + np.arange(size)).ravel(), 1.0)
-        sampled = self.solve(fit.design, fit.normal, weights)
+        sampled = self.solve(fit.design, fit.normal, fit.weights, drawn)
         tails = [(1 - level) / 2, (1 + level) / 2]
         found: Floats = np.quantile(sampled, tails, axis=0).transpose(1, 2, 0)
         return found
+
+
+def robust_weights(error: Floats, valid: NDArray[np.bool_]) -> Floats:
+    """
+    Weight of each block from its mean squared error [B, D]; 1 for the drive's median block.
+
+    A stumble or a push that no model follows weighs little, as it does in the mean of the log
+    error by which models are judged.
+    """
+    middle = np.nanmedian(np.where(valid, error, np.nan), axis=0)
+    middle = np.maximum(np.nan_to_num(middle), 1e-6)
+    return np.asarray(2.0 * middle / (middle + error))
 
 
 def carried(structure: Structure, start: Fit | None, drives: int) -> Floats:
@@ -260,18 +284,3 @@ def measurement_terms(catalogue: Catalogue, *, shaft: bool) -> tuple[Active, ...
         *('current_offset', 'offset_drift', 'torque_bias', 'velocity_lag'),
     ]
     return tuple(Active.of(catalogue[name]) for name in names)
-
-
-def best_shape(fitter: Fitter, structure: Structure, name: str, start: Fit | None = None) -> Fit:
-    """The fit with the shape of one effect that leaves the least error over the drives."""
-    effect = next(active.effect for active in structure.actives if active.name == name)
-    signals = fitter.prepared.signals
-    fits: list[Fit] = []
-    for shape in effect.shapes:
-        if effect.usable(signals, **shape):
-            trial = tuple(
-                replace(active, shape=tuple(shape.items())) if active.name == name else active
-                for active in structure.actives
-            )
-            fits.append(fitter.fit(Structure(trial), start, iterations=1))
-    return min(fits, key=lambda fit: float(np.log(np.maximum(fit.mse, 1e-9)).sum()))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_daq.cli import InputError
 from power_daq.recording.aligned import AlignedDataset
-from scipy.signal import savgol_filter, upfirdn
+from scipy.signal import upfirdn
 
 from power_estimator.effects import Signals
 
@@ -21,7 +21,6 @@ EARLIEST, LATEST, SHIFT_STEP = -0.006, 0.022, 0.001
 """Delays of the power against the joint signals that a fit tries, s."""
 _HALF_WIDTH = 0.2  # s, of the low-pass
 _LAG_LIMIT = 0.02  # s
-_DERIVATIVE = 7  # samples
 
 
 @dataclass(frozen=True)
@@ -255,13 +254,15 @@ def velocity_lag(data: AlignedDataset) -> Floats:
 
 
 def rate_of(values: Floats, stretches: Iterable[slice], rate: float) -> Floats:
-    """Time derivative [T, D] inside each stretch, of a parabola through 7 samples."""
+    """
+    Time derivative [T, D] inside each stretch by central differences.
+
+    These keep energy: the sum of w·dw telescopes however fast w changes.
+    """
     out = np.zeros_like(values)
     for part in stretches:
-        if part.stop - part.start > _DERIVATIVE:
-            out[part] = savgol_filter(
-                values[part], _DERIVATIVE, 2, deriv=1, delta=1.0 / rate, axis=0, mode='nearest'
-            )
+        if part.stop - part.start > 2:
+            out[part] = np.gradient(values[part], 1.0 / rate, axis=0)
     return out
 
 

@@ -75,9 +75,11 @@ class Bank:
             columns += self._place[active.name, active.shape]
         pick = np.array(columns)
         gram = self._gram[:, :, pick[:, None], pick]
-        total = gram.sum(axis=0)
+        total = np.einsum('bdij,bd->dij', gram, self.base.weights)
         moment = self._moment[..., pick]
-        place, error = self._best_delay(total, moment.sum(axis=1), pick)
+        place, error = self._best_delay(
+            total, np.einsum('sbdi,bd->sdi', moment, self.base.weights), pick
+        )
         left = min(int(place), moment.shape[0] - 2)
         w = place - left
         own = (1 - w) * moment[left] + w * moment[left + 1]
@@ -95,9 +97,10 @@ class Bank:
         self, gram: Floats, moment: Floats, square: Floats, pick: NDArray[np.intp]
     ) -> Floats:
         blocks, training = self.fitter.blocks, self.folds.training
-        count, drives, m = moment.shape
-        all_gram = np.tensordot(training, gram, axes=1)  # [F, D, m, m]
-        all_moment = np.tensordot(training, moment, axes=1)
+        drives, m = moment.shape[1:]
+        weights = self.base.weights
+        all_gram = np.tensordot(training, gram * weights[:, :, None, None], axes=1)
+        all_moment = np.tensordot(training, moment * weights[:, :, None], axes=1)
         out = np.zeros((FOLDS, drives, m))
         for group in self.fitter.groups:
             out[:, group] = self._solve(
@@ -121,7 +124,9 @@ class Bank:
     def _best_delay(
         self, gram: Floats, moment: Floats, pick: NDArray[np.intp]
     ) -> tuple[float, float]:
-        square, next_ = self._square.sum(axis=1), self._next.sum(axis=1)
+        weights = self.base.weights
+        square = np.einsum('sbd,bd->sd', self._square, weights)
+        next_ = np.einsum('sbd,bd->sd', self._next, weights)
         coarse = self._profile(gram, moment, square, pick)
         best = int(np.clip(np.argmin(coarse), 1, len(coarse) - 2))
         places = np.linspace(best - 1, best + 1, 2 * _FINE + 1)

@@ -13,22 +13,24 @@ from power_estimator.effects import Catalogue
 
 from power_lab.bank import Bank, Screened
 from power_lab.confidence_set import confidence_set
-from power_lab.evidence import Evidence, Examiner
+from power_lab.evidence import Evidence, Examiner, Folds
 from power_lab.leftover import Leftover, examine_leftover
 
 Floats = NDArray[np.float64]
 Verdict = Literal['named', 'ambiguous', 'none_of_the_above', 'no_evidence']
 
-FLOOR = 0.15
-"""W: what explains less is not worth a name (half the noise of a good meter)."""
-RELATIVE_FLOOR = 0.004
-"""Of the rms power: no meter and no formula is more accurate than this."""
+NAME_FLOOR, NAME_SHARE_OF_RMS = 0.1, 0.0015
+"""W, and share of the rms power: an effect that explains less is not worth a name."""
+STRANGER_FLOOR, STRANGER_SHARE_OF_RMS = 0.15, 0.004
+"""The same for structure that no effect explains; formulas are not more accurate than this."""
 NEXT_SHARE = 0.15
 """A further effect must explain this share of what the first one does."""
 NAMED_SHARE = 0.8
 """Named effects must explain this share of all that can be explained."""
 MOST_EFFECTS = 3
 _FINALISTS = 6
+_EVENT = 20.0  # times the median squared error
+_EVENT_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,8 @@ class Step:
     added: tuple[str, ...]
     members: tuple[tuple[str, ...], ...]  # sets of effects that may be the best
     none_possible: bool
+    best: tuple[str, ...]
+    gain: Floats  # W² [D], of the best over what was there before
 
 
 @dataclass(frozen=True)
@@ -63,7 +67,8 @@ class Diagnosis:
     in_set: frozenset[str]
     explained: Floats  # W² [D], by the chosen effects
     leftover: Leftover
-    floor: Floats  # W [D]
+    floor: Floats  # W [D], of what is worth a name
+    stranger_floor: Floats  # W [D]
     share: float
     steps: tuple[Step, ...] = field(default=())
 
@@ -77,32 +82,59 @@ class Diagnoser:
         """Base holds the model's effects and the measurement terms."""
         self.fitter = fitter
         self.examiner = Examiner(fitter)
-        self.base = base.bent()
+        self.structure = base
+        self.base = base
         self.catalogue = catalogue
         self.seed = seed
-        self.floor = floors(fitter)
+        self.floor = floors(fitter, NAME_FLOOR, NAME_SHARE_OF_RMS)
+        self.stranger_floor = floors(fitter, STRANGER_FLOOR, STRANGER_SHARE_OF_RMS)
         self.candidates = candidates(fitter, base, catalogue)
 
     def run(self) -> Diagnosis:
         """All of it."""
-        none = self.examiner.examine(self.fitter.fit(self.base, iterations=4))
+        none = self._base()
         bank = Bank(self.fitter, self.examiner.folds, none.fit, self.candidates)
-        shaped = best_shapes(bank)
-        singles = self._singles(none, bank, shaped)
+        found = best_shapes(bank)
+        events = self._events(none, bank, found)
+        if events.any():
+            self.fitter.leave_out(events)
+            none = self.examiner.examine(self.fitter.fit(self.base, none.fit, iterations=2))
+            bank = Bank(self.fitter, self.examiner.folds, none.fit, self.candidates)
+            found = best_shapes(bank)
+        singles = self._singles(none, bank, found)
         chosen: tuple[str, ...] = ()
         best, steps = none, []
-        while len(chosen) < MOST_EFFECTS:
-            step, better = self._next(none, best, chosen, bank, shaped)
+        while len(chosen) < min(MOST_EFFECTS, len(found)):
+            step, better = self._next(none, best, chosen, bank, found)
             steps.append(step)
             if better is None:
                 break
             chosen, best = better.names, better
         return self._judge(none, best, chosen, singles, steps)
 
+    def _base(self) -> Evidence:
+        """The base alone, its shapes chosen, bent as real drives are."""
+        self.structure = shaped(self.fitter, self.examiner.folds, self.structure)
+        self.base = self.structure.bent()
+        return self.examiner.examine(self.fitter.fit(self.base, iterations=4))
+
+    def _events(self, none: Evidence, bank: Bank, found: dict[str, Screened]) -> NDArray[np.bool_]:
+        """
+        Blocks [B, D] that not even all candidates together follow: stumbles, pushes.
+
+        At most a twentieth of the recording; what fails more often is no event.
+        """
+        together = bank.screen([screened.actives[0] for screened in found.values()])
+        best = np.fmin(none.mse, together.mse)
+        limit = np.maximum(
+            _EVENT * np.nanmedian(best, axis=0), np.nanquantile(best, 1 - _EVENT_SHARE, axis=0)
+        )
+        return np.nan_to_num(best) > limit
+
     def _singles(
-        self, none: Evidence, bank: Bank, shaped: dict[str, Screened]
+        self, none: Evidence, bank: Bank, found: dict[str, Screened]
     ) -> tuple[Candidate, ...]:
-        order = sorted(shaped.values(), key=lambda screened: screened.loss)
+        order = sorted(found.values(), key=lambda screened: screened.loss)
         out = []
         for rank, screened in enumerate(order):
             active = screened.actives[0]
@@ -122,11 +154,11 @@ class Diagnoser:
         best: Evidence,
         chosen: tuple[str, ...],
         bank: Bank,
-        shaped: dict[str, Screened],
+        found: dict[str, Screened],
     ) -> tuple[Step, Evidence | None]:
         """The best set with one effect more, if it is worth it."""
         size = len(chosen) + 1
-        names = list(shaped)
+        names = list(found)
         if size <= 2:
             subsets = list(itertools.combinations(names, size))
         else:
@@ -137,24 +169,27 @@ class Diagnoser:
                 if extra not in kept and len(kept) == size - 1
             ]
         screened = sorted(
-            (bank.screen([shaped[name].actives[0] for name in subset]) for subset in subsets),
+            (bank.screen([found[name].actives[0] for name in subset]) for subset in subsets),
             key=lambda s: s.loss,
         )
         finalists = [
             self._full(none.fit, s.actives, 2) for s in screened[: _FINALISTS if size == 1 else 4]
         ]
+        finalists = [e for e in finalists if not _negligible(e)] or finalists[:1]
         finalists.sort(key=lambda e: float(e.loss.mean()))
         losses = [best.loss, *(e.loss for e in finalists)]
         members = confidence_set(losses, seed=self.seed)
         gain = best.mean_mse - finalists[0].mean_mse
         first = none.mean_mse - best.mean_mse
-        worth = above_floor(gain, self.floor)
+        worth = above_floor(gain, self.floor) and not _negligible(finalists[0])
         if chosen:
             worth = worth and gain.sum() >= NEXT_SHARE**2 * first.sum()
         step = Step(
             chosen,
             tuple(finalists[i - 1].names for i in members if i > 0),
             0 in members,
+            finalists[0].names,
+            gain,
         )
         if 0 in members or not worth:
             return step, None
@@ -177,12 +212,12 @@ class Diagnoser:
         possible = steps[len(chosen) - 1].members if chosen else ()
         effects = tuple(dict.fromkeys(itertools.chain(*(possible or ((),)))))
         verdict: Verdict
-        if not above_floor(explainable, self.floor) or (
-            not chosen and not above_floor(leftover.explained, self.floor)
-        ):
-            verdict, effects = 'no_evidence', ()
-        elif share < NAMED_SHARE or not chosen:
-            verdict, effects = 'none_of_the_above', chosen if share > 0.5 else ()
+        strange = above_floor(leftover.explained, self.stranger_floor)
+        if not chosen:
+            verdict, effects = ('none_of_the_above' if strange else 'no_evidence'), ()
+        elif share < NAMED_SHARE:
+            verdict = 'none_of_the_above' if strange else 'no_evidence'
+            effects = ()
         elif len(possible) > 1:
             verdict = 'ambiguous'
         else:
@@ -198,18 +233,19 @@ class Diagnoser:
             explained=explained,
             leftover=leftover,
             floor=self.floor,
+            stranger_floor=self.stranger_floor,
             share=share,
             steps=tuple(steps),
         )
 
 
-def floors(fitter: Fitter) -> Floats:
-    """W [D]: the least effect that is worth a name."""
+def floors(fitter: Fitter, least: float, share: float) -> Floats:
+    """W [D]: a floor that respects the meter's noise and its size."""
     prepared = fitter.prepared
     power = prepared.power_at(0.0)
     rms = np.sqrt(np.nanmean(np.square(power), axis=0))
     half = 0.5 * np.nan_to_num(prepared.noise)
-    return np.maximum(np.maximum(FLOOR, half), RELATIVE_FLOOR * rms)
+    return np.maximum(np.maximum(least, half), share * rms)
 
 
 def above_floor(gain: Floats, floor: Floats) -> bool:
@@ -239,3 +275,45 @@ def best_shapes(bank: Bank) -> dict[str, Screened]:
         if known is None or screened.training_error < known.training_error:
             best[active.name] = screened
     return best
+
+
+def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
+    """The structure with the shape of each of its effects that fits best, one after the other."""
+    signals = fitter.prepared.signals
+    options = {
+        active.name: [
+            Active.of(active.effect, shape)
+            for shape in active.effect.shapes
+            if active.effect.usable(signals, **shape)
+        ]
+        for active in structure.actives
+        if len(active.effect.shapes) > 1
+    }
+    if not options:
+        return structure
+    plain = structure
+    for name in options:
+        plain = plain.without(name)
+    bank = Bank(
+        fitter, folds, fitter.fit(plain, iterations=3), list(itertools.chain(*options.values()))
+    )
+    chosen = {name: shapes[0] for name, shapes in options.items()}
+    for _ in range(2):
+        for name, shapes in options.items():
+            others = [active for other, active in chosen.items() if other != name]
+            chosen[name] = min(
+                shapes, key=lambda shape: bank.screen([*others, shape]).training_error
+            )
+    return Structure(tuple(chosen.get(active.name, active) for active in structure.actives))
+
+
+def _negligible(evidence: Evidence) -> bool:
+    """Whether an added effect has a coefficient too small to be what it is called."""
+    fit = evidence.fit
+    for active in fit.structure.free:
+        least = [term.least for term in active.effect.terms]
+        if active.name in evidence.names and any(least):
+            found = np.abs(fit.coefficients[:, fit.structure.columns_of(active.name)])
+            if bool((found.max(axis=0) < least).all()):
+                return True
+    return False

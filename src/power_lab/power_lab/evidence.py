@@ -85,7 +85,7 @@ class Examiner:
 
     def examine(self, fit: Fit, names: Sequence[str] = ()) -> Evidence:
         """Held-out errors with the fit's delay and shapes, all coefficients refitted per fold."""
-        coefficients = self.fitter.solve(fit.design, fit.normal, self.folds.training)
+        coefficients = self.fitter.solve(fit.design, fit.normal, fit.weights, self.folds.training)
         return Evidence(fit, coefficients, self.block_mse(fit.normal, coefficients), tuple(names))
 
     def block_mse(self, normal: Normal, coefficients: Floats) -> Floats:

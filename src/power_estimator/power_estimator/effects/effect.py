@@ -26,6 +26,7 @@ class Term:
     lower: float = 0.0
     upper: float = np.inf
     prior: float = np.inf  # spread known beforehand; finite for measurement terms
+    least: float = 0.0  # a coefficient below this is not worth a name
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ class LoadFriction(Effect):
     formula = 'c·|torque·w| + 2·k·c·torque·|torque|·sgn w'
     terms = (Term('c', '1', 0.0, 1.0),)
     acts_on = 'torque'
+    follows = frozenset({'motor_torque'})
+    shapes = ({'motor': 0.0}, {'motor': 1.0})
     near = ('regeneration_efficiency', 'shaft')
     bend_limit = 0.2
     excitation = Excitation(
@@ -22,9 +24,10 @@ class LoadFriction(Effect):
         loads=(-25.0, 0.0, 25.0),
     )
 
-    def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """The load's size with the sign of the speed."""
-        return (np.abs(signals.torque) * smooth_sign(signals.motor_velocity))[..., None]
+    def regressors(self, signals: Signals, *, motor: float = 0.0, **_: float) -> Floats:
+        """The load's size with the sign of the speed; the load is the joint's or the motor's."""
+        load = signals.torque + motor * (signals.motor_torque - signals.torque)
+        return (np.abs(load) * smooth_sign(signals.motor_velocity))[..., None]
 
     def bend(self, signals: Signals, **shape: float) -> Floats:
         """Worse when driving than when driven, or the other way round."""

@@ -14,7 +14,7 @@ class Spring(Effect):
     formula = (
         '(torque + friction)·dtorque/dt/ks, and friction at the motor speed w + dtorque/dt/ks'
     )
-    terms = (Term('1/ks', 'rad/(N·m)', 0.0, 0.05),)
+    terms = (Term('1/ks', 'rad/(N·m)', 0.0, 0.05, least=3e-4),)
     acts_on = 'speed'
     near = ('time_offset', 'rotor_inertia')
     excitation = Excitation(
