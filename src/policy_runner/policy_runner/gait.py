@@ -35,13 +35,13 @@ class Feedback:
     """
 
     foothold: float = 0.12
-    velocity: float = 250.0
-    yaw: float = 60.0
-    tilt: float = 500.0
-    tilt_rate: float = 50.0
+    velocity: float = 180.0
+    yaw: float = 80.0
+    tilt: float = 600.0
+    tilt_rate: float = 70.0
     height: float = 3000.0
     yielding: float = 0.25
-    settle: float = 6.0
+    settle: float = 4.0
     trim: float = 0.5
 
     def __post_init__(self) -> None:
@@ -57,14 +57,15 @@ class TrotConfig:
     frequency: strides per s. duty: share of a stride that a foot is on the ground. height: base
     over ground, m. swing_height: m. foot_x, foot_y: feet from the base's centre, m. max_forward,
     max_lateral, max_yaw: what commands are clipped to, m/s and rad/s. ramp: s from the present
-    pose to standing. stiffness: position gain of the drives, N·m/rad. damping: their velocity
-    gain and viscous gear friction together, N·m·s/rad. friction: their Coulomb friction, N·m.
+    pose to standing. stiffness: position gain of the drives, N·m/rad. damping and friction: what
+    targets make up for of their velocity gain with viscous gear friction, N·m·s/rad, and of
+    Coulomb friction, N·m; less than there is, for too much of it shakes.
     """
 
-    frequency: float = 1.8
+    frequency: float = 1.9
     duty: float = 0.58
     height: float = 0.52
-    swing_height: float = 0.08
+    swing_height: float = 0.07
     foot_x: float = 0.40
     foot_y: float = 0.28
     max_forward: float = 0.8
@@ -72,8 +73,8 @@ class TrotConfig:
     max_yaw: float = 0.9
     ramp: float = 1.5
     stiffness: float = 80.0
-    damping: float = 5.0
-    friction: float = 1.5
+    damping: float = 3.5
+    friction: float = 1.2
     feedback: Feedback = field(default_factory=Feedback)
 
     def __post_init__(self) -> None:
@@ -112,8 +113,8 @@ DEFAULT_TROT: Final = TrotConfig()
 TROTS: Final[Mapping[str, TrotConfig]] = MappingProxyType(
     {
         'trot': DEFAULT_TROT,
-        'trot_slow': TrotConfig(frequency=1.4, duty=0.64, height=0.50, swing_height=0.07),
-        'trot_high': TrotConfig(frequency=1.7, height=0.55, swing_height=0.13, foot_y=0.30),
+        'trot_slow': TrotConfig(frequency=1.5, duty=0.64, height=0.50),
+        'trot_high': TrotConfig(frequency=2.0, height=0.55, swing_height=0.10, foot_y=0.30),
     }
 )
 """Gaits by name: three controllers that load the drives differently."""

@@ -24,7 +24,7 @@ TARGET_LIMITS: Final = LIMITS + np.array([-0.5, 0.5])
 
 _ACCELERATION: Final = np.array([1.0, 1.0, 2.0])  # m/s², m/s², rad/s² of commands
 _STEP_LIMIT: Final = (0.28, 0.16)  # m from the foothold at rest, along x and y
-_MOST_TRIM: Final = 0.15  # m/s
+_MOST_TRIM: Final = 0.15  # m/s, rad/s
 _SENSED: Final = 0.03  # s, time constant on measured velocity and tilt
 _RATES: Final = 0.01  # s, time constant on the rates of planned joint angles
 _LONGEST_STEP: Final = 0.05  # s
@@ -59,7 +59,7 @@ class ScriptedTrot:
         self._elapsed = 0.0
         self._first_pose = np.zeros(12)
         self._command = np.zeros(3)
-        self._trim = np.zeros(2)
+        self._trim = np.zeros(3)
         self._velocity = np.zeros(2)
         self._tilt = np.zeros(2)
         self._places = self._rest.copy()
@@ -135,11 +135,11 @@ class ScriptedTrot:
         self._velocity = self._velocity + share * (velocity[:2] - self._velocity)
         self._tilt = self._tilt + share * (gravity[:2] / min(gravity[2], -0.3) - self._tilt)
         if self._clock.walking:
-            error = self._command[:2] - self._velocity
-            trim = self._trim + self.config.feedback.trim * dt * error
+            reached = np.array([self._velocity[0], self._velocity[1], spin[2]])
+            trim = self._trim + self.config.feedback.trim * dt * (self._command - reached)
             self._trim = np.minimum(np.maximum(trim, -_MOST_TRIM), _MOST_TRIM)
         else:
-            self._trim = np.zeros(2)
+            self._trim = np.zeros(3)
 
     def _velocity_of_feet(self, feet: Floats, spin: Floats, dt: float) -> Floats:
         bearing = self._clock.load > 0.9
@@ -157,22 +157,25 @@ class ScriptedTrot:
         speed = float(np.hypot(*self._velocity))
         tilt = float(np.hypot(*self._tilt))
         commanded = float(np.abs(self._command).max()) >= 0.02
-        astray = float(np.abs(feet - self._rest)[:, :2].max())
-        sprawled = astray > 0.05 and not self._clock.walking
+        astray = (feet - self._rest)[:, :2]
+        outward = float((astray * np.sign(self._rest[:, :2])).max())
+        sprawled = outward > 0.04 and not self._clock.walking
         self._clock.advance(
             dt,
             wanted=commanded or sprawled or speed > 0.25 or tilt > 0.2,
-            calm=speed < 0.15 and tilt < 0.1 and astray < 0.04,
+            calm=speed < 0.15 and tilt < 0.1 and float(np.abs(astray).max()) < 0.08,
         )
 
     def _move_stance_feet(self, dt: float) -> None:
         places, stance = self._places, ~self._clock.swinging
         if self._clock.walking:
             feedback, command = self.config.feedback, self._command
-            vx, vy = command[:2] + self._trim + feedback.yielding * (self._velocity - command[:2])
+            vx, vy, yaw = command + self._trim
+            vx += feedback.yielding * (self._velocity[0] - command[0])
+            vy += feedback.yielding * (self._velocity[1] - command[1])
             moved = np.empty((4, 2))
-            moved[:, 0] = -vx + command[2] * places[:, 1]
-            moved[:, 1] = -vy - command[2] * places[:, 0]
+            moved[:, 0] = -vx + yaw * places[:, 1]
+            moved[:, 1] = -vy - yaw * places[:, 0]
             places[:, :2] += dt * stance[:, None] * moved
         back = min(1.0, self.config.feedback.settle * dt) * stance
         places[:, 2] += back * (self._rest[:, 2] - places[:, 2])

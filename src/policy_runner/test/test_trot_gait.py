@@ -71,7 +71,7 @@ def test_forward_walking_is_the_same_on_both_sides_half_a_stride_apart():
 def test_walking_sideways_left_mirrors_walking_right():
     left = targets([0, 0.3, 0], velocity=np.array([0, 0.3, 0]))
     right = targets([0, -0.3, 0], velocity=np.array([0, -0.3, 0]))
-    stride = round(200 / 1.8 / 2)
+    stride = round(200 / 1.9 / 2)
     a = left[800:1000]
     b = right[800 + stride : 1000 + stride][:, MIRROR] * FLIP
     assert np.abs(a - b).mean() < 0.02

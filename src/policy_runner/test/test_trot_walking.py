@@ -70,7 +70,7 @@ def test_it_reaches_the_commanded_velocity(command, tolerance):
 def test_feet_are_lifted_clear_of_the_ground_in_every_stride():
     rows = Walk().run((0.4, 0.0, 0.0), 6.0)
     heights = rows[700:, 4:] - robot.FOOT_RADIUS
-    assert heights.max(axis=0).min() > 0.06
+    assert heights.max(axis=0).min() > 0.05
     airborne = heights > 0.01
     lifts = (np.diff(airborne.astype(int), axis=0) > 0).sum(axis=0)
     strides = TROTS['trot'].frequency * 0.005 * len(heights)
