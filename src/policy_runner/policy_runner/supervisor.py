@@ -63,6 +63,8 @@ class Supervisor:
         self._sound_since: float | None = None
         self._last = 0.0
         self._walked = 0.0
+        self._updated = -np.inf
+        self._excused = False
 
     @property
     def reason(self) -> str:
@@ -96,8 +98,20 @@ class Supervisor:
         return True, 'damping'
 
     def update(self, now: float) -> Output | None:
-        """Take one step at time now, s; None while there is nothing to send."""
+        """
+        Take one step at time now, s; None while there is nothing to send.
+
+        A step that itself comes late, after a stall of this process, cannot tell a silent robot
+        from messages that wait to be read: staleness is then judged by the next one.
+        """
         fault = self._monitor.inputs(self.inputs, now)
+        late = now - self._updated > 0.5 * self._config.stale_after
+        self._updated = now
+        if fault is None:
+            self._excused = False
+        elif fault.kind is FaultKind.STALE and late and not self._excused:
+            self._excused = True
+            return None
         if self.state in (State.STANDING_UP, State.RUNNING):
             if fault is None:
                 return self._run(now)

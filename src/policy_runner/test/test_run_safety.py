@@ -128,6 +128,24 @@ def test_silence_shorter_than_the_limit_is_borne():
     assert rig.go(0.1).targets is not None
 
 
+def test_after_a_stall_of_the_runner_itself_waiting_messages_are_read_before_judging():
+    rig = Rig().running()
+    rig.now += 0.2
+    assert rig.supervisor.update(rig.now) is None
+    rig.feed()
+    assert rig.go(0.005).targets is not None
+    assert rig.supervisor.state is State.RUNNING
+
+
+def test_a_runner_that_stalls_again_and_again_damps_for_lack_of_fresh_input():
+    rig = Rig().running()
+    rig.now += 0.2
+    assert rig.supervisor.update(rig.now) is None
+    rig.now += 0.2
+    assert rig.supervisor.update(rig.now).targets is None
+    assert rig.supervisor.fault.kind is FaultKind.STALE
+
+
 def test_messages_whose_stamp_stands_still_count_as_silence():
     rig = Rig().running()
     frozen = rig.now
