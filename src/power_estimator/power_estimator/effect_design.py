@@ -131,6 +131,14 @@ class Design:
 
 
 @dataclass(frozen=True)
+class Underlay:
+    """The power of a model that effects are added to."""
+
+    power: Floats  # W [T, D]
+    copper: Floats  # W/(N·m)² [D], what torque costs in it, for torque that effects add
+
+
+@dataclass(frozen=True)
 class Point:
     """Where a structure is linearised, with the model's own estimates there."""
 
@@ -144,9 +152,9 @@ class Point:
 class DesignBuilder:
     """Builds designs on prepared signals; keeps what no estimate moves."""
 
-    def __init__(self, prepared: Prepared, base: Floats | None = None) -> None:
+    def __init__(self, prepared: Prepared, base: Underlay | None = None) -> None:
         self.prepared = prepared
-        self._base = base  # W [T, D] of a model that the effects are added to
+        self._base = base
         self._reduced: dict[tuple[object, ...], Floats] = {}
         self._instant: dict[tuple[object, ...], Floats] = {}
 
@@ -238,13 +246,13 @@ def estimates(
     structure: Structure,
     coefficients: Floats,
     signals: Signals,
-    base: Floats | None = None,
+    base: Underlay | None = None,
     source: Source = _fresh,
 ) -> Signals:
     """
     The signals with the model's own estimates.
 
-    coefficients is [D, m]; base is the power of a model underneath, W [T, D].
+    coefficients is [D, m]; base is a model underneath.
     """
     parts = _split(structure, coefficients)
     signals = _with_motion(parts, signals, source)
@@ -257,6 +265,8 @@ def estimates(
                 torque = torque + _weighted(source(active, before), own)
     signals = replace(signals, motor_torque=signals.torque + torque)
     cost = np.zeros_like(torque)
+    if base is not None:
+        cost += 2.0 * base.copper * signals.motor_torque
     for active, own in parts:
         slope = active.effect.torque_slope(signals, own[None]) if own.any() else None
         if slope is not None:
@@ -266,7 +276,8 @@ def estimates(
     if signals.motor_velocity is not signals.velocity:
         drawn += signals.torque * (signals.motor_velocity - signals.velocity)
     if base is not None:
-        drawn += base
+        added = np.square(signals.motor_torque) - np.square(signals.torque)
+        drawn += base.power + base.copper * added
     for active in structure.actives:
         if active.effect.fixed is not None:
             drawn += active.effect.fixed * source(active, signals)[..., 0]
@@ -278,7 +289,7 @@ def estimates(
 
 
 def evaluate(
-    structure: Structure, coefficients: Floats, signals: Signals, base: Floats | None = None
+    structure: Structure, coefficients: Floats, signals: Signals, base: Underlay | None = None
 ) -> Floats:
     """Power of the model in W [T, D] at the rate of the signals."""
     signals = estimates(structure, coefficients, signals, base)

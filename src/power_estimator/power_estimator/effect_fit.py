@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_estimator.bounded_lsq import bounded_solve
-from power_estimator.effect_design import Active, Design, DesignBuilder, Structure
+from power_estimator.effect_design import Active, Design, DesignBuilder, Structure, Underlay
 from power_estimator.effect_signals import REDUCED_RATE, Prepared
 from power_estimator.effects import Catalogue
 
@@ -109,9 +109,9 @@ class Fitter:
         prepared: Prepared,
         *,
         groups: Sequence[Sequence[int]] | None = None,
-        base: Floats | None = None,
+        base: Underlay | None = None,
     ) -> None:
-        """groups: drives that share coefficients, by index; base: W [T, D] underneath."""
+        """groups: drives that share coefficients, by index; base: a model underneath."""
         self.prepared = prepared
         self.blocks = Blocks.of(prepared)
         self.builder = DesignBuilder(prepared, base)

@@ -7,13 +7,13 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from power_estimator.effect_bank import Bank, Screened, shaped
 from power_estimator.effect_design import Active, Structure
 from power_estimator.effect_fit import Fit, Fitter
 from power_estimator.effects import Catalogue
 
-from power_lab.bank import Bank, Screened
 from power_lab.confidence_set import confidence_set
-from power_lab.evidence import Evidence, Examiner, Folds
+from power_lab.evidence import Evidence, Examiner
 from power_lab.leftover import Leftover, examine_leftover
 
 Floats = NDArray[np.float64]
@@ -275,36 +275,6 @@ def best_shapes(bank: Bank) -> dict[str, Screened]:
         if known is None or screened.training_error < known.training_error:
             best[active.name] = screened
     return best
-
-
-def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
-    """The structure with the shape of each of its effects that fits best, one after the other."""
-    signals = fitter.prepared.signals
-    options = {
-        active.name: [
-            Active.of(active.effect, shape)
-            for shape in active.effect.shapes
-            if active.effect.usable(signals, **shape)
-        ]
-        for active in structure.actives
-        if len(active.effect.shapes) > 1
-    }
-    if not options:
-        return structure
-    plain = structure
-    for name in options:
-        plain = plain.without(name)
-    bank = Bank(
-        fitter, folds, fitter.fit(plain, iterations=3), list(itertools.chain(*options.values()))
-    )
-    chosen = {name: shapes[0] for name, shapes in options.items()}
-    for _ in range(2):
-        for name, shapes in options.items():
-            others = [active for other, active in chosen.items() if other != name]
-            chosen[name] = min(
-                shapes, key=lambda shape: bank.screen([*others, shape]).training_error
-            )
-    return Structure(tuple(chosen.get(active.name, active) for active in structure.actives))
 
 
 def _negligible(evidence: Evidence) -> bool:

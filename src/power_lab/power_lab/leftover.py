@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effect_fit import Blocks
+from power_estimator.effect_folds import FOLDS, Folds
 from power_estimator.effect_signals import Prepared
 from scipy.signal import periodogram
 from sklearn.ensemble import HistGradientBoostingRegressor
 from statsmodels.stats.diagnostic import acorr_ljungbox
 from threadpoolctl import threadpool_limits
-
-from power_lab.evidence import FOLDS, Folds
 
 Floats = NDArray[np.float64]
 

@@ -1,17 +1,18 @@
 """All candidate effects in all their shapes, linearised about one fit: any subset at no cost."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+
 from power_estimator.bounded_lsq import bounded_solve
 from power_estimator.effect_design import Active, Structure
 from power_estimator.effect_fit import Fit, Fitter
+from power_estimator.effect_folds import FOLDS, LEAST_MSE, Folds
 from power_estimator.effect_signals import REDUCED_RATE
-
-from power_lab.evidence import FOLDS, LEAST_MSE, Folds
 
 Floats = NDArray[np.float64]
 _FINE = 8  # delays tried between two neighbours
@@ -188,3 +189,33 @@ class Bank:
         out = np.zeros_like(self._square)
         out[:-1] = (self._targets[:-1] * self._targets[1:]).sum(axis=3)
         return out
+
+
+def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
+    """The structure with the shape of each of its effects that fits best, one after the other."""
+    signals = fitter.prepared.signals
+    options = {
+        active.name: [
+            Active.of(active.effect, shape)
+            for shape in active.effect.shapes
+            if active.effect.usable(signals, **shape)
+        ]
+        for active in structure.actives
+        if len(active.effect.shapes) > 1
+    }
+    if not options:
+        return structure
+    plain = structure
+    for name in options:
+        plain = plain.without(name)
+    bank = Bank(
+        fitter, folds, fitter.fit(plain, iterations=3), list(itertools.chain(*options.values()))
+    )
+    chosen = {name: shapes[0] for name, shapes in options.items()}
+    for _ in range(2):
+        for name, shapes in options.items():
+            others = [active for other, active in chosen.items() if other != name]
+            chosen[name] = min(
+                shapes, key=lambda shape: bank.screen([*others, shape]).training_error
+            )
+    return Structure(tuple(chosen.get(active.name, active) for active in structure.actives))

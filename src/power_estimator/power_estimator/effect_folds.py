@@ -1,0 +1,50 @@
+"""Which blocks of a recording are fitted on and which are tested: blocked cross-validation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_estimator.effect_fit import Blocks
+
+Floats = NDArray[np.float64]
+
+FOLDS = 5
+PIECE = 10
+"""Blocks (of 1 s) that stay together in a fold."""
+EMBARGO = 1
+"""Blocks left out of the training on either side of what is tested."""
+LEAST_MSE = 1e-4
+"""W²: errors below this are alike; keeps the logarithm from rewarding luck."""
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Which blocks are tested together, and which may be trained on then."""
+
+    test: NDArray[np.int32]  # [B], fold of each block
+    training: Floats  # [F, B], 1 where the block may be trained on
+
+    @classmethod
+    def of(cls, blocks: Blocks) -> 'Folds':
+        """
+        Split by recording where there are five or more, else by pieces of 10 s in turn.
+
+        An embargo of 1 s beside each tested piece keeps what is autocorrelated out of training.
+        """
+        recordings = np.unique(blocks.recording)
+        count = len(blocks.starts)
+        if len(recordings) >= FOLDS:
+            test = np.searchsorted(recordings, blocks.recording) % FOLDS
+        else:
+            length = int(np.clip(count // (3 * FOLDS), 2, PIECE))
+            test = (np.arange(count) // length) % FOLDS
+        training = np.ones((FOLDS, count))
+        for fold in range(FOLDS):
+            tested = test == fold
+            near = tested.copy()
+            for step in range(1, EMBARGO + 1):
+                near[:-step] |= tested[step:]
+                near[step:] |= tested[:-step]
+            training[fold, near] = 0.0
+        return cls(test.astype(np.int32), training)
