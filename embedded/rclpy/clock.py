@@ -52,12 +52,11 @@ class Clock:
 class ROSClock(Clock):
     """System time, or the time of /clock while that is active."""
 
-    _simulated: int | None
+    _simulated: int | None = None
 
     def __new__(cls, **_: Any) -> 'ROSClock':  # noqa: D102
         self = object.__new__(cls)
         self._clock_type = ClockType.ROS_TIME
-        self._simulated = None
         return self
 
     def __init__(self, **_: Any):
