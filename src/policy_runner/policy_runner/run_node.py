@@ -41,7 +41,7 @@ class PolicyRunner(Node):
             'stale_after', safety.stale_after, 0.01, 1.0, 's; older joint_states or imu: damping'
         )
         tilt = self._parameter('tilt', safety.tilt, 0.1, 1.5, 'rad; more from level: damping')
-        self._name = options.policy
+        self._policy = options.policy
         self._start_wanted = options.start
         source = RandomCommands(options.seed) if options.random_commands else None
         self._supervisor = Supervisor(
@@ -146,13 +146,13 @@ class PolicyRunner(Node):
         self._told = (state, reason)
         fault = self._supervisor.fault
         if fault is None or fault.kind is FaultKind.STOP:
-            self.get_logger().info(f'{self._name}: {reason}')
+            self.get_logger().info(f'{self._policy}: {reason}')
         else:
-            self.get_logger().error(f'{self._name}: damping, {reason}')
+            self.get_logger().error(f'{self._policy}: damping, {reason}')
         self._diagnose()
 
     def _diagnose(self) -> None:
-        figures = {'policy': self._name, **self._supervisor.figures(self._now())}
+        figures = {'policy': self._policy, **self._supervisor.figures(self._now())}
         fault = self._supervisor.fault
         sound = fault is None or fault.kind is FaultKind.STOP
         status = DiagnosticStatus(
