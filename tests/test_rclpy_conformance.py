@@ -1,0 +1,519 @@
+"""
+What the nodes ask of rclpy, with signatures and behaviour.
+
+The same tests run on ROS 2 and on the embedded runtime: what passes on both may be used in a node.
+"""
+
+import ast
+import importlib
+import inspect
+import signal
+import threading
+from array import array
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from power_daq.recording import cdr
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterAlreadyDeclaredException,
+    ParameterException,
+    ParameterNotDeclaredException,
+)
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
+from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import BatteryState, Imu, JointState
+from std_srvs.srv import Trigger
+
+from drive_power_msgs.msg import DriveSupply, PowerEstimate
+
+SOURCES = Path(__file__).resolve().parents[1] / 'src'
+NODE_FILES = sorted(
+    path
+    for path in SOURCES.glob('*/*/*_node.py')
+    if 'import Node' in path.read_text(encoding='utf-8')
+)
+PATIENCE = 30.0
+
+
+def joint_state():
+    message = JointState(name=['LF_HAA', 'LF_HFE'], position=[0.1, -0.2])
+    message.header.stamp.sec, message.header.stamp.nanosec = 7, 8
+    message.velocity = array('d', [1.0, 2.0])
+    message.effort = np.array([30.0, -40.0]).tolist()
+    return message
+
+
+def drive_supply():
+    message = DriveSupply(name=['LF_HAA', 'LF_HFE'], sequence=2**40, status=array('B', [0, 4]))
+    message.header.frame_id = 'board'
+    message.device_time = array('Q', [2**41])
+    message.voltage, message.current = array('f', [48.0, 47.5]), array('f', [1.5, -0.25])
+    message.temperature = array('f', [float('nan'), 41.0])
+    return message
+
+
+def power_estimate():
+    power = array('f', [10.5, 20.25])
+    return PowerEstimate(model='ppn:x', name=['a', 'b'], power=power, total=30.75, status=1)
+
+
+def diagnostics():
+    values = [KeyValue(key='rate', value='1000')]
+    status = DiagnosticStatus(level=bytes([2]), name='bus', message='lost', values=values)
+    return DiagnosticArray(status=[status, DiagnosticStatus(level=DiagnosticStatus.OK)])
+
+
+def battery():
+    return BatteryState(voltage=48.0, current=-8.0, charge=float('nan'), present=True)
+
+
+def imu():
+    message = Imu()
+    message.orientation.w, message.angular_velocity.z = 1.0, 0.5
+    message.orientation_covariance = [0.0] * 8 + [2.0]
+    return message
+
+
+def odometry():
+    message = Odometry(child_frame_id='base')
+    message.pose.pose.position.x = 1.5
+    message.twist.twist.linear.y = -0.5
+    return message
+
+
+def twist():
+    message = TwistStamped()
+    message.twist.linear.x, message.twist.angular.z = 0.5, -0.25
+    return message
+
+
+def clock_message():
+    message = ClockMessage()
+    message.clock.sec, message.clock.nanosec = 3, 4
+    return message
+
+
+MESSAGES = (
+    joint_state,
+    drive_supply,
+    power_estimate,
+    diagnostics,
+    battery,
+    imu,
+    odometry,
+    twist,
+    clock_message,
+)
+
+CALLS = {
+    'rclpy:init': [{'args': []}, {'args': [], 'signal_handler_options': None}],
+    'rclpy:spin': [('node',)],
+    'rclpy:try_shutdown': [{}],
+    'rclpy:shutdown': [{'context': None}],
+    'rclpy.node:Node': [('name',), {'node_name': 'name', 'context': None, 'namespace': ''}],
+    'rclpy.node:Node.declare_parameter': [('self', 'name', 1.0, 'descriptor')],
+    'rclpy.node:Node.get_parameter': [('self', 'name')],
+    'rclpy.node:Node.create_publisher': [('self', 'type', 'topic', 'qos')],
+    'rclpy.node:Node.create_subscription': [
+        ('self', 'type', 'topic', 'callback', 'qos'),
+        ('self', 'type', 'topic', 'callback', 'qos', {'raw': True, 'event_callbacks': None}),
+    ],
+    'rclpy.node:Node.destroy_subscription': [('self', 'subscription')],
+    'rclpy.node:Node.create_timer': [('self', 1.0, 'callback', {'clock': None})],
+    'rclpy.node:Node.create_service': [('self', 'type', 'name', 'callback')],
+    'rclpy.node:Node.resolve_topic_name': [('self', 'topic')],
+    'rclpy.node:Node.get_name': [('self',)],
+    'rclpy.node:Node.get_clock': [('self',)],
+    'rclpy.node:Node.get_logger': [('self',)],
+    'rclpy.node:Node.destroy_node': [('self',)],
+    'rclpy.context:Context.ok': [('self',)],
+    'rclpy.context:Context.try_shutdown': [('self',)],
+    'rclpy.clock:Clock': [{'clock_type': None}],
+    'rclpy.event_handler:SubscriptionEventCallbacks': [
+        {'incompatible_qos': None, 'use_default_callbacks': False}
+    ],
+    'rclpy.executors:SingleThreadedExecutor': [{}, {'context': None}],
+    'rclpy.executors:SingleThreadedExecutor.add_node': [('self', 'node')],
+    'rclpy.executors:SingleThreadedExecutor.spin_until_future_complete': [('self', 'future')],
+    'rclpy.executors:SingleThreadedExecutor.spin_once': [('self', {'timeout_sec': 0.1})],
+    'rclpy.publisher:Publisher.publish': [('self', 'message')],
+    'rclpy.task:Future': [{}],
+    'rclpy.task:Future.set_result': [('self', 'result')],
+    'rclpy.task:Future.done': [('self',)],
+    'rclpy.utilities:remove_ros_args': [(['x'],)],
+    'rclpy.impl.rcutils_logger:RcutilsLogger.info': [
+        ('self', 'text', {'throttle_duration_sec': 10.0})
+    ],
+}
+OPAQUE = {'rclpy.clock:Clock', 'rclpy.qos:QoSProfile'}
+"""Made by __new__ or keyword dictionaries, which signatures do not tell of."""
+
+
+def found(path):
+    """The object that 'module:Class.method' names."""
+    module, _, names = path.partition(':')
+    if module == 'rclpy.impl.rcutils_logger':
+        thing = type(rclpy.logging.get_logger('x'))
+        names = names.split('.', 1)[1]
+    else:
+        thing = importlib.import_module(module)
+    for name in names.split('.'):
+        thing = getattr(thing, name)
+    return thing
+
+
+@pytest.mark.parametrize('path', sorted(CALLS))
+def test_functions_take_the_arguments_that_nodes_give(path):
+    signature = inspect.signature(found(path))
+    for call in CALLS[path]:
+        keywords = call if isinstance(call, dict) else {}
+        arguments = [] if isinstance(call, dict) else list(call)
+        if arguments and isinstance(arguments[-1], dict):
+            keywords = arguments.pop()
+        if path not in OPAQUE:
+            signature.bind(*arguments, **keywords)
+
+
+def own_names(path):
+    """Attributes that the node classes of a file give themselves."""
+    tree = ast.parse(path.read_text(encoding='utf-8'))
+    nodes = [
+        part
+        for part in tree.body
+        if isinstance(part, ast.ClassDef)
+        and any(isinstance(base, ast.Name) and base.id == 'Node' for base in part.bases)
+    ]
+    names = set()
+    for part in (inner for node in nodes for inner in ast.walk(node)):
+        if isinstance(part, ast.FunctionDef):
+            names.add(part.name)
+        targets = part.targets if isinstance(part, ast.Assign) else []
+        targets = [part.target] if isinstance(part, ast.AnnAssign) else targets
+        for target in (leaf for given in targets for leaf in ast.walk(given)):
+            if isinstance(target, ast.Attribute) and isinstance(target.value, ast.Name):
+                names |= {target.attr} if target.value.id == 'self' else set()
+    return {name for name in names if not name.startswith('__')}
+
+
+@pytest.fixture
+def ros(ros_domain):
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    yield
+    rclpy.try_shutdown()
+
+
+@pytest.fixture
+def node(ros):
+    made = Node('conformance')
+    yield made
+    made.destroy_node()
+
+
+@pytest.fixture
+def spin_until(node):
+    def spin(condition):
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        end = clock.now().nanoseconds + int(PATIENCE * 1e9)
+        while not condition():
+            assert clock.now().nanoseconds < end, 'the condition never held'
+            rclpy.spin_once(node, timeout_sec=0.1)
+
+    return spin
+
+
+@pytest.mark.parametrize('path', NODE_FILES, ids=lambda path: path.stem)
+def test_no_node_overwrites_what_its_base_class_keeps_for_itself(node, path):
+    names = own_names(path)
+    assert names, f'{path} has no class of Node'
+    assert names.isdisjoint(dir(node))
+
+
+def test_there_are_nodes_to_check():
+    assert {path.stem for path in NODE_FILES} >= {'daq_node', 'recorder_node', 'sim_node'}
+
+
+@pytest.mark.parametrize('make', MESSAGES, ids=lambda make: make.__name__)
+def test_each_message_arrives_as_it_was_sent_and_raw_as_its_cdr(node, spin_until, make):
+    sent, whole, raw = make(), [], []
+    node.create_subscription(type(sent), 'topic', whole.append, 10)
+    node.create_subscription(type(sent), 'topic', raw.append, 10, raw=True)
+    publisher = node.create_publisher(type(sent), 'topic', 10)
+    spin_until(lambda: publisher.get_subscription_count() == 2)
+    publisher.publish(sent)
+    spin_until(lambda: whole and raw)
+    assert type(whole[0]) is type(sent)
+    assert repr(whole[0]) == repr(sent)
+    assert isinstance(raw[0], bytes)
+    package = type(sent).__module__.split('.')[0]
+    name = f'{package}/msg/{type(sent).__name__}'
+    ours = cdr.serialize(name, cdr.deserialize(name, raw[0]))
+    assert raw[0][:2] == ours[:2] == b'\0\1', 'little-endian CDR'
+    assert raw[0][4 : len(ours)] == ours[4:]
+    assert raw[0][len(ours) :] in (b'', b'\0', b'\0\0', b'\0\0\0'), 'padding to four bytes'
+    assert repr(deserialize_message(serialize_message(sent), type(sent))) == repr(sent)
+
+
+def test_numbers_arrive_as_arrays_of_their_width(node, spin_until):
+    got = []
+    node.create_subscription(DriveSupply, 'topic', got.append, 10)
+    publisher = node.create_publisher(DriveSupply, 'topic', 10)
+    spin_until(lambda: publisher.get_subscription_count())
+    publisher.publish(drive_supply())
+    spin_until(lambda: got)
+    message = got[0]
+    codes = [x.typecode for x in (message.device_time, message.voltage, message.status)]
+    assert codes == ['Q', 'f', 'B']
+    assert isinstance(message.voltage, array)
+    assert message.name == ['LF_HAA', 'LF_HFE']
+    assert isinstance(Imu().orientation_covariance, np.ndarray)
+
+
+def test_a_message_published_again_after_a_change_is_sent_anew(node, spin_until):
+    got = []
+    node.create_subscription(PowerEstimate, 'topic', got.append, 10)
+    publisher = node.create_publisher(PowerEstimate, 'topic', 10)
+    spin_until(lambda: publisher.get_subscription_count())
+    message = PowerEstimate(power=[1.0])
+    publisher.publish(message)
+    message.power[0] = 2.0
+    publisher.publish(message)
+    spin_until(lambda: len(got) == 2)
+    assert [list(x.power) for x in got] == [[1.0], [2.0]]
+
+
+def test_the_level_of_a_diagnostic_status_is_one_byte():
+    assert (DiagnosticStatus.OK, DiagnosticStatus.WARN) == (b'\x00', b'\x01')
+    assert (DiagnosticStatus.ERROR, DiagnosticStatus.STALE) == (b'\x02', b'\x03')
+    assert DiagnosticStatus().level == b'\x00'
+
+
+def test_a_message_of_another_type_is_refused(node):
+    publisher = node.create_publisher(JointState, 'topic', 10)
+    with pytest.raises(TypeError):
+        publisher.publish(Imu())
+
+
+def test_a_late_joiner_gets_what_a_transient_local_publisher_sent(node, spin_until):
+    qos = QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        history=HistoryPolicy.KEEP_LAST,
+    )
+    publisher = node.create_publisher(PowerEstimate, 'topic', qos)
+    for total in (1.0, 2.0):
+        publisher.publish(PowerEstimate(total=total))
+    got = []
+    node.create_subscription(PowerEstimate, 'topic', got.append, qos)
+    spin_until(lambda: got)
+    assert [message.total for message in got] == [2.0]
+
+
+def test_unmatched_reliability_calls_the_event_and_the_subscription_can_be_replaced(
+    node, spin_until
+):
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = node.create_publisher(PowerEstimate, 'topic', best_effort)
+    events, got = [], []
+    callbacks = SubscriptionEventCallbacks(
+        incompatible_qos=events.append, use_default_callbacks=False
+    )
+    reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+    refused = node.create_subscription(
+        PowerEstimate, 'topic', got.append, reliable, event_callbacks=callbacks
+    )
+    spin_until(lambda: events)
+    assert events[0].total_count == 1
+    assert node.destroy_subscription(refused)
+    node.create_subscription(PowerEstimate, 'topic', got.append, best_effort)
+    spin_until(lambda: publisher.get_subscription_count() == 1)
+    spin_until(lambda: publisher.publish(PowerEstimate(total=3.0)) or got)
+    assert got[0].total == 3.0
+
+
+@pytest.mark.parametrize('kind', [ClockType.STEADY_TIME, ClockType.ROS_TIME])
+def test_timers_run_on_the_clock_that_they_are_given(node, spin_until, kind):
+    calls = []
+    node.create_timer(0.01, lambda: calls.append(None), clock=Clock(clock_type=kind))
+    spin_until(lambda: len(calls) == 3)
+
+
+def test_time_is_whole_nanoseconds_and_becomes_a_stamp(node):
+    now = node.get_clock().now()
+    stamp = now.to_msg()
+    assert isinstance(now.nanoseconds, int)
+    assert stamp.sec * 10**9 + stamp.nanosec == now.nanoseconds
+    message = JointState()
+    message.header.stamp = stamp
+    assert message.header.stamp.sec == stamp.sec
+
+
+@pytest.mark.parametrize('succeed', [True, False])
+def test_a_service_answers_with_what_its_callback_returns(node, spin_until, succeed):
+    def serve(request, response):
+        assert isinstance(request, Trigger.Request)
+        response.success, response.message = succeed, 'as you wish'
+        return response
+
+    node.create_service(Trigger, 'start', serve)
+    client = node.create_client(Trigger, 'start')
+    spin_until(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    spin_until(future.done)
+    assert (future.result().success, future.result().message) == (succeed, 'as you wish')
+
+
+def test_read_only_parameters_keep_their_value(node):
+    descriptor = ParameterDescriptor(description='bus', read_only=True)
+    assert node.declare_parameter('channel', 'can0', descriptor).value == 'can0'
+    result = node.set_parameters([Parameter('channel', value='can1')])[0]
+    assert not result.successful
+    assert result.reason
+    assert node.get_parameter('channel').value == 'can0'
+
+
+@pytest.mark.parametrize(
+    ('limits', 'default', 'outside'),
+    [
+        ({'integer_range': [IntegerRange(from_value=1, to_value=10, step=0)]}, 2, 11),
+        ({'floating_point_range': [FloatingPointRange(from_value=0.0, to_value=1.0)]}, 0.5, 1.5),
+    ],
+)
+def test_a_range_holds_for_declaring_and_for_setting(node, limits, default, outside):
+    node.declare_parameter('inside', default, ParameterDescriptor(**limits))
+    assert not node.set_parameters([Parameter('inside', value=outside)])[0].successful
+    assert node.get_parameter('inside').value == default
+    with pytest.raises(InvalidParameterValueException):
+        node.declare_parameter('outside', outside, ParameterDescriptor(**limits))
+
+
+def test_wrong_uses_of_parameters_raise_parameter_exceptions(ros_domain):
+    rclpy.init(
+        args=['--ros-args', '-p', 'whole:=1.5', '-p', 'text:=given'],
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    node = Node('conformance')
+    try:
+        assert node.declare_parameter('text', 'default').value == 'given'
+        with pytest.raises(InvalidParameterTypeException):
+            node.declare_parameter('whole', 1)
+        with pytest.raises(ParameterAlreadyDeclaredException):
+            node.declare_parameter('text', 'again')
+        with pytest.raises(ParameterNotDeclaredException):
+            node.get_parameter('unheard_of')
+        assert node.get_parameter('use_sim_time').value is False
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    for kind in (
+        InvalidParameterTypeException,
+        InvalidParameterValueException,
+        ParameterAlreadyDeclaredException,
+        ParameterNotDeclaredException,
+    ):
+        assert issubclass(kind, ParameterException)
+
+
+def test_names_are_resolved_and_remapped(ros_domain):
+    rclpy.init(
+        args=['--ros-args', '-r', '__ns:=/lab', '-r', 'imu:=base_imu'],
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    node = Node('conformance')
+    try:
+        assert node.get_name() == 'conformance'
+        assert node.resolve_topic_name('joint_states') == '/lab/joint_states'
+        assert node.resolve_topic_name('imu') == '/lab/base_imu'
+        assert node.resolve_topic_name('/clock') == '/clock'
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_ros_arguments_are_taken_out_and_others_left():
+    given = ['sim', '--seed', '3', '--ros-args', '-p', 'a:=1', '-r', 'x:=y', '--', '--pushes']
+    assert remove_ros_args(given) == ['sim', '--seed', '3', '--pushes']
+    assert remove_ros_args(['--ros-args', '-p', 'a:=1']) == []
+
+
+def test_publishing_after_shutdown_raises_a_runtime_error(node):
+    publisher = node.create_publisher(PowerEstimate, 'topic', 10)
+    assert node.context.ok()
+    assert rclpy.try_shutdown() is None
+    assert not node.context.ok()
+    with pytest.raises(RuntimeError):
+        publisher.publish(PowerEstimate())
+    rclpy.try_shutdown()
+
+
+def test_spin_ends_when_a_callback_shuts_the_context_down(node):
+    node.create_timer(0.01, node.context.try_shutdown)
+    rclpy.spin(node)
+    assert not node.context.ok()
+
+
+def test_spin_ends_when_another_thread_shuts_the_context_down(node):
+    end = threading.Timer(0.3, node.context.try_shutdown)
+    end.start()
+    with suppress(ExternalShutdownException):
+        rclpy.spin(node)
+    assert not node.context.ok()
+    end.join()
+
+
+def test_an_executor_ends_with_a_future_that_a_callback_completes(node):
+    done = Future()
+    node.create_timer(0.01, lambda: None if done.done() else done.set_result('enough'))
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    executor.spin_until_future_complete(done)
+    assert done.result() == 'enough'
+    executor.shutdown()
+
+
+def test_an_exception_of_a_callback_comes_out_of_spin(node):
+    def fail():
+        raise ValueError('from a callback')
+
+    node.create_timer(0.01, fail)
+    with pytest.raises(ValueError, match='from a callback'):
+        rclpy.spin(node)
+
+
+def test_handlers_of_signals_are_left_alone_where_asked(ros):
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_throttled_messages_are_logged_once(node, capfd):
+    for _ in range(3):
+        node.get_logger().warning('behind', throttle_duration_sec=60.0)
+    node.get_logger().info('other')
+    out, err = capfd.readouterr()
+    assert (out + err).count('behind') == 1
+
+
+def test_qos_policies_tell_their_names():
+    assert ReliabilityPolicy.BEST_EFFORT.name.lower() == 'best_effort'
+    assert ReliabilityPolicy.RELIABLE.name.lower() == 'reliable'
+    profile = QoSProfile(depth=5)
+    assert (profile.depth, profile.history) == (5, HistoryPolicy.KEEP_LAST)
+    assert profile.reliability == ReliabilityPolicy.RELIABLE
+    assert profile.durability == DurabilityPolicy.VOLATILE
