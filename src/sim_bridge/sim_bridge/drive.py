@@ -157,6 +157,7 @@ class Drives:
         self._stall = p['torque_constant'] * p['modulation'] / p['resistance']
         self._droop = p['torque_constant'] * (p['torque_constant'] - flux) / p['resistance']
         self._limit = p['torque_limit']
+        self._least = -self._limit
         self._floor = -self._limit
         self._ceiling = self._limit
         self._a, self._b, self._tau, self._feed = (np.zeros(len(names)) for _ in range(4))
@@ -220,8 +221,7 @@ class Drives:
         np.subtract(self._floor, b, out=a)
         np.maximum(tau, a, out=tau)
         np.minimum(tau, self._limit, out=tau)
-        np.negative(self._limit, out=a)
-        np.maximum(tau, a, out=tau)
+        np.maximum(tau, self._least, out=tau)
         drag = trace.drag[row]
         self.friction.torque(angle, speed, tau, drag)
         trace.position[row] = angle

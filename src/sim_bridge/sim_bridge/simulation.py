@@ -19,7 +19,7 @@ from sim_bridge.world import World, fallen
 Floats = NDArray[np.float64]
 STEP: Final = 0.0005  # s
 JOINT_PERIOD: Final = 5  # steps between joint samples: 400 Hz
-LATCH: Final = 10  # steps between the drives' readings of bus voltage and temperature
+LATCH: Final = 20  # steps between the drives' readings of bus voltage and temperature
 PUSH_STEPS: Final = 200  # a push lasts 0.1 s
 
 

@@ -5,6 +5,8 @@ import re
 import can
 import pytest
 
+from sim_bridge import sim_node
+
 RUNNING = r'anymal_c, unit 2, on unixsocket'
 
 
@@ -36,19 +38,17 @@ def test_frames_come_over_the_socket_and_the_node_ends_on_ctrl_c(sim, channel):
     assert sim.wait() == 0
 
 
-@pytest.mark.parametrize(
-    ('topic', 'expected'),
-    [
-        ('/imu', r'frame_id: base'),
-        ('/foot_force', r'- LF_FOOT'),
-        ('/supply', r'current: -\d'),
-        ('/clock', r'nanosec'),
-        ('/diagnostics', r'real_time_factor'),
-    ],
-)
-def test_topics_beside_the_bus_are_published(sim, node_process, topic, expected):
-    echo = node_process.ros2('topic', 'echo', topic)
-    echo.wait_for_output(expected)
+def test_topics_beside_the_bus_are_published(sim, node_process):
+    expected = {
+        '/imu': r'frame_id: base',
+        '/foot_force': r'- LF_FOOT',
+        '/supply': r'current: -\d',
+        '/clock': r'nanosec',
+        '/diagnostics': r'real_time_factor',
+    }
+    echoes = {topic: node_process.ros2('topic', 'echo', topic) for topic in expected}
+    for topic, echo in echoes.items():
+        echo.wait_for_output(expected[topic])
 
 
 def test_a_push_is_answered_with_its_velocity(sim, node_process):
@@ -71,8 +71,8 @@ def test_a_push_is_answered_with_its_velocity(sim, node_process):
         ('publish_clock', '7', r'publish_clock'),
     ],
 )
-def test_a_wrong_parameter_ends_the_node_with_one_line(node_process, name, value, quoted):
-    node = node_process('sim_bridge', 'sim', '--ros-args', '-p', f'{name}:={value}')
-    assert node.wait() == 2
-    assert len(node.lines) == 1
-    assert re.search(quoted, node.output)
+def test_a_wrong_parameter_ends_the_node_with_one_line(ros_domain, capfd, name, value, quoted):
+    assert sim_node.main(['--ros-args', '-p', f'{name}:={value}']) == 2
+    error = capfd.readouterr().err
+    assert len(error.splitlines()) == 1
+    assert re.search(quoted, error)
