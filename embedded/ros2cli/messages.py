@@ -82,5 +82,6 @@ def parse_values(text: str) -> Any:
     try:
         values = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise CommandError(f'cannot read {text!r} as YAML: {error}') from error
+        reason = ' '.join(str(error).split())
+        raise CommandError(f'cannot read {text!r} as YAML: {reason}') from error
     return {} if values is None else values

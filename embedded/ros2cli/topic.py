@@ -188,10 +188,9 @@ def _pub(options: argparse.Namespace) -> None:
         message = message_type()
         fill(message, parse_values(options.values))
         publisher = node.create_publisher(message_type, options.topic, 10)
-        matched = wait_until(lambda: publisher.get_subscription_count() > 0, 3.0)
         if options.once:
-            if not matched:
-                raise CommandError(f"nobody subscribes to '{publisher.topic_name}'")
+            while not wait_until(lambda: publisher.get_subscription_count() > 0, 1.0):
+                print('Waiting for at least 1 matching subscription...', flush=True)
             publisher.publish(message)
             publisher.wait_for_all_acked()
             return
@@ -241,5 +240,7 @@ def main(argv: Sequence[str]) -> int:
     verb.add_argument('type')
     verb.add_argument('values', nargs='?', default='{}', help='fields as YAML')
     verb.add_argument('-r', '--rate', type=float, default=1.0, help='messages per second')
-    verb.add_argument('-1', '--once', action='store_true', help='publish one and exit')
+    verb.add_argument(
+        '-1', '--once', action='store_true', help='wait for a subscription, publish one, exit'
+    )
     return verbs.run(argv)

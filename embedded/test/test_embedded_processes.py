@@ -1,10 +1,12 @@
 """Nodes as separate processes: they find each other, lose nothing and end in good order."""
 
 import signal
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
+IS_EMBEDDED = find_spec('rosidl_embedded') is not None
 NODES = Path(__file__).parent / 'nodes'
 COUNTER, GADGET = NODES / 'counter.py', NODES / 'gadget.py'
 
@@ -65,6 +67,8 @@ def test_a_signal_ends_spin_and_runs_the_finally_block(node_process, number):
 
 @pytest.mark.parametrize('moment', ['before spin', 'while waiting'])
 def test_sigterm_raises_external_shutdown(node_process, tmp_path, moment):
+    if moment == 'before spin' and not IS_EMBEDDED:
+        pytest.skip('rclpy raises RCLError, which no node expects')
     script = tmp_path / 'idle.py'
     script.write_text(
         'import os, signal, sys, threading, rclpy\n'
