@@ -7,6 +7,7 @@ from pathlib import Path
 from power_daq.bus.description import BusDescription
 from power_daq.cli import InputError
 from power_daq.recording.card import Card
+from power_daq.recording.reader import Recording
 from power_daq.recording.writer import BagWriter
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -14,7 +15,7 @@ import sim_bridge
 from sim_bridge.bag_topics import BagTopics
 from sim_bridge.controllers import Controller, make_controller
 from sim_bridge.instruments import Instruments
-from sim_bridge.memory import SimulatedRecording
+from sim_bridge.memory import gather
 from sim_bridge.plant import Plant
 from sim_bridge.session import Event, Pushes, Session
 from sim_bridge.simulation import Simulation
@@ -170,6 +171,6 @@ def write_bag(
     return tuple(events)
 
 
-def simulate_recording(run: OfflineRun) -> SimulatedRecording:
-    """The same run without a bag: arrays with the methods of a Recording."""
-    return SimulatedRecording.gather(list(run), run.joints, run.drives)
+def simulate_recording(run: OfflineRun, name: str = 'simulation') -> Recording:
+    """The same run without a bag, for `align`; diagnostics and card are left out."""
+    return gather(name, list(run), run.joints, run.drives)

@@ -100,7 +100,8 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
 def test_a_run_in_memory_is_the_run_in_the_bag(walk):
     run = walking_run(Plant.load('anymal_c'), duration=3.0, seed=5, terrain='rough', pushes=True)
     memory, bag = simulate_recording(run), Recording.open(walk)
-    for topic in ('drive_supply', 'joint_states', 'joint_commands', 'supply', 'cmd_vel'):
+    topics = ('drive_supply', 'joint_states', 'joint_commands', 'supply', 'cmd_vel', 'imu', 'odom')
+    for topic in topics:
         kept, read = getattr(memory, topic)(), getattr(bag, topic)()
         np.testing.assert_array_equal(kept.stamp_ns, read.stamp_ns)
         for field in ('current', 'position', 'velocity', 'effort', 'temperature'):
