@@ -1,13 +1,17 @@
-# make setup | demo | test | lint | bench
+# make setup | demo | test | test-ros | lint | bench
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 TORCH ?= torch==2.13.0
 PACKAGES := power_daq power_estimator power_lab sim_bridge policy_runner
 STAMP := $(VENV)/.installed
+ROS := .ros
+ROS_VENV ?= $(ROS)/venv
+ROS_STAMP := $(ROS_VENV)/.installed
+ROS_BUILD := $(abspath $(ROS))
 WORKERS ?= 2
 
-.PHONY: setup demo test lint bench clean
+.PHONY: setup demo test build-ros test-ros lint bench clean
 setup: $(STAMP)
 
 $(STAMP): requirements.txt requirements-dev.txt $(PACKAGES:%=src/%/setup.py) embedded/pyproject.toml
@@ -21,8 +25,29 @@ $(STAMP): requirements.txt requirements-dev.txt $(PACKAGES:%=src/%/setup.py) emb
 demo: setup
 	$(BIN)/python demo.py
 
+# With ROS 2 sourced the tests run on its rclpy, else on the embedded one.
+ifdef ROS_DISTRO
+test: test-ros
+else
 test: setup
 	$(BIN)/python -m pytest -n $(WORKERS) -q
+endif
+
+# The Python that colcon runs with is the one that `ros2 run` will start nodes with.
+$(ROS_STAMP): requirements.txt requirements-dev.txt
+	$(PYTHON) -m venv --system-site-packages $(ROS_VENV)
+	$(ROS_VENV)/bin/pip install -q 'setuptools==79.0.1' '$(TORCH)'
+	$(ROS_VENV)/bin/pip install -q -r requirements.txt -r requirements-dev.txt
+	$(ROS_VENV)/bin/pip install -q colcon-common-extensions==0.3.0 catkin_pkg==1.1.1 empy==3.3.4 lark==1.3.1
+	touch $@
+
+build-ros: $(ROS_STAMP)
+	@test "$$ROS_DISTRO" = jazzy || { echo 'source ROS 2 Jazzy first, such as /opt/ros/jazzy/setup.bash' >&2; exit 2; }
+	. $(ROS_VENV)/bin/activate && python -m colcon --log-base $(ROS_BUILD)/log build --symlink-install \
+		--merge-install --base-paths src --build-base $(ROS_BUILD)/build --install-base $(ROS_BUILD)/install
+
+test-ros: build-ros
+	. $(ROS_VENV)/bin/activate && . $(ROS_BUILD)/install/local_setup.sh && python -m pytest -n $(WORKERS) -q
 
 lint: setup
 	$(BIN)/ruff check .
@@ -34,4 +59,4 @@ bench: setup
 	$(BIN)/python bench/run.py
 
 clean:
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache runs
+	rm -rf $(VENV) $(ROS) .pytest_cache .mypy_cache .ruff_cache runs

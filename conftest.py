@@ -12,12 +12,14 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 PATIENCE = 30.0
 DOMAINS = range(1, 101)
+DAEMON_PORT = 11511
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
 
 
@@ -62,6 +64,7 @@ class NodeProcess:
 
     def __init__(self, command: Sequence[str], environment: dict[str, str]):
         self.command = list(command)
+        self.ended_by_interrupt: tuple[int, ...] = ENDED_BY_INTERRUPT
         self.lines: list[str] = []
         self._news = threading.Condition()
         self._process = subprocess.Popen(
@@ -71,6 +74,7 @@ class NodeProcess:
             stderr=subprocess.STDOUT,
             text=True,
             env=environment,
+            start_new_session=True,
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -117,8 +121,9 @@ class NodeProcess:
         pytest.fail(f'no {pattern!r} in the output of {self.command}:\n{self.output}')
 
     def send_signal(self, number: int) -> None:
-        """Send a signal."""
-        self._process.send_signal(number)
+        """Send a signal to the process and, as a terminal does, to its children."""
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, number)
 
     def interrupt(self) -> None:
         """Do what Ctrl-C does."""
@@ -138,13 +143,22 @@ class NodeProcess:
         if self.returncode is None:
             self.interrupt()
             code = self.wait()
-            assert code in ENDED_BY_INTERRUPT, f'{self.command} exited {code}:\n{self.output}'
+            assert code in self.ended_by_interrupt, f'{self.command} exited {code}:\n{self.output}'
 
     def kill(self) -> None:
-        """End it without asking."""
-        if self.returncode is None:
-            self._process.kill()
-            self._process.wait()
+        """End it and its children without asking."""
+        self.send_signal(signal.SIGKILL)
+        self._process.wait()
+
+
+def _stop_daemon(domain: int) -> None:
+    """End the daemon that ROS 2's command line tools leave behind."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        if probe.connect_ex(('127.0.0.1', DAEMON_PORT + domain)) != 0:
+            return
+    ros2 = shutil.which('ros2')
+    assert ros2 is not None, 'a daemon of ROS 2 runs without the ros2 command'
+    subprocess.run([ros2, 'daemon', 'stop'], check=True, stdout=subprocess.DEVNULL)
 
 
 class NodeProcesses:
@@ -161,8 +175,10 @@ class NodeProcesses:
         return self.command('ros2', 'run', package, executable, *arguments)
 
     def ros2(self, *arguments: str) -> NodeProcess:
-        """Start `ros2 arguments…`."""
-        return self.command('ros2', *arguments)
+        """Start `ros2 arguments…`, which exits with the number of the signal that ends it."""
+        process = self.command('ros2', *arguments)
+        process.ended_by_interrupt = (*ENDED_BY_INTERRUPT, signal.SIGINT)
+        return process
 
     def python(self, *arguments: str | Path, **environment: str) -> NodeProcess:
         """Start this Python, for instance with a script or `-m module`."""
@@ -189,7 +205,6 @@ def node_process(ros_domain: int) -> Iterator[NodeProcesses]:
     package; `.ros2(…)`, `.python(…)` and `.command(…)` run the rest. At the end, whatever still
     runs is interrupted and must exit with 0 or as Ctrl-C makes it.
     """
-    del ros_domain
     processes = NodeProcesses()
     try:
         yield processes
@@ -198,3 +213,4 @@ def node_process(ros_domain: int) -> Iterator[NodeProcesses]:
     finally:
         for process in processes.started:
             process.kill()
+        _stop_daemon(ros_domain)
