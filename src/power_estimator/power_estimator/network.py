@@ -22,10 +22,10 @@ Floats = NDArray[np.float32]
 class TrainingConfig:
     """How a network is trained; the defaults were chosen on walking data (docs/ppn.md)."""
 
-    epochs: int = 30
-    batch: int = 32  # sequences side by side
-    chunk: int = 100  # samples between updates, the length of back-propagation
-    learning_rate: float = 4e-3
+    epochs: int = 20
+    batch: int = 16  # sequences side by side
+    chunk: int = 50  # samples between updates, the length of back-propagation
+    learning_rate: float = 5e-3
     final_learning_rate: float = 1e-4
     reset_probability: float = 0.05  # per sequence and chunk
     patience: int = 8  # epochs without a better validation

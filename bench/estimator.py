@@ -1,0 +1,221 @@
+"""
+What the Power Prediction Network costs: training, live estimate, replay.
+
+Signals and weights are random numbers; the cost does not depend on them.
+
+    python bench/estimator.py [--seconds 20] [--epochs N]
+"""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from power_estimator.checkpoint import Checkpoint, Network, NetworkConfig
+from power_estimator.drive_types import DriveType
+from power_estimator.features import Scaling
+from power_estimator.live import LiveEstimator
+from power_estimator.lstm import LstmBank, Weights
+from power_estimator.ppn import PowerPredictionNetwork
+
+JOINTS = [f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')]
+HIDDEN = 100
+START = 1_700_000_000_000_000_000
+
+
+def network() -> Checkpoint:
+    """Random networks of 100 units for the three drive types of a leg."""
+    random = np.random.default_rng(0)
+
+    def weights() -> Weights:
+        shapes = ((4 * HIDDEN, 3), (4 * HIDDEN, HIDDEN), (4 * HIDDEN,), (HIDDEN,), (1,))
+        return Weights(*(random.normal(0, 0.1, s).astype(np.float32) for s in shapes))
+
+    scaling = Scaling((0.0, 0.0, 0.0), (0.1, 15.0, 3.0), 40.0, 50.0)
+    types = [DriveType(name, (f'*_{name}',)) for name in ('HAA', 'HFE', 'KFE')]
+    bounds = ((-9.0, -900.0, -90.0), (9.0, 900.0, 90.0))
+    return Checkpoint(
+        NetworkConfig(), tuple(Network(t, scaling, *bounds, weights()) for t in types)
+    )
+
+
+def row(label: str, reached: str, target: str, ratio: float | None = None) -> None:
+    """Print a row of the table; ratio > 1 is better than the target."""
+    print(f'{label:<46}{reached:>18}{target:>14}{"" if ratio is None else f"{ratio:>8.1f}"}')
+
+
+def bench_training(epochs: int) -> None:
+    """One fold of 30 min of one drive type, on one thread."""
+    import torch
+    from power_estimator.network import Tracks, Trainer, TrainingConfig
+
+    torch.set_num_threads(1)
+    random = np.random.default_rng(1)
+    samples = 30 * 60 * 200
+
+    def tracks(count: int, pieces: int) -> Tracks:
+        edges = np.linspace(0, count, pieces + 1).astype(np.intp)
+        x = random.normal(size=(2, count, 3)).astype(np.float32)
+        return Tracks(x, random.normal(size=count).astype(np.float32), edges)
+
+    trainer = Trainer(
+        tracks(samples * 8 // 10, 12),
+        tracks(samples // 10, 6),
+        hidden=HIDDEN,
+        warm_up=15,
+        block=4,
+        config=TrainingConfig(epochs=epochs, patience=epochs),
+    )
+    wall, cpu = time.perf_counter(), time.process_time()
+    while not trainer.done:
+        trainer.epoch()
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    label = f'training, 30 min of a drive type, {epochs} epochs'
+    row(f'{label}, wall', f'{wall:.0f} s', '< 180 s', 180 / wall)
+    row('  CPU time, on one core', f'{cpu:.0f} s', '')
+    row('  samples seen per CPU second', f'{0.8 * samples * epochs / cpu / 1e3:.0f} k', '')
+
+
+def bench_arithmetic(checkpoint: Checkpoint) -> None:
+    """One step for twelve drives, and an estimate by each of the two forms."""
+    bank = PowerPredictionNetwork(checkpoint).stream(JOINTS)
+    x = np.random.default_rng(2).normal(size=(12, 3)).astype(np.float32)
+    costs = []
+    for _ in range(3000):
+        started = time.perf_counter()
+        bank.step(x)
+        costs.append(time.perf_counter() - started)
+    step = 1e6 * float(np.median(costs))
+    row('one step of 12 drives', f'{step:.0f} µs', '')
+    first = checkpoint.networks[0]
+    windows = LstmBank({'a': (first.weights, first.scaling)}, {'a': range(12)}, 12)
+    window = np.random.default_rng(3).normal(size=(60, 12, 3)).astype(np.float32)
+    started = time.perf_counter()
+    for _ in range(50):
+        windows.run(window)
+    windowed = (time.perf_counter() - started) / 50
+    row('an estimate, windowed (60 steps)', f'{1e3 * windowed:.2f} ms', '')
+    row('an estimate, carried state (4 steps)', f'{4e-3 * step:.2f} ms', '')
+
+
+def bench_stream(checkpoint: Checkpoint) -> None:
+    """What `replay` does, without the bag: 60 s of joint states at 400 Hz."""
+    live = LiveEstimator(PowerPredictionNetwork(checkpoint), JOINTS)
+    signals = np.random.default_rng(4).normal(size=(24_000, 4, 12))
+    costs = []
+    cpu = time.process_time()
+    for index, (position, velocity, torque, command) in enumerate(signals):
+        stamp = START + index * 2_500_000
+        started = time.perf_counter()
+        if index % 4 == 0:
+            live.command(stamp, command)
+        if live.joint_state(stamp, position, velocity, torque) is not None:
+            costs.append(time.perf_counter() - started)
+    ratio = 60 / (time.process_time() - cpu)
+    row('replay, 12 drives', f'{ratio:.0f} x real time', '> 50 x', ratio / 50)
+    row('estimate within the process, p99', f'{1e3 * np.percentile(costs, 99):.2f} ms', '')
+
+
+def cpu_seconds(pid: int) -> float:
+    """CPU time that a process has used, user and system."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def bench_node(checkpoint: Checkpoint, seconds: float) -> None:
+    """The node as a process of its own: from the last joint state sent to the estimate heard."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    from drive_power_msgs.msg import PowerEstimate
+
+    os.environ.setdefault('ROS_DOMAIN_ID', '93')
+    with tempfile.TemporaryDirectory() as folder:
+        checkpoint.save(Path(folder) / 'model.safetensors')
+        code = 'from power_estimator.estimate_node import main; raise SystemExit(main())'
+        node = subprocess.Popen(
+            [sys.executable, '-c', code, '--ros-args', '-p', f'model:=ppn:{folder}']
+        )
+        rclpy.init()
+        robot = rclpy.create_node('bench')
+        qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        states = robot.create_publisher(JointState, 'joint_states', qos)
+        commands = robot.create_publisher(JointState, 'joint_commands', qos)
+        ages: list[float] = []
+
+        def heard(message: PowerEstimate) -> None:
+            now = time.time_ns()
+            stamp = message.header.stamp
+            if message.status != PowerEstimate.INPUT_STALE:
+                ages.append((now - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e6)
+
+        robot.create_subscription(PowerEstimate, 'power_estimate', heard, qos)
+
+        def spin() -> None:
+            with suppress(ExternalShutdownException):
+                rclpy.spin(robot)
+
+        thread = threading.Thread(target=spin, daemon=True)
+        thread.start()
+        signals = np.random.default_rng(5).normal(size=(400, 4, 12)).tolist()
+        begin = time.monotonic()
+        index, measuring, used = 0, None, 0.0
+        while measuring is None or time.monotonic() - measuring < seconds:
+            due = begin + index * 0.0025
+            time.sleep(max(0.0, due - time.monotonic()))
+            position, velocity, torque, target = signals[index % 400]
+            state = JointState(name=JOINTS, position=position, velocity=velocity, effort=torque)
+            command = JointState(name=JOINTS, position=target)
+            for message in (command, state):
+                now = time.time_ns()
+                message.header.stamp.sec = now // 1_000_000_000
+                message.header.stamp.nanosec = now % 1_000_000_000
+            if index % 4 == 0:
+                commands.publish(command)
+            states.publish(state)
+            index += 1
+            if measuring is None and len(ages) > 50:
+                measuring, used = time.monotonic(), cpu_seconds(node.pid)
+                ages.clear()
+            if measuring is None and time.monotonic() - begin > 60:
+                raise SystemExit('the node gave no estimate')
+        share = (cpu_seconds(node.pid) - used) / (time.monotonic() - measuring)
+        found = list(ages)
+        node.send_signal(signal.SIGINT)
+        node.wait(10)
+        robot.destroy_node()
+        rclpy.try_shutdown()
+        thread.join(5)
+    p50, p99, worst = np.percentile(found, [50, 99, 100])
+    row('live node: last joint state sent to estimate heard', '', '')
+    row('  median', f'{p50:.2f} ms', '')
+    row('  p99', f'{p99:.2f} ms', '< 5 ms', 5 / p99)
+    row('  longest', f'{worst:.2f} ms', '')
+    row(f'  estimates heard of {seconds * 50:.0f}', f'{len(found)}', f'{seconds * 50:.0f}', None)
+    row('  share of a core', f'{100 * share:.1f} %', '< 15 %', 15 / (100 * share))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--seconds', type=float, default=20.0, help='of the live node')
+    parser.add_argument('--epochs', type=int, default=20, help='of training')
+    options = parser.parse_args()
+    checkpoint = network()
+    print(f'{"":<46}{"reached":>18}{"target":>14}{"ratio":>8}')
+    bench_arithmetic(checkpoint)
+    bench_stream(checkpoint)
+    bench_node(checkpoint, options.seconds)
+    bench_training(options.epochs)
+
+
+if __name__ == '__main__':
+    main()
