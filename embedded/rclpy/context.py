@@ -15,7 +15,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import NotInitializedException
 from rclpy.impl.arguments import RosArguments, parse
 from rclpy.impl.graph import Graph
-from rclpy.impl.transport import Participant
+from rclpy.impl.transport import Participant, domain_configuration
 
 MAX_DOMAIN_ID = 232
 
@@ -48,6 +48,7 @@ class Context:
         self._participant: Participant | None = None
         self._graph: Graph | None = None
         self._domain_id = 0
+        self._configuration = ''
         self.arguments = RosArguments()
         self.initialized = False
         self.valid = False
@@ -62,13 +63,14 @@ class Context:
         """
         Start; the arguments default to those of the process.
 
-        Raises RuntimeError where it was called before, UnknownROSArgsError or
-        RCLInvalidROSArgsError for what cannot be read.
+        Raises RuntimeError where it was called before or the environment cannot be meant,
+        UnknownROSArgsError or RCLInvalidROSArgsError for arguments that cannot be read.
         """
         with self._lock:
             if self.initialized:
                 raise RuntimeError('Context.init() must only be called once')
             self._domain_id = _domain_id(domain_id)
+            self._configuration = domain_configuration()
             self.arguments = parse(sys.argv if args is None else args)
             if initialize_logging:
                 for name, level in self.arguments.log_levels.items():
@@ -88,7 +90,9 @@ class Context:
             if self._participant is None:
                 if not self.valid:
                     raise NotInitializedException()
-                self._participant = Participant(self._domain_id, self.arguments.enclave)
+                self._participant = Participant(
+                    self._domain_id, self._configuration, self.arguments.enclave
+                )
             return self._participant
 
     @property

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from ros2cli.main import CommandError
+
 QUIET = 0.3
 PATIENCE = 5.0
 
@@ -59,8 +61,11 @@ def direct_node() -> Iterator[Any]:
     import rclpy
     from rclpy.node import Node
 
-    rclpy.init(args=[])
-    node = Node(f'_ros2cli_{os.getpid()}', start_parameter_services=False)
+    try:
+        rclpy.init(args=[])
+        node = Node(f'_ros2cli_{os.getpid()}', start_parameter_services=False)
+    except RuntimeError as error:
+        raise CommandError(str(error)) from error
     try:
         yield node
     finally:

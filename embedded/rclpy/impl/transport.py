@@ -106,10 +106,10 @@ _domains: WeakValueDictionary[int, Domain] = WeakValueDictionary()
 class Participant:
     """One DDS participant; it makes readers and writers of raw CDR."""
 
-    def __init__(self, domain_id: int, enclave: str = '/'):
+    def __init__(self, domain_id: int, configuration: str, enclave: str = '/'):
         domain = _domains.get(domain_id)
         if domain is None:
-            domain = Domain(domain_id, domain_configuration())
+            domain = Domain(domain_id, configuration)
             _domains[domain_id] = domain
         self._domain = domain
         user_data = Policy.Userdata(f'enclave={enclave};'.encode())
