@@ -78,9 +78,8 @@ class Bank:
         gram = self._gram[:, :, pick[:, None], pick]
         total = np.einsum('bdij,bd->dij', gram, self.base.weights)
         moment = self._moment[..., pick]
-        place, error = self._best_delay(
-            total, np.einsum('sbdi,bd->sdi', moment, self.base.weights), pick
-        )
+        weighted = np.einsum('sbdi,bd->sdi', moment, self.base.weights)
+        place, error = self._best_delay(total, weighted, pick, self.base.weights)
         left = min(int(place), moment.shape[0] - 2)
         w = place - left
         own = (1 - w) * moment[left] + w * moment[left + 1]
@@ -93,6 +92,16 @@ class Bank:
         shifts = self.fitter.prepared.shifts
         delay = float(shifts[0] + place * (shifts[1] - shifts[0]))
         return Screened(tuple(actives), mse, error, delay)
+
+    def delay(self, drawn: Floats) -> float:
+        """Best delay (s) of the base alone with the blocks counted drawn [B] times."""
+        pick = np.arange(self._own)
+        weights = self.base.weights * drawn[:, None]
+        gram = np.einsum('bdij,bd->dij', self._gram[:, :, pick[:, None], pick], weights)
+        moment = np.einsum('sbdi,bd->sdi', self._moment[..., pick], weights)
+        place, _ = self._best_delay(gram, moment, pick, weights)
+        shifts = self.fitter.prepared.shifts
+        return float(shifts[0] + place * (shifts[1] - shifts[0]))
 
     def _held_out(
         self, gram: Floats, moment: Floats, square: Floats, pick: NDArray[np.intp]
@@ -123,9 +132,8 @@ class Bank:
         return bounded_solve(gram, moment, lower, upper, ridge)
 
     def _best_delay(
-        self, gram: Floats, moment: Floats, pick: NDArray[np.intp]
+        self, gram: Floats, moment: Floats, pick: NDArray[np.intp], weights: Floats
     ) -> tuple[float, float]:
-        weights = self.base.weights
         square = np.einsum('sbd,bd->sd', self._square, weights)
         next_ = np.einsum('sbd,bd->sd', self._next, weights)
         coarse = self._profile(gram, moment, square, pick)

@@ -154,21 +154,21 @@ class DesignBuilder:
 
     def __init__(self, prepared: Prepared, base: Underlay | None = None) -> None:
         self.prepared = prepared
-        self._base = base
+        self.base = base
         self._reduced: dict[tuple[object, ...], Floats] = {}
         self._instant: dict[tuple[object, ...], Floats] = {}
 
     def point(self, structure: Structure, coefficients: Floats) -> Point:
         """The model's own estimates at coefficients [D, m]."""
         signals = self.prepared.signals
-        signals = estimates(structure, coefficients, signals, self._base, self._columns)
+        signals = estimates(structure, coefficients, signals, self.base, self._columns)
         power = signals.drawn.copy()
         passed: Floats | None = None
         for active, own in _split(structure, coefficients):
             if 'drawn' not in active.effect.follows or not own.any():
                 continue
             power += _weighted(active.columns(signals), own)
-            slope = active.effect.drawn_slope(signals, own[None])
+            slope = active.effect.drawn_slope(signals, own[None], **active.parameters)
             if slope is not None:
                 passed = (1.0 if passed is None else passed) + slope
         return Point(structure, coefficients, signals, power, passed)
@@ -284,7 +284,10 @@ def estimates(
     for active, own in parts:
         power = active.effect.acts_on == 'power' and 'drawn' not in active.effect.follows
         if power and own.any():
-            drawn += _weighted(source(active, signals), own)
+            added = _weighted(source(active, signals), own)
+            drawn += added
+            if active.name == 'idle':
+                signals = replace(signals, electronics=added)
     return replace(signals, drawn=drawn)
 
 

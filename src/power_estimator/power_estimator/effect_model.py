@@ -139,6 +139,10 @@ class EffectModel:
         """The same under another name."""
         return replace(self, name=name)
 
+    def with_history(self, *entries: Mapping[str, Any]) -> 'EffectModel':
+        """The same with these entries as its history."""
+        return replace(self, history=tuple(entries))
+
     def save(self, path: Path) -> None:
         """Write it as YAML that `load` reads back."""
         from power_estimator.effect_file import write_model

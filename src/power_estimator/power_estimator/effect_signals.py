@@ -175,6 +175,7 @@ def signals_of(data: AlignedDataset, lag: Floats | None = None) -> Signals:
         motor_acceleration=acceleration,
         motor_torque=torque,
         torque_cost=np.zeros_like(torque),
+        electronics=np.zeros_like(torque),
         drawn=torque * velocity,
     )
 

@@ -1,1 +1,1 @@
-"""Judges power models against measurements: where they fail and which physical effect they miss."""
+"""Judges power models: where they fail and which physical effect they miss."""

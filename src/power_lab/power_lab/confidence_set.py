@@ -47,5 +47,5 @@ def confidence_set(losses: Sequence[Floats], *, size: float = SIZE, seed: int = 
         seed=seed,
     )
     test.compute()
-    kept = {representatives[index] for index in test.included}
+    kept = {representatives[int(str(index))] for index in test.included}
     return [column for column in range(table.shape[1]) if stands_for[column] in kept]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from power_estimator.effect_bank import Bank, Screened, shaped
 from power_estimator.effect_design import Active, Structure
 from power_estimator.effect_fit import Fit, Fitter
-from power_estimator.effects import Catalogue
+from power_estimator.effects import Catalogue, Effect, Signals, Term
 
 from power_lab.confidence_set import confidence_set
 from power_lab.evidence import Evidence, Examiner
@@ -65,6 +65,8 @@ class Diagnosis:
     chosen: tuple[str, ...]
     singles: tuple[Candidate, ...]
     in_set: frozenset[str]
+    certain: frozenset[str]  # in every set that may be the best
+    ladder: tuple[Evidence, ...]  # the base, and what the data asked for step by step
     explained: Floats  # W² [D], by the chosen effects
     leftover: Leftover
     floor: Floats  # W [D], of what is worth a name
@@ -103,14 +105,15 @@ class Diagnoser:
             found = best_shapes(bank)
         singles = self._singles(none, bank, found)
         chosen: tuple[str, ...] = ()
-        best, steps = none, []
+        best, steps, ladder = none, [], [none]
         while len(chosen) < min(MOST_EFFECTS, len(found)):
             step, better = self._next(none, best, chosen, bank, found)
             steps.append(step)
             if better is None:
                 break
             chosen, best = better.names, better
-        return self._judge(none, best, chosen, singles, steps)
+            ladder.append(better)
+        return self._judge(ladder, chosen, singles, steps)
 
     def _base(self) -> Evidence:
         """The base alone, its shapes chosen, bent as real drives are."""
@@ -197,20 +200,21 @@ class Diagnoser:
 
     def _judge(
         self,
-        none: Evidence,
-        best: Evidence,
+        ladder: list[Evidence],
         chosen: tuple[str, ...],
         singles: tuple[Candidate, ...],
         steps: list[Step],
     ) -> Diagnosis:
+        none, best = ladder[0], ladder[-1]
         prepared, blocks = self.fitter.prepared, self.fitter.blocks
         residual = self.examiner.residual(best)
         leftover = examine_leftover(residual, prepared, blocks, self.examiner.folds, self.seed)
         explained = np.maximum(none.mean_mse - best.mean_mse, 0.0)
         explainable = explained + leftover.explained
         share = float(explained.sum() / max(explainable.sum(), 1e-12))
-        possible = steps[len(chosen) - 1].members if chosen else ()
-        effects = tuple(dict.fromkeys(itertools.chain(*(possible or ((),)))))
+        possible = steps[len(ladder) - 2].members if chosen else ()
+        effects = tuple(dict.fromkeys((*chosen, *itertools.chain(*possible))))
+        certain = frozenset.intersection(*(frozenset(m) for m in possible)) if possible else ()
         verdict: Verdict
         strange = above_floor(leftover.explained, self.stranger_floor)
         if not chosen:
@@ -229,7 +233,9 @@ class Diagnoser:
             best=best,
             chosen=chosen,
             singles=singles,
-            in_set=frozenset(itertools.chain(*possible)),
+            in_set=frozenset(itertools.chain(*(possible or (steps[0].members if steps else ())))),
+            certain=frozenset(certain),
+            ladder=tuple(ladder),
             explained=explained,
             leftover=leftover,
             floor=self.floor,
@@ -254,13 +260,33 @@ def above_floor(gain: Floats, floor: Floats) -> bool:
     return bool(ratio.mean() >= 1.0 or ratio.max() >= 2.0)
 
 
+class Freed(Effect):
+    """An effect whose coefficient physics fixes, free enough to compete for a place."""
+
+    def __init__(self, of: Effect) -> None:
+        self._of = of
+        self.name = of.name  # type: ignore[misc]
+        self.physics, self.formula = of.physics, of.formula  # type: ignore[misc]
+        self.acts_on, self.follows = of.acts_on, of.follows  # type: ignore[misc]
+        self.excitation = of.excitation  # type: ignore[misc]
+        self.terms = (Term(of.terms[0].symbol, of.terms[0].unit, 0.0, 1.5),)  # type: ignore[misc]
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """As the effect's own."""
+        return self._of.regressors(signals, **shape)
+
+
 def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Active]:
     """Physical effects that the base has not, in every usable shape."""
     signals = fitter.prepared.signals
+    effects = [
+        effect if effect.fixed is None else Freed(effect)
+        for effect in catalogue.physics()
+        if effect.name not in base.names and (effect.fixed is None or fitter.builder.base is None)
+    ]
     return [
         Active.of(effect, shape)
-        for effect in catalogue.physics()
-        if effect.name not in base.names and effect.fixed is None
+        for effect in effects
         for shape in effect.shapes
         if effect.usable(signals, **shape)
     ]

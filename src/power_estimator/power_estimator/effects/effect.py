@@ -78,7 +78,7 @@ class Effect(ABC):
         """Derivative of this effect's power by the motor's torque, W/(N·m) [T, D]."""
         return None
 
-    def drawn_slope(self, signals: Signals, coefficients: Floats) -> Floats | None:
+    def drawn_slope(self, signals: Signals, coefficients: Floats, **shape: float) -> Floats | None:
         """Derivative of this effect's power by the power drawn without it [T, D]."""
         return None
 

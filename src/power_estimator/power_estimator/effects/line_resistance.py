@@ -26,6 +26,6 @@ class LineResistance(Effect):
         """Current at the drive's input squared."""
         return np.square(signals.drawn / np.maximum(signals.voltage, 1.0))[..., None]
 
-    def drawn_slope(self, signals: Signals, coefficients: Floats) -> Floats:
+    def drawn_slope(self, signals: Signals, coefficients: Floats, **shape: float) -> Floats:
         """Twice the resistance times current over voltage."""
         return 2.0 * coefficients[..., 0] * signals.drawn / np.square(signals.voltage)

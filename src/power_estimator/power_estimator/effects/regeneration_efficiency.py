@@ -11,9 +11,10 @@ class RegenerationEfficiency(Effect):
 
     name = 'regeneration_efficiency'
     physics = 'of the power that a braking drive returns only the part eta arrives at the bus'
-    formula = '(1 − eta)·max(0, −P)'
+    formula = '(1 − eta)·max(0, −P); with bridge = 1, P without the electronics'
     follows = frozenset({'drawn'})
     terms = (Term('1 − eta', '1', 0.0, 1.0),)
+    shapes = ({'bridge': 0.0}, {'bridge': 1.0})
     near = ('regeneration_limit', 'load_friction')
     excitation = Excitation(
         'back-driving at three loads and two speeds while other drives draw',
@@ -21,10 +22,15 @@ class RegenerationEfficiency(Effect):
         loads=(-30.0, -15.0, 15.0, 30.0),
     )
 
-    def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """The power that would flow back."""
-        return np.maximum(0.0, -signals.drawn)[..., None]
+    def regressors(self, signals: Signals, *, bridge: float = 0.0, **_: float) -> Floats:
+        """The power that would flow back through the bridge, or into the drive's input."""
+        return np.maximum(0.0, -self._flow(signals, bridge))[..., None]
 
-    def drawn_slope(self, signals: Signals, coefficients: Floats) -> Floats:
+    def drawn_slope(self, signals: Signals, coefficients: Floats, **shape: float) -> Floats:
         """Minus the lost share while power flows back."""
-        return np.where(signals.drawn < 0.0, -coefficients[..., 0], 0.0)
+        flow = self._flow(signals, shape.get('bridge', 0.0))
+        return np.where(flow < 0.0, -coefficients[..., 0], 0.0)
+
+    @staticmethod
+    def _flow(signals: Signals, bridge: float) -> Floats:
+        return signals.drawn - bridge * signals.electronics

@@ -28,7 +28,7 @@ class RegenerationLimit(Effect):
         share = returned / np.maximum(returned.sum(axis=1, keepdims=True), 1e-9)
         return (share * blocked)[..., None]
 
-    def drawn_slope(self, signals: Signals, coefficients: Floats) -> Floats:
+    def drawn_slope(self, signals: Signals, coefficients: Floats, **shape: float) -> Floats:
         """Minus the blocked share while power flows back."""
         returned = np.maximum(0.0, -signals.drawn)
         blocked = np.maximum(0.0, -signals.drawn.sum(axis=1, keepdims=True))

@@ -36,6 +36,7 @@ class Signals:
     motor_acceleration: Floats  # rad/s²
     motor_torque: Floats  # N·m
     torque_cost: Floats  # W/(N·m), what more motor torque costs in losses
+    electronics: Floats  # W, of the idle draw
     drawn: Floats  # W
 
     def drive(self, index: int) -> 'Signals':

@@ -21,8 +21,8 @@ class WindingHeating(Effect):
     formula = "c·motor_torque²·0.0039·dT; dT measured, or time_constant·dT' = torque² − dT"
     follows = frozenset({'motor_torque'})
     terms = (
-        Term('c', 'W/((N·m)²·K), or per (N·m)² where dT is not measured'),
-        Term('c0', 'W/(N·m)², left over from before the recording'),
+        Term('c', 'W/((N·m)²·K)'),
+        Term('c0', 'W/(N·m)²'),
     )
     near = ('copper_loss',)
     shapes = (

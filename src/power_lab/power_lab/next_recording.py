@@ -1,0 +1,111 @@
+"""Which recording would settle a diagnosis, as a file that a bench or a robot can execute."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from power_daq.recording.files import write_whole
+from power_estimator.effects import Catalogue, Excitation
+
+FORMAT = 'motion/1'
+_LONGEST = 1800.0  # s
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Segments to execute one after the other, with the reason for them."""
+
+    reason: str
+    drives: tuple[str, ...]
+    segments: tuple[Mapping[str, Any], ...]
+    supply: tuple[float, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Length of the recording."""
+        return sum(float(segment['seconds']) for segment in self.segments)
+
+    def content(self) -> dict[str, Any]:
+        """As the file holds it; units are SI."""
+        content: dict[str, Any] = {
+            'format': FORMAT,
+            'reason': self.reason,
+            'drives': list(self.drives),
+            'seconds': round(self.seconds, 1),
+            'segments': [dict(segment) for segment in self.segments],
+        }
+        if self.supply:
+            content['repeat_at_supply_voltage'] = list(self.supply)
+        return content
+
+    def save(self, path: Path) -> None:
+        """Write it whole."""
+        text = yaml.safe_dump(self.content(), sort_keys=False, allow_unicode=True, width=98)
+        write_whole(path, text)
+
+
+def separating_motion(
+    effects: Sequence[str], catalogue: Catalogue, drives: Sequence[str], reason: str
+) -> Motion:
+    """The motions that set these effects apart, each once, slow before fast."""
+    segments: list[Mapping[str, Any]] = [{'mode': 'rest', 'seconds': 10.0}]
+    supply: set[float] = set()
+    texts = []
+    for name in effects:
+        excitation = catalogue[name].excitation
+        texts.append(f'{name}: {excitation.text}')
+        supply.update(excitation.supply)
+        for segment in _segments(excitation):
+            if segment not in segments:
+                segments.append(segment)
+    segments = _within(segments)
+    whole = reason + '; ' + '; '.join(dict.fromkeys(texts)) if texts else reason
+    return Motion(whole, tuple(drives), tuple(segments), tuple(sorted(supply)))
+
+
+def _segments(excitation: Excitation) -> list[Mapping[str, Any]]:
+    if excitation.frequency and excitation.mode == 'position':
+        return [
+            {
+                'mode': 'position',
+                'frequency': excitation.frequency,
+                'amplitude': excitation.amplitude,
+                'load': load,
+                'seconds': excitation.seconds,
+            }
+            for load in excitation.loads
+        ]
+    if excitation.frequency:
+        return [
+            {
+                'mode': 'torque',
+                'low': min(excitation.loads),
+                'high': max(excitation.loads),
+                'frequency': excitation.frequency,
+                'seconds': excitation.seconds,
+            }
+        ]
+    if excitation.mode == 'torque':
+        return [
+            {'mode': 'torque', 'torque': load, 'speed': speed, 'seconds': excitation.seconds}
+            for speed in excitation.speeds
+            for load in excitation.loads
+        ]
+    return [
+        {'mode': 'velocity', 'speed': speed, 'load': load, 'seconds': excitation.seconds}
+        for load in excitation.loads
+        for speed in excitation.speeds
+    ]
+
+
+def _within(segments: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Shorten all alike where the whole would take too long."""
+    total = sum(float(segment['seconds']) for segment in segments)
+    if total <= _LONGEST:
+        return list(segments)
+    return [
+        {**segment, 'seconds': round(float(segment['seconds']) * _LONGEST / total, 1)}
+        for segment in segments
+    ]

@@ -1,0 +1,98 @@
+"""Recordings as the lab judges on them: unsmoothed at 400 Hz, measured drives only."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from power_daq.cli import InputError
+from power_daq.recording.aligned import AlignedDataset
+from power_daq.recording.alignment import load_aligned
+from power_daq.recording.card import FILE, Card
+from power_estimator.model import PowerModel
+from power_estimator.recordings import describe
+
+RATE = 400.0
+_SMOOTH_RATE = 200.0
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Aligned recordings with what identifies them."""
+
+    data: AlignedDataset
+    paths: tuple[Path, ...]
+    identities: tuple[Mapping[str, str], ...]  # name and sha256
+    controllers: tuple[str, ...]  # by recording, '' where unknown
+
+    def smooth(self) -> AlignedDataset:
+        """The same recordings as networks and proxies take them: 200 Hz, smoothed."""
+        return load_aligned(self.paths, rate=_SMOOTH_RATE, drives=self.data.names)
+
+
+def load(paths: Sequence[Path], drives: Sequence[str] = ()) -> Loaded:
+    """
+    Read recordings of measured drives.
+
+    InputError for recordings that cannot be read, lack electrical data, or lack a named drive.
+    """
+    for path in paths:
+        if not Path(path).exists():
+            raise InputError(f'{path}: no such recording')
+    data = load_aligned(paths, rate=RATE, smooth=False)
+    measured = data.measured_drives()
+    if not measured:
+        raise InputError(
+            f'{", ".join(map(str, paths))}: no drive has electrical data (topic drive_supply)'
+        )
+    missing = [name for name in drives if name not in measured]
+    if missing:
+        raise InputError(
+            f'drive {missing[0]!r} was not measured; measured are {", ".join(measured)}'
+        )
+    identities = []
+    controllers = []
+    for path in paths:
+        known = describe(Path(path))
+        identities.append({'name': known.name, 'sha256': known.sha256})
+        folder = Path(path) if Path(path).is_dir() else Path(path).parent
+        card = Card.load(folder) if (folder / FILE).exists() else Card()
+        controllers.append(card.controller)
+    chosen = list(drives) or list(measured)
+    return Loaded(
+        data.drives(chosen), tuple(map(Path, paths)), tuple(identities), tuple(controllers)
+    )
+
+
+def power_on(
+    data: AlignedDataset, smooth: AlignedDataset, model: PowerModel
+) -> NDArray[np.float32]:
+    """A model's power on the samples of data, W [T, D], asked on smoothed samples."""
+    power = model.predict(smooth)
+    out = np.full(data.torque.shape, np.nan, np.float32)
+    for index in range(len(data.recordings)):
+        here, there = data.recording == index, smooth.recording == index
+        if not here.any() or not there.any():
+            continue
+        for drive in range(power.shape[1]):
+            out[here, drive] = _between(
+                data.time[here], smooth.time[there], power[there, drive], smooth.rate
+            )
+    return out
+
+
+def _between(
+    time: NDArray[np.float64],
+    known: NDArray[np.float64],
+    values: NDArray[np.float32],
+    rate: float,
+) -> NDArray[np.float32]:
+    """Linear interpolation that does not bridge gaps or NaN."""
+    right = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
+    left = right - 1
+    width = np.maximum(known[right] - known[left], 1e-9)
+    weight = (time - known[left]) / width
+    result = (1.0 - weight) * values[left] + weight * values[right]
+    result[(weight < -0.01) | (weight > 1.01) | (width > 1.5 / rate)] = np.nan
+    return result.astype(np.float32)

@@ -1,0 +1,252 @@
+"""Where a model fails, in words: the ranges of state in which its error is largest."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_STILL = 0.1  # rad/s
+_TORQUE_EDGES = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
+_SPEED_EDGES = (0.1, 0.3, 0.6, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
+_BINS = 8
+_LEAST_ROWS = 25  # half a second
+_LEAST_SHARE = 0.01  # of the squared error
+_RATE = 50.0  # Hz, of the rows
+
+UNITS = {
+    'torque': 'N·m',
+    'speed': 'rad/s',
+    'acceleration': 'rad/s²',
+    'position': 'rad',
+    'time': 's',
+    'temperature': '°C',
+    'voltage': 'V',
+}
+
+
+@dataclass(frozen=True)
+class Regime:
+    """A range of state in which the error has a mean."""
+
+    drive: str
+    conditions: tuple[str, ...]  # words
+    bounds: Mapping[str, tuple[float, float]]
+    error_w: float  # mean of estimated − measured
+    seconds: float
+    share: float  # of the drive's squared error that this mean makes up
+
+    @property
+    def text(self) -> str:
+        """For example: LF_KFE, driving, 20 to 40 N·m, above 3 rad/s: 14 W too low."""
+        size = abs(self.error_w)
+        amount = f'{size:.0f}' if size >= 10 else f'{size:.2g}'
+        side = 'low' if self.error_w < 0 else 'high'
+        return f'{", ".join((self.drive, *self.conditions))}: {amount} W too {side}'
+
+    def json(self) -> dict[str, object]:
+        """As the commands write it."""
+        return {
+            'text': self.text,
+            'drive': self.drive,
+            'bounds': {name: list(bounds) for name, bounds in self.bounds.items()},
+            'conditions': list(self.conditions),
+            'error_w': round(self.error_w, 4),
+            'seconds': round(self.seconds, 2),
+            'share': round(self.share, 4),
+        }
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Error in one bin of one quantity."""
+
+    low: float
+    high: float
+    mean: float
+    rmse: float
+    count: int
+
+
+def worst_regimes(
+    residual: Floats,
+    state: Mapping[str, Floats],
+    names: Sequence[str],
+    labels: Mapping[str, NDArray[np.str_]] | None = None,
+    count: int = 5,
+) -> list[Regime]:
+    """
+    The worst ranges over all drives, the worst first; a quantity at most once a drive.
+
+    residual: measured − estimated, W [N, D]; state: signals [N, D] by name; labels: words
+    [N, D] by name, such as stance or controller.
+    """
+    found: list[Regime] = []
+    for drive, name in enumerate(names):
+        good = np.isfinite(residual[:, drive])
+        if good.sum() < _LEAST_ROWS:
+            continue
+        error = -residual[good, drive]
+        rows = {key: values[good, drive] for key, values in state.items()}
+        total = float(np.square(error).sum())
+        found += _by_load(name, error, rows['torque'], rows['velocity'], total)
+        for key in ('acceleration', 'position', 'time', 'temperature'):
+            if key in rows and np.isfinite(rows[key]).all():
+                found += _by_range(name, error, key, rows[key], total)
+        for key, words in (labels or {}).items():
+            found += _by_label(name, error, key, words[good, drive], total)
+    found.sort(key=lambda regime: -abs(regime.error_w) * np.sqrt(regime.share * regime.seconds))
+    return found[:count]
+
+
+def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
+    """Error (estimated − measured) over one quantity in ranges of equal width."""
+    good = np.isfinite(values) & np.isfinite(residual)
+    values, error = values[good], -residual[good]
+    if values.size < _LEAST_ROWS:
+        return []
+    low, high = np.quantile(values, [0.002, 0.998]).tolist()
+    edges = np.linspace(low, high, count + 1)
+    place = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, count - 1)
+    out = []
+    for index in range(count):
+        own = error[place == index]
+        if own.size >= _LEAST_ROWS // 5:
+            rmse = float(np.sqrt(np.mean(np.square(own))))
+            out.append(
+                Bin(
+                    float(edges[index]), float(edges[index + 1]), float(own.mean()), rmse, own.size
+                )
+            )
+    return out
+
+
+def _by_load(
+    name: str, error: Floats, torque: Floats, velocity: Floats, total: float
+) -> list[Regime]:
+    speed, load = np.abs(velocity), np.abs(torque)
+    modes = {
+        'driving': (torque * velocity > 0) & (speed >= _STILL),
+        'braking': (torque * velocity <= 0) & (speed >= _STILL),
+        'at rest': speed < _STILL,
+    }
+    out = []
+    for mode, own in modes.items():
+        best: Regime | None = None
+        speeds: Sequence[float] = _SPEED_EDGES if mode != 'at rest' else (0.0, _STILL)
+        table = _Table(error[own], load[own], speed[own], _TORQUE_EDGES, speeds)
+        for a, b, c, d in table.rectangles():
+            summed, rows = table.within(a, b, c, d)
+            if rows < _LEAST_ROWS:
+                continue
+            share = summed**2 / rows / max(total, 1e-12)
+            if best is None or share > best.share:
+                bounds = {'torque': _range(_TORQUE_EDGES, a, b)}
+                words = [mode, _words(*bounds['torque'], 'N·m', _TORQUE_EDGES)]
+                if mode != 'at rest':
+                    bounds['speed'] = _range(speeds, c, d)
+                    words.append(_words(*bounds['speed'], 'rad/s', speeds))
+                best = Regime(
+                    name,
+                    tuple(word for word in words if word),
+                    bounds,
+                    summed / rows,
+                    rows / _RATE,
+                    share,
+                )
+        if best is not None and best.share >= _LEAST_SHARE:
+            out.append(best)
+    return out
+
+
+class _Table:
+    """Sums over a grid of load and speed, for any rectangle at once."""
+
+    def __init__(
+        self,
+        error: Floats,
+        load: Floats,
+        speed: Floats,
+        loads: Sequence[float],
+        speeds: Sequence[float],
+    ) -> None:
+        edges = [np.array([*loads[:-1], np.inf]), np.array([*speeds[:-1], np.inf])]
+        self._shape = (len(loads) - 1, len(speeds) - 1)
+        sums, _, _ = np.histogram2d(load, speed, bins=edges, weights=error)
+        rows, _, _ = np.histogram2d(load, speed, bins=edges)
+        self._sums = np.pad(sums.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+        self._rows = np.pad(rows.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+
+    def rectangles(self) -> list[tuple[int, int, int, int]]:
+        """All of them, as half-open index ranges of load and speed."""
+        loads, speeds = self._shape
+        return [
+            (a, b, c, d)
+            for a in range(loads)
+            for b in range(a + 1, loads + 1)
+            for c in range(speeds)
+            for d in range(c + 1, speeds + 1)
+        ]
+
+    def within(self, a: int, b: int, c: int, d: int) -> tuple[float, float]:
+        """Summed error and number of rows."""
+
+        def over(table: Floats) -> float:
+            return float(table[b, d] - table[a, d] - table[b, c] + table[a, c])
+
+        return over(self._sums), over(self._rows)
+
+
+def _by_range(name: str, error: Floats, key: str, values: Floats, total: float) -> list[Regime]:
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)))
+    if len(edges) < 4:
+        return []
+    place = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, len(edges) - 2)
+    sums = np.bincount(place, weights=error, minlength=len(edges) - 1)
+    rows = np.bincount(place, minlength=len(edges) - 1)
+    best: Regime | None = None
+    for a in range(len(edges) - 1):
+        for b in range(a + 1, len(edges)):
+            if b - a > (len(edges) - 1) // 2 or rows[a:b].sum() < _LEAST_ROWS:
+                continue
+            mean = float(sums[a:b].sum() / rows[a:b].sum())
+            share = float(mean**2 * rows[a:b].sum() / max(total, 1e-12))
+            if best is None or share > best.share:
+                low, high = float(edges[a]), float(edges[b])
+                words = f'{key} {low:.3g} to {high:.3g} {UNITS[key]}'
+                seconds = float(rows[a:b].sum()) / _RATE
+                best = Regime(name, (words,), {key: (low, high)}, mean, seconds, share)
+    return [best] if best is not None and best.share >= _LEAST_SHARE else []
+
+
+def _by_label(
+    name: str, error: Floats, key: str, words: NDArray[np.str_], total: float
+) -> list[Regime]:
+    out = []
+    kinds = [word for word in np.unique(words) if word]
+    for word in kinds if len(kinds) > 1 else []:
+        own = error[words == word]
+        if own.size >= _LEAST_ROWS:
+            mean = float(own.mean())
+            share = mean**2 * own.size / max(total, 1e-12)
+            if share >= _LEAST_SHARE:
+                text = str(word) if key == 'phase' else f'{key} {word}'
+                out.append(Regime(name, (text,), {}, mean, own.size / _RATE, share))
+    return out
+
+
+def _range(edges: Sequence[float], a: int, b: int) -> tuple[float, float]:
+    return edges[a], edges[b]
+
+
+def _words(low: float, high: float, unit: str, edges: Sequence[float]) -> str:
+    if low <= edges[0] and high >= edges[-1]:
+        return ''
+    if high >= edges[-1]:
+        return f'above {low:g} {unit}'
+    if low <= edges[0]:
+        return f'below {high:g} {unit}'
+    return f'{low:g} to {high:g} {unit}'
