@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import TwistStamped
-from nav_msgs.msg import Odometry
+from contents import MESSAGES
+from diagnostic_msgs.msg import DiagnosticStatus
 from power_daq.recording import cdr
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
@@ -38,8 +37,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
-from rosgraph_msgs.msg import Clock as ClockMessage
-from sensor_msgs.msg import BatteryState, Imu, JointState
+from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
 
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
@@ -52,76 +50,6 @@ NODE_FILES = sorted(
 )
 PATIENCE = 30.0
 
-
-def joint_state():
-    message = JointState(name=['LF_HAA', 'LF_HFE'], position=[0.1, -0.2])
-    message.header.stamp.sec, message.header.stamp.nanosec = 7, 8
-    message.velocity = array('d', [1.0, 2.0])
-    message.effort = np.array([30.0, -40.0]).tolist()
-    return message
-
-
-def drive_supply():
-    message = DriveSupply(name=['LF_HAA', 'LF_HFE'], sequence=2**40, status=array('B', [0, 4]))
-    message.header.frame_id = 'board'
-    message.device_time = array('Q', [2**41])
-    message.voltage, message.current = array('f', [48.0, 47.5]), array('f', [1.5, -0.25])
-    message.temperature = array('f', [float('nan'), 41.0])
-    return message
-
-
-def power_estimate():
-    power = array('f', [10.5, 20.25])
-    return PowerEstimate(model='ppn:x', name=['a', 'b'], power=power, total=30.75, status=1)
-
-
-def diagnostics():
-    values = [KeyValue(key='rate', value='1000')]
-    status = DiagnosticStatus(level=bytes([2]), name='bus', message='lost', values=values)
-    return DiagnosticArray(status=[status, DiagnosticStatus(level=DiagnosticStatus.OK)])
-
-
-def battery():
-    return BatteryState(voltage=48.0, current=-8.0, charge=float('nan'), present=True)
-
-
-def imu():
-    message = Imu()
-    message.orientation.w, message.angular_velocity.z = 1.0, 0.5
-    message.orientation_covariance = [0.0] * 8 + [2.0]
-    return message
-
-
-def odometry():
-    message = Odometry(child_frame_id='base')
-    message.pose.pose.position.x = 1.5
-    message.twist.twist.linear.y = -0.5
-    return message
-
-
-def twist():
-    message = TwistStamped()
-    message.twist.linear.x, message.twist.angular.z = 0.5, -0.25
-    return message
-
-
-def clock_message():
-    message = ClockMessage()
-    message.clock.sec, message.clock.nanosec = 3, 4
-    return message
-
-
-MESSAGES = (
-    joint_state,
-    drive_supply,
-    power_estimate,
-    diagnostics,
-    battery,
-    imu,
-    odometry,
-    twist,
-    clock_message,
-)
 
 CALLS = {
     'rclpy:init': [{'args': []}, {'args': [], 'signal_handler_options': None}],
@@ -250,7 +178,7 @@ def test_there_are_nodes_to_check():
     assert {path.stem for path in NODE_FILES} >= {'daq_node', 'recorder_node', 'sim_node'}
 
 
-@pytest.mark.parametrize('make', MESSAGES, ids=lambda make: make.__name__)
+@pytest.mark.parametrize('make', MESSAGES.values(), ids=list(MESSAGES))
 def test_each_message_arrives_as_it_was_sent_and_raw_as_its_cdr(node, spin_until, make):
     sent, whole, raw = make(), [], []
     node.create_subscription(type(sent), 'topic', whole.append, 10)
@@ -276,7 +204,7 @@ def test_numbers_arrive_as_arrays_of_their_width(node, spin_until):
     node.create_subscription(DriveSupply, 'topic', got.append, 10)
     publisher = node.create_publisher(DriveSupply, 'topic', 10)
     spin_until(lambda: publisher.get_subscription_count())
-    publisher.publish(drive_supply())
+    publisher.publish(MESSAGES['drive_supply']())
     spin_until(lambda: got)
     message = got[0]
     codes = [x.typecode for x in (message.device_time, message.voltage, message.status)]
