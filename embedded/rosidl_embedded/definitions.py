@@ -71,10 +71,13 @@ def fields_of(type_name: str) -> Fielddefs:
     return fields or [(EMPTY_MEMBER, (Nodetype.BASE, ('uint8', 0)))]
 
 
-def constants_of(type_name: str) -> dict[str, bool | int | float | str]:
-    """Return the constants of a message."""
+def constants_of(type_name: str) -> dict[str, bool | int | float | str | bytes]:
+    """Return the constants of a message; one of type byte is bytes, as in rclpy."""
     is_known(type_name)
-    return {name: value for name, _, value in definitions().fielddefs[type_name][0]}
+    return {
+        name: bytes((int(value) & 255,)) if kind == 'byte' else value
+        for name, kind, value in definitions().fielddefs[type_name][0]
+    }
 
 
 @cache
@@ -82,14 +85,3 @@ def type_hash(type_name: str) -> str:
     """Return the REP-2016 hash (`RIHS01_…`) that ROS 2 exchanges in discovery."""
     is_known(type_name)
     return definitions().hash_rihs01(type_name)
-
-
-def names_in(package: str, kind: str) -> list[str]:
-    """Return the names of the messages (`msg`) or services (`srv`) of a package."""
-    folder = _folder(package)
-    stems = {path.stem for path in folder.glob(f'*.{kind}')} if folder else set()
-    if kind == 'msg':
-        prefix = f'{package}/msg/'
-        known = definitions().fielddefs
-        stems |= {name.removeprefix(prefix) for name in known if name.startswith(prefix)}
-    return sorted(stems)

@@ -42,9 +42,6 @@ class NumericArray(array):
     def __repr__(self) -> str:
         return f'array({self.typecode!r}, {self.tolist()})'
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return (NumericArray, (self.typecode, self.tolist()))
-
 
 def numeric(typecode: str, values: Any) -> NumericArray:
     """Copy numbers of any kind of sequence, fast where they already have the right type."""
@@ -92,17 +89,6 @@ class Message:
             shown = value.tolist() if isinstance(value, NumericArray) else value
             parts.append(f'{field}={shown!r}')
         return f'{package}.{kind}.{name}({", ".join(parts)})'
-
-    def __copy__(self) -> 'Message':
-        return self.__class__(
-            **{name: getattr(self, name) for name in self._fields_and_field_types}
-        )
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> 'Message':
-        from copy import deepcopy
-
-        fields = self._fields_and_field_types
-        return self.__class__(**{name: deepcopy(getattr(self, name), memo) for name in fields})
 
 
 def _idl(desc: FieldDesc) -> str:
@@ -195,13 +181,6 @@ class _Field:
         )
 
 
-def _constants(type_name: str) -> dict[str, Any]:
-    constants: dict[str, Any] = {}
-    for name, kind, value in definitions.definitions().fielddefs[type_name][0]:
-        constants[name] = bytes((int(value) & 255,)) if kind == 'byte' else value
-    return constants
-
-
 def _property(field: _Field, checked: bool) -> property:
     scope: dict[str, Any] = {
         'numeric': numeric,
@@ -224,7 +203,7 @@ def class_of(type_name: str) -> type[Message]:
     """Return the class of a message such as `sensor_msgs/msg/JointState`."""
     package, kind, name = type_name.split('/')
     fields = [_Field(type_name, *entry) for entry in definitions.fields_of(type_name)]
-    members: dict[str, Any] = _constants(type_name)
+    members: dict[str, Any] = definitions.constants_of(type_name)
     if fields[0].name == definitions.EMPTY_MEMBER:
         members[definitions.EMPTY_MEMBER] = 0
         shown: list[_Field] = []

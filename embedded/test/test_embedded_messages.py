@@ -4,13 +4,14 @@ import subprocess
 import sys
 from array import array
 from copy import deepcopy
+from hashlib import md5
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose, Quaternion
-from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterValue
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import BatteryState, Imu, JointState
@@ -143,9 +144,86 @@ def test_bytes_agree_with_the_independent_serialiser_of_rosbags():
     assert deserialize_message(again, JointState) == message
 
 
-def test_type_hashes_are_those_of_ros_2_jazzy():
-    expected = 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'
-    assert definitions.type_hash('sensor_msgs/msg/JointState') == expected
+@pytest.mark.parametrize(
+    ('name', 'expected'),
+    [
+        (
+            'sensor_msgs/msg/JointState',
+            'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e',
+        ),
+        (
+            'drive_power_msgs/msg/DriveSupply',
+            'RIHS01_cc6bc97aa488b27e41ef60554ef2bee0002f341a95157ae2302402b8c06038a4',
+        ),
+        (
+            'drive_power_msgs/msg/PowerEstimate',
+            'RIHS01_ede62e16c6fb87212acdf1382460aed24a82fe1fb7375b80b0a63d4259576526',
+        ),
+    ],
+)
+def test_type_hashes_are_those_that_rosidl_computes_in_jazzy(name, expected):
+    assert definitions.type_hash(name) == expected
+
+
+@pytest.mark.parametrize(
+    ('message', 'digest'),
+    [
+        (
+            JointState(name=['a', 'bcd'], position=[1.0, 2.0, 3.0], effort=[0.5]),
+            '181e388090b5c2f94b13e2c83d81b80c',
+        ),
+        (
+            DriveSupply(
+                sequence=2**40,
+                device_time=[1, 2],
+                name=['a'],
+                voltage=[1.0, 2.0],
+                current=[3.0, 4.0],
+                temperature=[5.0],
+                status=[0, 8],
+            ),
+            'b9ac5d77550fb3102fdf4e2f8a1d1366',
+        ),
+        (
+            Imu(linear_acceleration_covariance=[float(i) for i in range(9)]),
+            '4bed2959111c424905a24d6333b45f44',
+        ),
+        (
+            DiagnosticArray(
+                status=[
+                    DiagnosticStatus(
+                        level=b'\2',
+                        name='x',
+                        message='yy',
+                        values=[KeyValue(key='a', value='bcde'), KeyValue()],
+                    ),
+                    DiagnosticStatus(),
+                ]
+            ),
+            '0a7eddcf5fb884e029b02f63a5c3d4d3',
+        ),
+        (
+            Parameter(
+                name='p',
+                value=ParameterValue(
+                    type=9,
+                    bool_value=True,
+                    string_value='q',
+                    byte_array_value=[b'a', b'\xff'],
+                    bool_array_value=[True, False, True],
+                    integer_array_value=[1, -2],
+                    double_array_value=[1.0],
+                    string_array_value=['x', '', 'yz'],
+                ),
+            ),
+            '362b9dda3b676b9bf0cb5d64611ea7d7',
+        ),
+        (SetBool.Response(success=True, message='abc'), 'c322cb5afe03ea7e1899a7bb9bdf2b4c'),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_bytes_are_those_that_rclpy_7_1_3_makes(message, digest):
+    assert md5(serialize_message(message)).hexdigest() == digest
 
 
 def test_fields_and_their_types_are_told():

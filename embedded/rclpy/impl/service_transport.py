@@ -1,7 +1,6 @@
 """Services on DDS as rmw_cyclonedds does them: a header before request and reply."""
 
 import struct
-import threading
 import time
 from itertools import count
 from typing import Any
@@ -29,7 +28,6 @@ class ServiceEnd:
         request, reply = f'rq{name}Request', f'rr{name}Reply'
         self._incoming = srv_type.Request if is_server else srv_type.Response
         outgoing = srv_type.Response if is_server else srv_type.Request
-        self._lock = threading.Lock()
         end_id = participant.next_end_id()
         user_data = f'{"serviceid" if is_server else "clientid"}={end_id};'
 
