@@ -64,7 +64,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Estimate:
-    """One estimate of the power of D drives."""
+    """Mean power of D drives over the 20 ms (block / rate) that end at the stamp."""
 
     stamp: int  # ns, of the newest joint state in it
     power: Floats  # W [D]

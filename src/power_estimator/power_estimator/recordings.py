@@ -44,8 +44,9 @@ def live_features(paths: Sequence[Path], data: AlignedDataset) -> Floats:
     """
     Features [T, D, 3] of the same samples as the live node forms them: unfiltered and causal.
 
-    Each is the mean of the joint states at 400 Hz at and before the sample's time; NaN where
-    there is none before.
+    Each is the mean of the joint states at 400 Hz in the 5 ms around the sample's time: the one
+    at that time and the next. So four of them end with the newest joint state, and a live
+    estimate is the mean power of the 20 ms that end at its stamp. NaN where there is no next.
     """
     raw = load_aligned(paths, rate=400.0, smooth=False, drives=data.names)
     x = features(raw)
@@ -54,10 +55,10 @@ def live_features(paths: Sequence[Path], data: AlignedDataset) -> Floats:
         here, there = (np.flatnonzero(d.recording == recording) for d in (data, raw))
         near = np.searchsorted(raw.time[there], data.time[here] - 0.25 / raw.rate)
         index[here] = there[np.minimum(near, len(there) - 1)]
-    before = np.maximum(index - 1, 0)
-    result = (x[index] + x[before]) * np.float32(0.5)
+    after = np.minimum(index + 1, len(raw.time) - 1)
+    result = (x[index] + x[after]) * np.float32(0.5)
     apart = np.abs(raw.time[index] - data.time) > 0.25 / raw.rate
-    result[apart | (raw.segment[index] != raw.segment[before]) | (index == 0)] = np.nan
+    result[apart | (raw.segment[index] != raw.segment[after]) | (after == index)] = np.nan
     return result
 
 
