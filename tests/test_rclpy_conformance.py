@@ -438,6 +438,16 @@ def test_throttled_messages_are_logged_once(node, capfd):
     assert (out + err).count('behind') == 1
 
 
+def test_one_place_in_the_code_logs_at_one_severity_only(node):
+    def say(write):
+        write('from one place')
+
+    say(node.get_logger().info)
+    say(node.get_logger().info)
+    with pytest.raises(ValueError, match='severity cannot be changed'):
+        say(node.get_logger().warning)
+
+
 def test_qos_policies_tell_their_names():
     assert ReliabilityPolicy.BEST_EFFORT.name.lower() == 'best_effort'
     assert ReliabilityPolicy.RELIABLE.name.lower() == 'reliable'

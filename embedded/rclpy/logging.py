@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 from enum import IntEnum
-from typing import Any
+from typing import Any, TypeAlias
 
 DEFAULT_FORMAT = '[{severity}] [{time}] [{name}]: {message}'
 COLOURS = {'DEBUG': '32', 'WARN': '33', 'ERROR': '31', 'FATAL': '31'}
@@ -57,6 +57,18 @@ def get_logger(name: str) -> 'RcutilsLogger':
     return _loggers.setdefault(name, RcutilsLogger(name))
 
 
+Place: TypeAlias = tuple[str, int, str, int]
+
+
+def _place() -> Place:
+    """Return what tells one call in the code that uses this module from all others."""
+    frame = sys._getframe(2)
+    while frame.f_code.co_filename == __file__ and frame.f_back is not None:
+        frame = frame.f_back
+    code = frame.f_code
+    return (code.co_filename, frame.f_lineno, code.co_name, frame.f_lasti)
+
+
 def _write(severity: LoggingSeverity, name: str, message: str) -> None:
     seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
     line = os.environ.get('RCUTILS_CONSOLE_OUTPUT_FORMAT', DEFAULT_FORMAT)
@@ -74,7 +86,8 @@ class RcutilsLogger:
 
     def __init__(self, name: str = ''):
         self.name = name
-        self._seen: dict[tuple[str, int, str], int] = {}
+        self._seen: dict[Place, int] = {}
+        self._severities: dict[Place, LoggingSeverity] = {}
 
     def get_child(self, name: str) -> 'RcutilsLogger':
         """Return the logger `parent.name`."""
@@ -108,23 +121,25 @@ class RcutilsLogger:
         Write a message and tell whether it was written.
 
         `once`, `skip_first` and `throttle_duration_sec` [s] count for each place in the code.
+        Raises ValueError where one place logs at different severities, as rclpy does.
         """
         level = LoggingSeverity(severity)
         if not self.is_enabled_for(level):
             return False
+        place = _place()
+        if self._severities.setdefault(place, level) is not level:
+            raise ValueError('Logger severity cannot be changed between calls.')
         limited = once or skip_first or throttle_duration_sec is not None
         if limited and not self._is_due(
-            once, skip_first, throttle_duration_sec, throttle_time_source_type
+            place, once, skip_first, throttle_duration_sec, throttle_time_source_type
         ):
             return False
         _write(level, self.name, str(message))
         return True
 
-    def _is_due(self, once: bool, skip_first: bool, throttle: float | None, source: Any) -> bool:
-        frame = sys._getframe(2)
-        while frame.f_code.co_filename == __file__ and frame.f_back is not None:
-            frame = frame.f_back
-        place = (frame.f_code.co_filename, frame.f_lineno, frame.f_code.co_name)
+    def _is_due(
+        self, place: Place, once: bool, skip_first: bool, throttle: float | None, source: Any
+    ) -> bool:
         last = self._seen.get(place)
         now = time.monotonic_ns() if source is None else source.now().nanoseconds
         if once:

@@ -121,8 +121,10 @@ class PowerEstimator(Node):
     def _diagnose(self) -> None:
         well, sentence, figures = self._session.report(time.monotonic())
         if sentence != self._said:
-            log = self.get_logger()
-            (log.info if well else log.warning)(sentence)
+            if well:
+                self.get_logger().info(sentence)
+            else:
+                self.get_logger().warning(sentence)
             self._said = sentence
         status = DiagnosticStatus(
             level=DiagnosticStatus.OK if well else DiagnosticStatus.WARN,
