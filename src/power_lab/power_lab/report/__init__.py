@@ -1,0 +1,1 @@
+"""Offline HTML pages that tell what the lab found."""

@@ -1,0 +1,245 @@
+"""Plots of the report as plotly figures; colours are stand-ins for those of the page's style."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+from plotly.subplots import make_subplots
+
+from power_lab.regimes import UNITS, bins
+
+Floats = NDArray[np.float64]
+Figure = dict[str, Any]
+
+COLORS = {
+    name: f'#00000{digit}'
+    for digit, name in enumerate(
+        ('measured', 'base', 'better', 'third', 'text', 'faint', 'line', 'grid'), start=1
+    )
+}
+"""Stand-ins that the page replaces by its own colours, light or dark."""
+
+LINES = (COLORS['base'], COLORS['better'], COLORS['third'])
+_SPAN = 40.0  # s shown of a recording
+_RATE = 50.0  # Hz
+_MAP_BINS = 22
+
+
+def traces(
+    time: Floats, measured: Floats, residuals: Mapping[str, Floats], floor: float
+) -> Figure:
+    """Measured and estimated power over time with the residuals below, W [N] each."""
+    part = worst_stretch(next(iter(residuals.values())))
+    t = time[part] - time[0]
+    figure = make_subplots(
+        rows=2, cols=1, shared_xaxes=True, row_heights=[0.66, 0.34], vertical_spacing=0.04
+    )
+    figure.add_trace(
+        _line(t, measured[part], 'measured', COLORS['measured'], width=1.6), row=1, col=1
+    )
+    for (name, residual), color in zip(residuals.items(), LINES, strict=False):
+        estimated = measured[part] - residual[part]
+        figure.add_trace(_line(t, estimated, name, color), row=1, col=1)
+        figure.add_trace(
+            _line(t, -residual[part], f'error of {name}', color, legend=False), row=2, col=1
+        )
+    figure.add_hrect(
+        y0=-floor, y1=floor, row=2, col=1, line_width=0, fillcolor=COLORS['grid'], layer='below'
+    )
+    figure.update_yaxes(title_text='power in W', row=1, col=1)
+    figure.update_yaxes(title_text='error in W', row=2, col=1)
+    figure.update_xaxes(title_text='time in s', row=2, col=1)
+    return finished(figure, legend=True)
+
+
+def worst_stretch(residual: Floats) -> slice:
+    """The part of 40 s in which the squared residual is largest."""
+    length = min(len(residual), round(_SPAN * _RATE))
+    summed = np.concatenate([[0.0], np.cumsum(np.square(np.nan_to_num(residual)))])
+    start = int(np.argmax(summed[length:] - summed[:-length])) if len(residual) > length else 0
+    return slice(start, start + length)
+
+
+def torque_speed_map(torque: Floats, velocity: Floats, residual: Floats, limit: float) -> Figure:
+    """Mean error over torque and speed, W; red is too high, blue too low."""
+    good = np.isfinite(residual)
+    x, y, z = velocity[good], torque[good], -residual[good]
+    edges = [_edges(x), _edges(y)]
+    sums, *_ = np.histogram2d(y, x, bins=[edges[1], edges[0]], weights=z)
+    rows, *_ = np.histogram2d(y, x, bins=[edges[1], edges[0]])
+    with np.errstate(invalid='ignore'):
+        mean = np.where(rows >= 5, sums / rows, np.nan)
+    figure = go.Figure(
+        go.Heatmap(
+            x=_short(_middles(edges[0])),
+            y=_short(_middles(edges[1])),
+            z=_short(mean),
+            zmin=-limit,
+            zmax=limit,
+            colorscale=_DIVERGING,
+            colorbar={'title': {'text': 'W'}, 'thickness': 12, 'len': 0.95},
+            hovertemplate='%{x} rad/s, %{y} N·m: %{z} W<extra></extra>',
+        )
+    )
+    figure.update_xaxes(title_text='speed in rad/s')
+    figure.update_yaxes(title_text='torque in N·m')
+    return finished(figure)
+
+
+def error_over(
+    key: str, values: Floats, residuals: Mapping[str, Floats], *, unit: str | None = None
+) -> Figure | None:
+    """Mean error in ranges of one quantity, one line a model; None without variation."""
+    figure = go.Figure()
+    for (name, residual), color in zip(residuals.items(), LINES, strict=False):
+        found = bins(values, residual)
+        if len(found) < 3:
+            return None
+        middles = [0.5 * (b.low + b.high) for b in found]
+        figure.add_trace(
+            go.Scatter(
+                x=_short(middles),
+                y=_short([b.mean for b in found]),
+                name=name,
+                mode='lines+markers',
+                line={'color': color, 'width': 2},
+                marker={'size': 5},
+                hovertemplate='%{x}: %{y} W<extra>' + name + '</extra>',
+            )
+        )
+    figure.add_hline(y=0.0, line_width=1, line_color=COLORS['line'])
+    figure.update_xaxes(title_text=f'{key.replace("_", " ")} in {unit or UNITS.get(key, "")}')
+    figure.update_yaxes(title_text='mean error in W')
+    return finished(figure)
+
+
+def error_by(groups: Mapping[str, NDArray[np.bool_]], residuals: Mapping[str, Floats]) -> Figure:
+    """RMS and mean error in named groups of samples."""
+    figure = go.Figure()
+    for (name, residual), color in zip(residuals.items(), LINES, strict=False):
+        values = []
+        for mask in groups.values():
+            own = residual[mask & np.isfinite(residual)]
+            values.append(float(np.sqrt(np.mean(np.square(own)))) if own.size else 0.0)
+        figure.add_trace(
+            go.Bar(x=list(groups), y=_short(values), name=name, marker={'color': color})
+        )
+    figure.update_yaxes(title_text='RMS error in W', rangemode='tozero')
+    figure.update_layout(barmode='group')
+    return finished(figure)
+
+
+def candidates(names: Sequence[str], falls: Sequence[float], chosen: Sequence[bool]) -> Figure:
+    """By how much each effect lowers the held-out error, the best on top."""
+    colors = [COLORS['better'] if own else COLORS['line'] for own in chosen]
+    figure = go.Figure(
+        go.Bar(
+            y=list(names)[::-1],
+            x=_short(list(falls)[::-1]),
+            orientation='h',
+            marker={'color': colors[::-1]},
+            hovertemplate='%{y}: %{x} W<extra></extra>',
+        )
+    )
+    figure.update_xaxes(title_text='error falls by, W', rangemode='tozero')
+    figure.update_yaxes(automargin=True, ticksuffix='  ')
+    return finished(figure)
+
+
+def staircase(
+    steps: Sequence[str],
+    errors: Sequence[float],
+    lines: Mapping[str, float],
+) -> Figure:
+    """Held-out error of each model, and levels to reach, W."""
+    colors = [COLORS['base']] + [COLORS['better']] * (len(steps) - 1)
+    figure = go.Figure(
+        go.Bar(
+            x=list(steps),
+            y=_short(errors),
+            text=[f'{error:.2f} W' for error in errors],
+            textposition='outside',
+            cliponaxis=False,
+            marker={'color': colors},
+            hovertemplate='%{x}: %{y} W<extra></extra>',
+        )
+    )
+    for (name, level), dash in zip(lines.items(), ('dash', 'dot', 'dashdot') * 3, strict=False):
+        figure.add_hline(
+            y=level,
+            line={'color': COLORS['third'] if dash == 'dash' else COLORS['faint'], 'dash': dash},
+            annotation={'text': f'{name} {level:.2f} W', 'font': {'color': COLORS['faint']}},
+            annotation_position='top right',
+        )
+    top = max([*errors, *lines.values()])
+    figure.update_yaxes(title_text='held-out error in W', range=[0.0, 1.18 * top])
+    figure.update_xaxes(automargin=True)
+    return finished(figure)
+
+
+def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
+    """Common looks, as a plain mapping."""
+    axis = {
+        'gridcolor': COLORS['grid'],
+        'zerolinecolor': COLORS['line'],
+        'linecolor': COLORS['line'],
+        'tickfont': {'size': 12},
+        'title': {'font': {'size': 13}, 'standoff': 8},
+    }
+    figure.update_xaxes(axis)
+    figure.update_yaxes(axis)
+    figure.update_layout(
+        template='none',
+        paper_bgcolor='rgba(0,0,0,0)',
+        plot_bgcolor='rgba(0,0,0,0)',
+        font={'color': COLORS['text'], 'family': 'system-ui, "DejaVu Sans", sans-serif'},
+        margin={'l': 56, 'r': 14, 't': 30 if legend else 12, 'b': 46},
+        showlegend=legend,
+        legend={'orientation': 'h', 'x': 0, 'y': 1.0, 'yanchor': 'bottom'},
+        hovermode='closest',
+        dragmode='zoom',
+        hoverlabel={'font': {'size': 12}},
+    )
+    plain: Figure = figure.to_plotly_json()
+    return {'data': list(plain['data']), 'layout': plain['layout']}
+
+
+_DIVERGING = [
+    [0.0, '#2166ac'],
+    [0.25, '#67a9cf'],
+    [0.5, '#f2f2f2'],
+    [0.75, '#ef8a62'],
+    [1.0, '#b2182b'],
+]
+
+
+def _line(
+    x: Floats, y: Floats, name: str, color: str, *, width: float = 1.4, legend: bool = True
+) -> go.Scatter:
+    return go.Scatter(
+        x=_short(x),
+        y=_short(y),
+        name=name,
+        mode='lines',
+        showlegend=legend,
+        line={'color': color, 'width': width},
+        hovertemplate='%{x} s: %{y} W<extra>' + name + '</extra>',
+    )
+
+
+def _edges(values: Floats) -> Floats:
+    low, high = np.quantile(values, [0.003, 0.997]).tolist()
+    return np.linspace(low, high + 1e-9, _MAP_BINS + 1)
+
+
+def _middles(edges: Floats) -> Floats:
+    return 0.5 * (edges[1:] + edges[:-1])
+
+
+def _short(values: Any) -> Any:
+    """Four digits, None for what is not finite, so that the page stays small."""
+    if isinstance(values, np.ndarray) and values.ndim == 2:
+        return [_short(row) for row in values]
+    return [float(f'{v:.4g}') if np.isfinite(v) else None for v in np.asarray(values).tolist()]

@@ -1,0 +1,347 @@
+"""The two pages of the lab: a diagnosis, and a comparison."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from power_estimator.effect_signals import Prepared
+from power_estimator.effects import Catalogue
+
+from power_lab.comparison import Comparison, compare
+from power_lab.judge import Outcome
+from power_lab.measurement_check import UNITS as TERM_UNITS
+from power_lab.report import figures
+from power_lab.report.html import Page, escape
+from power_lab.verdict import plain
+
+Floats = NDArray[np.float64]
+
+KINDS = {
+    'named': 'Named',
+    'ambiguous': 'Ambiguous',
+    'none_of_the_above': 'None of the above',
+    'no_evidence': 'No evidence',
+}
+
+
+def write_diagnosis(
+    path: Path, outcome: Outcome, also: Sequence[str], catalogue: Catalogue
+) -> None:
+    """The page of `diagnose`; also: models whose error is drawn beside the staircase."""
+    diagnosis = outcome.diagnosis
+    prepared = outcome.diagnoser.fitter.prepared
+    page = Page(f'{KINDS[diagnosis.verdict]}: {outcome.model.name}')
+    page.add(f'<p class="kind {diagnosis.verdict}">{KINDS[diagnosis.verdict]}</p>')
+    page.add(f'<h1 id="verdict">{escape(outcome.sentence)}</h1>')
+    page.facts(
+        {
+            'Model': outcome.model.name
+            + (f' on {outcome.model.base}' if outcome.model.base else ''),
+            'Active effects': ', '.join(map(plain, outcome.model.effects)) or 'none',
+            'Recordings': ', '.join(entry['name'] for entry in outcome.loaded.identities),
+            'Drives': ', '.join(prepared.names),
+            'Length': f'{prepared.seconds:.0f} s without gaps',
+        }
+    )
+    examiner = outcome.diagnoser.examiner
+    measured = prepared.power_at(diagnosis.best.fit.delay)
+    residuals = {outcome.model.name: examiner.residual(diagnosis.base)}
+    if diagnosis.best is not diagnosis.base:
+        label = ' + '.join(plain(name) for name in diagnosis.chosen)
+        residuals[f'with {label}'] = examiner.residual(diagnosis.best)
+    floors = dict(zip(prepared.names, diagnosis.floor, strict=True))
+    _section_traces(page, prepared, measured, residuals, floors)
+    _section_failures(
+        page,
+        prepared,
+        measured,
+        residuals,
+        outcome.state,
+        outcome.labels,
+        [regime.text for regime in outcome.base_regimes],
+    )
+    _section_candidates(page, outcome)
+    _section_next(page, outcome)
+    others = compare(outcome.loaded, list(also), catalogue).json()['models'] if also else []
+    _section_staircase(page, outcome, others)
+    _section_measurement(page, outcome)
+    _section_reading(page)
+    page.write(path)
+
+
+def write_comparison(path: Path, comparison: Comparison) -> None:
+    """The page of `compare`."""
+    content = comparison.json()
+    models = sorted(content['models'], key=lambda model: _error(model))
+    best, worst = models[0], models[-1]
+    page = Page('Comparison of power models')
+    page.add('<p class="kind no_evidence">Comparison</p>')
+    text = f'{best["name"]} is closest to the measurement: {_error(best):.2f} W on held-out data'
+    if worst is not best:
+        text += f'; {worst["name"]} is {_error(worst):.2f} W off'
+    page.add(f'<h1 id="verdict">{escape(text)}.</h1>')
+    prepared = comparison.prepared
+    page.facts(
+        {
+            'Recordings': ', '.join(prepared.recordings),
+            'Drives': ', '.join(prepared.names),
+            'Length': f'{prepared.seconds:.0f} s without gaps',
+        }
+    )
+    rows = []
+    for model in models:
+        for drive, scores in [*model['drives'].items(), ('all drives', model['total'])]:
+            rows.append(
+                [
+                    model['name'] if drive == prepared.names[0] else '',
+                    drive,
+                    *(_cell(scores[key]) for key in ('r2', 'rmse_w', 'bias_w', 'error_j')),
+                    model['held_out'] if drive == prepared.names[0] else '',
+                ]
+            )
+    page.heading('Errors')
+    page.table(
+        ['model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'kept apart by'],
+        rows,
+        numbers=(2, 3, 4, 5),
+    )
+    order = [model['name'] for model in models][: len(figures.LINES)]
+    judged = {one.name: one for one in comparison.models}
+    residuals = {name: judged[name].residual for name in reversed(order)}
+    measured = judged[order[0]].measured
+    floors = dict(zip(prepared.names, prepared.noise, strict=True))
+    _section_traces(page, prepared, measured, residuals, floors)
+    regimes = [r.text for r in judged[order[0]].regimes]
+    _section_failures(
+        page, prepared, measured, residuals, comparison.state, comparison.labels, regimes
+    )
+    noise = float(np.sqrt(np.nanmean(np.square(prepared.noise))))
+    page.heading('Side by side')
+    page.add(
+        page.figure(
+            figures.staircase(
+                [model['name'] for model in reversed(models)],
+                [_error(model) for model in reversed(models)],
+                {'sensor noise': noise},
+            ),
+            'Held-out error of each model',
+        )
+    )
+    page.write(path)
+
+
+def _section_traces(
+    page: Page,
+    prepared: Prepared,
+    measured: Floats,
+    residuals: Mapping[str, Floats],
+    floors: Mapping[str, float],
+) -> None:
+    page.heading('Measured against model')
+    page.text(
+        'The forty seconds in which the model is worst. Drag to zoom, double-click to go back. '
+        'The grey band of the error is what is too small to judge.',
+        faint=True,
+    )
+    panels = {}
+    for column, name in enumerate(prepared.names):
+        own = {key: values[:, column] for key, values in residuals.items()}
+        figure = figures.traces(prepared.time, measured[:, column], own, float(floors[name]))
+        panels[name] = page.figure(figure, f'Power of {name} over time', size='tall')
+    page.tabs(panels)
+
+
+def _section_failures(
+    page: Page,
+    prepared: Prepared,
+    measured: Floats,
+    residuals: Mapping[str, Floats],
+    state: Mapping[str, Floats],
+    labels: Mapping[str, NDArray[np.str_]],
+    regimes: Sequence[str],
+) -> None:
+    page.heading('Where it fails')
+    if regimes:
+        items = ''.join(f'<li>{escape(text)}</li>' for text in regimes)
+        page.add(f'<ul class="regimes">{items}</ul>')
+    page.text(
+        'Mean error (model − measured) over the state of each drive; the map is of '
+        f'{next(iter(residuals))}.',
+        faint=True,
+    )
+    panels = {}
+    for column, name in enumerate(prepared.names):
+        own = {key: values[:, column] for key, values in residuals.items()}
+        first = next(iter(own.values()))
+        limit = max(0.2, float(np.nanquantile(np.abs(first), 0.97)))
+        places = [
+            page.figure(
+                figures.torque_speed_map(
+                    state['torque'][:, column], state['velocity'][:, column], first, limit
+                ),
+                f'Error of {name} over torque and speed',
+            )
+        ]
+        for key in ('acceleration', 'position', 'time', 'temperature'):
+            values = state.get(key)
+            if values is None or not np.isfinite(values[:, column]).all():
+                continue
+            figure = figures.error_over(key, values[:, column], own)
+            if figure is not None:
+                places.append(page.figure(figure, f'Error of {name} over {key}', size='low'))
+        power = measured[:, column]
+        groups = {'drawing': power >= 0, 'giving back': power < 0}
+        for label, words in labels.items():
+            kinds = [kind for kind in np.unique(words[:, column]) if kind]
+            if len(kinds) > 1:
+                groups.update({str(kind): words[:, column] == kind for kind in kinds})
+            del label
+        places.append(
+            page.figure(figures.error_by(groups, own), f'Error of {name} by group', size='low')
+        )
+        panels[name] = f'<div class="pair">{"".join(places)}</div>'
+    page.tabs(panels)
+
+
+def _section_candidates(page: Page, outcome: Outcome) -> None:
+    page.heading('Which effect explains it')
+    rows = outcome.rows
+    page.text(
+        'By how much the error on held-out data falls when one effect is added to the model and '
+        'everything is fitted anew. Coloured bars may be the best; grey ones are ruled out.'
+    )
+    shown = rows[:10]
+    page.add(
+        page.figure(
+            figures.candidates(
+                [plain(row.name) for row in shown],
+                [max(row.delta_rmse_w, 0.0) for row in shown],
+                [row.in_confidence_set for row in shown],
+            ),
+            'Candidates',
+        )
+    )
+    page.table(
+        ['effect', 'error falls by', 'coefficient', '95 % interval', 'of drive', 'may be it'],
+        [
+            [
+                plain(row.name),
+                f'{row.delta_rmse_w:.3f} W',
+                f'{row.symbol} = {row.coefficient:.4g} {row.unit}',
+                f'{row.interval[0]:.4g} … {row.interval[1]:.4g}',
+                row.drive,
+                'yes' if row.in_confidence_set else 'no',
+            ]
+            for row in rows
+        ],
+        numbers=(1,),
+        bold=[i for i, row in enumerate(rows) if row.name in outcome.diagnosis.effects],
+    )
+    left = outcome.diagnosis.leftover
+    total = float(np.sqrt(np.mean(left.explained)))
+    sentence = f'After that, {total:.2f} W of structure is left'
+    if outcome.regimes and total > 0.05:
+        sentence += f'; most of it: {outcome.regimes[0].text}'
+    page.text(sentence + '.')
+
+
+def _section_next(page: Page, outcome: Outcome) -> None:
+    page.heading('Ties, and what to record next')
+    ties = sorted({row.family for row in outcome.rows if '/' in row.family})
+    if ties:
+        page.text('No recording like this one can tell these apart:')
+        items = ''.join(
+            f'<li>{escape(" = ".join(plain(name) for name in tie.split("/")))}</li>'
+            for tie in ties
+        )
+        page.add(f'<ul class="regimes">{items}</ul>')
+    else:
+        page.text('No two effects explain exactly the same in this recording.')
+    motion = outcome.motion
+    page.text(f'Next, record {motion.seconds:.0f} s {motion.reason}.')
+    text = yaml.safe_dump(motion.content(), sort_keys=False, allow_unicode=True, width=90)
+    page.add(
+        f'<details><summary>the motion as a file (diagnose … --motion next.yaml)</summary>'
+        f'<pre>{escape(text)}</pre></details>'
+    )
+
+
+def _section_staircase(
+    page: Page, outcome: Outcome, others: Sequence[Mapping[str, object]]
+) -> None:
+    page.heading('The error falls')
+    diagnosis = outcome.diagnosis
+    steps, errors = [], []
+    for entry in outcome.model.history[:-1]:
+        known = [float(v) for v in dict(entry.get('rmse_w', {})).values()]
+        if known:
+            steps.append(', '.join(entry.get('added', [])) or str(entry.get('step', '')))
+            errors.append(float(np.sqrt(np.mean(np.square(known)))))
+    steps.append(outcome.model.name)
+    errors.append(float(np.sqrt(np.mean(diagnosis.base.mean_mse))))
+    for rung in diagnosis.ladder[1:]:
+        steps.append('+ ' + ', '.join(plain(name) for name in rung.names))
+        errors.append(float(np.sqrt(np.mean(rung.mean_mse))))
+    prepared = outcome.diagnoser.fitter.prepared
+    lines = {'sensor noise': float(np.sqrt(np.nanmean(np.square(prepared.noise))))}
+    for model in others:
+        lines[str(model['name'])] = _error(model)
+    page.add(
+        page.figure(
+            figures.staircase(steps, errors, lines), 'Error from base to better', size='mid'
+        )
+    )
+    if diagnosis.chosen:
+        page.text(
+            'To keep it: ros2 run power_lab add '
+            f'{" ".join(diagnosis.chosen)} --to {outcome.model.name}.yaml --bag … -o better.yaml',
+            faint=True,
+        )
+
+
+def _section_measurement(page: Page, outcome: Outcome) -> None:
+    page.heading('Is the measurement sound?')
+    page.text(
+        'Errors of the meter and the sensors are part of every fit, so that they are not taken '
+        'for physics. One matters if leaving it alone would cost more than can be judged.'
+    )
+    page.table(
+        ['error', 'value', '95 % interval', 'would cost', 'of drive', 'matters'],
+        [
+            [
+                name.replace('_', ' '),
+                f'{term.value:.4g} {TERM_UNITS[name]}'.replace(' 1', ''),
+                f'{term.interval[0]:.4g} … {term.interval[1]:.4g}',
+                f'{term.watts:.2f} W',
+                term.drive,
+                'yes' if term.matters else 'no',
+            ]
+            for name, term in outcome.measurement.items()
+        ],
+        numbers=(3,),
+        bold=[i for i, term in enumerate(outcome.measurement.values()) if term.matters],
+    )
+
+
+def _section_reading(page: Page) -> None:
+    page.add(
+        '<h2>How to read this</h2><p class="faint">Products of the signals and the measured power '
+        'pass the same low-pass at 12.5 Hz. Every error is on data that the coefficients were not '
+        'fitted to (five folds of ten-second pieces with a second between). An effect is named '
+        'only if it beats the unchanged model and all other effects in a confidence set, explains '
+        'more than can be judged at all, and leaves little that a flexible learner still finds.'
+        '</p>'
+    )
+
+
+def _error(model: Mapping[str, object]) -> float:
+    drives = model['drives']
+    assert isinstance(drives, Mapping)
+    errors = [scores['rmse_w'] for scores in drives.values() if scores['rmse_w'] is not None]
+    return float(np.sqrt(np.mean(np.square(errors)))) if errors else float('nan')
+
+
+def _cell(value: float | None) -> str:
+    return '–' if value is None else f'{value:.3f}' if abs(value) < 100 else f'{value:.0f}'
