@@ -207,6 +207,7 @@ def _rows(diagnosis: Diagnosis, diagnoser: Diagnoser, seed: int) -> tuple[Row, .
                 },
             )
         )
+    out.sort(key=lambda row: (not row.in_confidence_set, -row.delta_rmse_w))
     return tuple(out)
 
 

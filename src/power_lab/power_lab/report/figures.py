@@ -22,7 +22,7 @@ COLORS = {
 """Stand-ins that the page replaces by its own colours, light or dark."""
 
 LINES = (COLORS['base'], COLORS['better'], COLORS['third'])
-_SPAN = 40.0  # s shown of a recording
+_SPAN = 12.0  # s shown of a recording
 _RATE = 50.0  # Hz
 _MAP_BINS = 22
 
@@ -36,9 +36,8 @@ def traces(
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, row_heights=[0.66, 0.34], vertical_spacing=0.04
     )
-    figure.add_trace(
-        _line(t, measured[part], 'measured', COLORS['measured'], width=1.6), row=1, col=1
-    )
+    shown = _line(t, measured[part], 'measured', COLORS['measured'], width=2.6)
+    figure.add_trace(shown, row=1, col=1)
     for (name, residual), color in zip(residuals.items(), LINES, strict=False):
         estimated = measured[part] - residual[part]
         figure.add_trace(_line(t, estimated, name, color), row=1, col=1)
@@ -55,7 +54,7 @@ def traces(
 
 
 def worst_stretch(residual: Floats) -> slice:
-    """The part of 40 s in which the squared residual is largest."""
+    """The part of 12 s in which the squared residual is largest."""
     length = min(len(residual), round(_SPAN * _RATE))
     summed = np.concatenate([[0.0], np.cumsum(np.square(np.nan_to_num(residual)))])
     start = int(np.argmax(summed[length:] - summed[:-length])) if len(residual) > length else 0
@@ -201,6 +200,7 @@ def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
         hovermode='closest',
         dragmode='zoom',
         hoverlabel={'font': {'size': 12}},
+        modebar={'bgcolor': 'rgba(0,0,0,0)', 'color': COLORS['faint']},
     )
     plain: Figure = figure.to_plotly_json()
     return {'data': list(plain['data']), 'layout': plain['layout']}

@@ -47,7 +47,8 @@ class Page:
         """Keep a figure and return its place in the page."""
         name = f'figure{len(self.figures)}'
         self.figures[name] = figure
-        return f'<div id="{name}" class="figure {size}" role="img" aria-label="{escape(label)}"></div>'
+        words = f'role="img" aria-label="{escape(label)}"'
+        return f'<div id="{name}" class="figure {size}" {words}></div>'
 
     def tabs(self, panels: Mapping[str, str]) -> None:
         """One panel at a time, chosen by buttons; printed one after the other."""

@@ -18,6 +18,8 @@ from power_lab.verdict import plain
 
 Floats = NDArray[np.float64]
 
+_HIGHEST = 2.5  # times the highest error, of lines that are drawn
+
 KINDS = {
     'named': 'Named',
     'ambiguous': 'Ambiguous',
@@ -141,7 +143,7 @@ def _section_traces(
 ) -> None:
     page.heading('Measured against model')
     page.text(
-        'The forty seconds in which the model is worst. Drag to zoom, double-click to go back. '
+        'The twelve seconds in which the model is worst. Drag to zoom, double-click to go back. '
         'The grey band of the error is what is too small to judge.',
         faint=True,
     )
@@ -286,13 +288,19 @@ def _section_staircase(
         errors.append(float(np.sqrt(np.mean(rung.mean_mse))))
     prepared = outcome.diagnoser.fitter.prepared
     lines = {'sensor noise': float(np.sqrt(np.nanmean(np.square(prepared.noise))))}
+    high = []
     for model in others:
-        lines[str(model['name'])] = _error(model)
+        if _error(model) > _HIGHEST * max(errors):
+            high.append(f'{model["name"]} {_error(model):.1f} W')
+        else:
+            lines[str(model['name'])] = _error(model)
     page.add(
         page.figure(
             figures.staircase(steps, errors, lines), 'Error from base to better', size='mid'
         )
     )
+    if high:
+        page.text(f'Above the picture: {", ".join(high)}.')
     if diagnosis.chosen:
         page.text(
             'To keep it: ros2 run power_lab add '
