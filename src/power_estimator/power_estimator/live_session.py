@@ -138,11 +138,16 @@ class LiveSession:
             if arrived == -np.inf:
                 status, sentence = Status.INPUT_STALE, f'waiting for {topic}'
             elif now - arrived > self._stale_after and topic == 'joint_states':
-                status, sentence = Status.INPUT_STALE, f'no {topic} for {now - arrived:.1f} s'
+                status, sentence = Status.INPUT_STALE, f'{topic} have stopped'
         sentence = sentence or 'joint_commands are stale or have no targets'
         figures = {
             'model': self._model.name,
             'drives': ' '.join(self.drives),
+            **{
+                f'age of {topic}': f'{now - arrived:.2f} s'
+                for topic, arrived in self._arrived.items()
+                if arrived > -np.inf
+            },
             **{f'{topic} in the last report': str(n) for topic, n in counts.items()},
             'refused joint states': str(self._live.refused if self._live else 0),
             'messages without the drives': str(self._unknown),

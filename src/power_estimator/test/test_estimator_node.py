@@ -124,7 +124,7 @@ def test_the_node_estimates_and_says_so_when_its_input_stops(node_process, robot
     robot.silent = True
     robot.until(lambda: robot.estimates[-1].status == PowerEstimate.INPUT_STALE)
     assert all(math.isnan(p) for p in robot.estimates[-1].power)
-    robot.until(lambda: robot.sentences[-1].startswith('no joint_states for'))
+    robot.until(lambda: robot.sentences[-1] == 'joint_states have stopped')
     robot.silent = False
     robot.until(lambda: robot.estimates[-1].status == PowerEstimate.OK)
     node.send_signal(signal.SIGINT)

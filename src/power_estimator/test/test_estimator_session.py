@@ -77,7 +77,9 @@ def test_it_says_so_when_joint_states_stop(ppn, drives):
     assert stale.stamp == last.stamp
     assert np.isnan(stale.power).all()
     assert np.isnan(stale.total)
-    assert session.report(1.5)[:2] == (False, 'no joint_states for 0.5 s')
+    well, sentence, figures = session.report(1.5)
+    assert (well, sentence) == (False, 'joint_states have stopped')
+    assert figures['age of joint_states'] == '0.50 s'
 
 
 def test_damping_commands_make_it_say_that_there_are_no_targets(ppn, drives):
