@@ -426,8 +426,11 @@ def test_an_exception_of_a_callback_comes_out_of_spin(node):
         rclpy.spin(node)
 
 
-def test_handlers_of_signals_are_left_alone_where_asked(ros):
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+def test_handlers_of_signals_are_left_alone_where_asked(ros_domain):
+    before = signal.getsignal(signal.SIGINT)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    assert signal.getsignal(signal.SIGINT) is before
+    rclpy.try_shutdown()
 
 
 def test_throttled_messages_are_logged_once(node, capfd):

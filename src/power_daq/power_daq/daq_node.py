@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
@@ -25,6 +24,7 @@ from power_daq.health import Health, Level, Report
 from power_daq.parameters import DeviceParameters
 from power_daq.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
 from power_daq.receiver import Receiver, Sample
+from power_daq.spinning import spin
 
 _PERIOD = 1.0
 _QUEUED_SAMPLES = 4000
@@ -160,8 +160,8 @@ def main(args: Sequence[str] | None = None) -> int:
     node = None
     try:
         node = DaqNode()
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        spin(node)
+    except KeyboardInterrupt:
         pass
     finally:
         if node is not None:

@@ -13,7 +13,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
@@ -24,6 +23,7 @@ from power_daq.recording.background import BackgroundRecorder, Progress
 from power_daq.recording.files import check_room
 from power_daq.recording.options import card_of, message_class, topics_of
 from power_daq.recording.writer import BagWriter
+from power_daq.spinning import spin
 
 _DEPTH = 2000
 _HOUSEKEEPING = 0.2  # s
@@ -158,7 +158,6 @@ def main(args: Sequence[str] | None = None) -> int:
     card = card_of(options.card)
     rclpy.init(args=arguments)
     node = recorder = None
-    executor = SingleThreadedExecutor()
     try:
         topics = topics_of(options.topics)
         for type_name in topics.values():
@@ -168,10 +167,9 @@ def main(args: Sequence[str] | None = None) -> int:
         card.save(options.output)
         recorder = BackgroundRecorder(bag)
         node = RecorderNode(recorder, topics, options.duration)
-        executor.add_node(node)
         print(f'recording to {options.output}; Ctrl-C ends it', flush=True)
-        executor.spin_until_future_complete(node.done)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        spin(node, node.done)
+    except KeyboardInterrupt:
         pass
     finally:
         if sys.stdout.isatty():

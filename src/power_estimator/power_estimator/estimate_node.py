@@ -13,8 +13,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from power_daq.cli import InputError, command
 from power_daq.parameters import DeviceParameters
+from power_daq.spinning import spin
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
@@ -157,8 +157,8 @@ def main(args: Sequence[str] | None = None) -> int:
     node = None
     try:
         node = PowerEstimator()
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        spin(node)
+    except KeyboardInterrupt:
         pass
     finally:
         if node is not None:

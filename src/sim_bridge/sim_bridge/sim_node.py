@@ -11,9 +11,9 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from power_daq.bus.description import BusDescription
 from power_daq.cli import command
+from power_daq.spinning import spin
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.utilities import remove_ros_args
@@ -168,9 +168,7 @@ def main(args: Sequence[str] | None = None) -> int:
         node = SimNode()
         gc.freeze()
         try:
-            rclpy.spin(node)
-        except (KeyboardInterrupt, ExternalShutdownException):
-            pass
+            spin(node)
         finally:
             node.close()
             failure = node.failure
