@@ -7,17 +7,35 @@ setup(
     version='0.1.0',
     packages=find_packages(exclude=['test']),
     include_package_data=True,
-    package_data={package_name: ['**/*.yaml', '**/*.dbc', '**/*.safetensors', '**/py.typed', '**/*.css', '**/*.js']},
+    package_data={
+        package_name: [
+            '**/*.yaml',
+            '**/*.dbc',
+            '**/*.safetensors',
+            '**/py.typed',
+            '**/*.css',
+            '**/*.js',
+        ]
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'scikit-learn', 'statsmodels', 'arch', 'plotly', 'rich'],
+    install_requires=[
+        'setuptools',
+        'numpy',
+        'scipy',
+        'scikit-learn',
+        'statsmodels',
+        'arch',
+        'plotly',
+        'rich',
+    ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='wattwalk maintainers',
     maintainer_email='wattwalk@example.org',
-    description='Judges power models against measurements: where they fail and which physical effect they miss.',
+    description='Judges power models: where they fail and which physical effect they miss.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
@@ -27,6 +45,7 @@ setup(
             'add = power_lab.add_command:main',
             'challenge = power_lab.challenge_command:main',
             'reveal = power_lab.challenge_command:reveal',
+            'to_plant = power_lab.to_plant_command:main',
         ],
     },
 )

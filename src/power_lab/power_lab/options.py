@@ -14,7 +14,9 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 
-def parser(name: str, description: str, epilog: str) -> argparse.ArgumentParser:
+def parser(
+    name: str, description: str, epilog: str, *, effects: bool = True
+) -> argparse.ArgumentParser:
     """A parser with the arguments that every command has."""
     made = argparse.ArgumentParser(
         prog=name,
@@ -22,15 +24,16 @@ def parser(name: str, description: str, epilog: str) -> argparse.ArgumentParser:
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    made.add_argument(
-        '--effects-path',
-        nargs='+',
-        action='extend',
-        default=[],
-        type=Path,
-        metavar='FILE.py',
-        help='your own effects; these files are run, so name only what you trust',
-    )
+    if effects:
+        made.add_argument(
+            '--effects-path',
+            nargs='+',
+            action='extend',
+            default=[],
+            type=Path,
+            metavar='FILE.py',
+            help='your own effects; these files are run, so name only what you trust',
+        )
     return made
 
 

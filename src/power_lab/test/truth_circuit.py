@@ -137,9 +137,7 @@ def _ladder(rng: np.random.Generator, steps: int) -> tuple[Floats, Floats, Float
     return q, w, tau
 
 
-def _friction(
-    truth: Truth, s: dict[str, Floats], q: Floats, w: Floats, tau: Floats
-) -> Floats:
+def _friction(truth: Truth, s: dict[str, Floats], q: Floats, w: Floats, tau: Floats) -> Floats:
     sign = (2 / np.pi) * np.arctan(w / 0.03)
     one_way = 1 + 0.06 * sign
     drag = s['coulomb_friction'] * sign * one_way
@@ -171,9 +169,7 @@ def _circuit(
     constant = constant / (1 + 0.03 * (motor / 80) ** 2)
     current = motor / constant
     volts = constant * motor_speed
-    iron = scale['iron_loss'] * (
-        np.abs(motor_speed) ** 1.12 + 0.15 * np.abs(motor_speed) ** 1.88
-    )
+    iron = scale['iron_loss'] * (np.abs(motor_speed) ** 1.12 + 0.15 * np.abs(motor_speed) ** 1.88)
     iron_current = iron * motor_speed / (constant * (motor_speed**2 + 1e-6))
     through = current + iron_current
     supply = 48.0 + 0.6 * np.sin(2 * np.pi * np.arange(len(q)) / RATE / 37.0)[:, None]
@@ -269,4 +265,6 @@ def _measure(
 def _box(values: Floats) -> Floats:
     """Mean of what falls around each 400 Hz instant (2.5 samples of 1 ms)."""
     kernel = np.array([0.25, 0.5, 1.0, 0.5, 0.25])
-    return lfilter(kernel / kernel.sum(), [1], np.pad(values, ((0, 2), (0, 0)), 'edge'), axis=0)[2:]
+    return lfilter(kernel / kernel.sum(), [1], np.pad(values, ((0, 2), (0, 0)), 'edge'), axis=0)[
+        2:
+    ]
