@@ -45,9 +45,10 @@ build-ros: $(ROS_STAMP)
 	@test "$$ROS_DISTRO" = jazzy || { echo 'source ROS 2 Jazzy first, such as /opt/ros/jazzy/setup.bash' >&2; exit 2; }
 	. $(ROS_VENV)/bin/activate && python -m colcon --log-base $(ROS_BUILD)/log build --symlink-install \
 		--merge-install --base-paths src --build-base $(ROS_BUILD)/build --install-base $(ROS_BUILD)/install
+	printf '. %s\n' $(abspath $(ROS_VENV))/bin/activate $(ROS_BUILD)/install/setup.sh > $(ROS)/setup.sh
 
 test-ros: build-ros
-	. $(ROS_VENV)/bin/activate && . $(ROS_BUILD)/install/local_setup.sh && python -m pytest -n $(WORKERS) -q
+	. $(ROS)/setup.sh && python -m pytest -n $(WORKERS) -q
 
 lint: setup
 	$(BIN)/ruff check .
