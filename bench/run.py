@@ -15,6 +15,7 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     'alignment': (),
     'daq_bus': (),
     'embedded_cost': (),
+    'real_runtime': (),
     'estimator': (),
     'acquisition': (),
 }
