@@ -42,7 +42,8 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     total = sum(e.total for e in made if e.status == 0) / max(1, sum(e.status == 0 for e in made))
     print(f'{len(made)} estimates of {len(drives)} drives, {total:.1f} W in the mean')
-    print(f'ros2 bag play -s mcap {options.bag} & ros2 bag play -s mcap {options.output}')
+    print('both at once, where ROS 2 is installed:')
+    print(f'  ros2 bag play {options.bag} & ros2 bag play {options.output}')
     return 0
 
 

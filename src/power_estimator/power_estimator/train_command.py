@@ -112,10 +112,14 @@ def _prepare(
 
 def _next(run: Path, bags: Sequence[Path]) -> None:
     print(f'pictures: {run / TRACES}, {run / BARS}; table: {run / TABLE}')
+    model, estimate = shlex.quote(f'ppn:{run}'), shlex.quote(f'{bags[0]}_estimate')
     print('next, live beside the robot or a playing bag:')
-    print(f'  ros2 run power_estimator estimate --ros-args -p model:=ppn:{shlex.quote(str(run))}')
-    print('or on other recordings:')
-    print(f'  ros2 run power_estimator benchmark BAG --models ppn:{run} torque_squared')
+    print(f'  ros2 run power_estimator estimate --ros-args -p model:={model}')
+    print('or a recording through the live estimator:')
+    print(
+        f'  ros2 run power_estimator replay {shlex.quote(str(bags[0]))} --model {model} '
+        f'-o {estimate}'
+    )
 
 
 def _parser() -> argparse.ArgumentParser:
