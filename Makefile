@@ -38,7 +38,8 @@ $(ROS_STAMP): requirements.txt requirements-dev.txt
 	$(PYTHON) -m venv --system-site-packages $(ROS_VENV)
 	$(ROS_VENV)/bin/pip install -q 'setuptools==79.0.1' '$(TORCH)'
 	$(ROS_VENV)/bin/pip install -q -r requirements.txt -r requirements-dev.txt
-	$(ROS_VENV)/bin/pip install -q colcon-common-extensions==0.3.0 catkin_pkg==1.1.1 empy==3.3.4 lark==1.3.1
+	$(ROS_VENV)/bin/pip install -q colcon-core==0.21.3 colcon-common-extensions==0.3.0 \
+		catkin_pkg==1.1.1 empy==3.3.4 lark==1.3.1
 	touch $@
 
 build-ros: $(ROS_STAMP)
