@@ -36,10 +36,10 @@ class ClockLimits:
     settle: int = 250 * _MS
     drift_after: int = 2 * _S
     recent: int = 5
-    backward: int = 100 * _MS
+    backward: int = 20 * _MS
     early: int = 5 * _MS
     shift: int = 500_000
-    shift_bins: int = 30
+    shift_bins: int = 200
     correction: int = 20 * _MS
     drift: float = 500e-6
 
@@ -183,7 +183,7 @@ class ClockMapping:
         self._points.append((x - self._start, y - self._base))
         self._floors.append(self._least)
         if len(self._floors) == limits.shift_bins and min(self._floors) > limits.shift:
-            kept = list(self._points)[-limits.shift_bins :]
+            kept = list(self._points)[-limits.recent :]
             self._points.clear()
             self._points.extend(kept)
             self._floors.clear()
@@ -196,10 +196,11 @@ class ClockMapping:
     def _fit(self, device: int) -> None:
         if self._points[-1][0] - self._points[0][0] >= self._limits.drift_after:
             found = line_below(self._points, self._limits.drift)
+            # None: delays grow faster than clocks drift, as when the sender falls behind.
             if found is not None:
                 (x, y), self.drift = found
                 self._anchor, self._level = x + self._start, float(y)
-                return
+            return
         recent = list(self._points)[-self._limits.recent :]
         origin = self._points[-1][0]
         self._anchor = origin + self._start
