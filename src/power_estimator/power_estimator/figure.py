@@ -15,8 +15,7 @@ from power_daq.recording.files import advice
 
 from power_estimator.traces import Traces
 
-ESTIMATE = '#0072B2'
-OTHERS = ('#E69F00', '#009E73', '#CC79A7', '#D55E00', '#56B4E9', '#999999')
+OTHERS = ('#E69F00', '#009E73', '#CC79A7', '#D55E00', '#999999')
 LABELS = {
     'ppn': 'PPN',
     'torque_squared': 'torque²',
@@ -25,6 +24,7 @@ LABELS = {
     'mechanical_power_positive': 'positive mechanical power',
     'acceleration_squared': 'acceleration²',
 }
+_ESTIMATE = {False: '#0072B2', True: '#56B4E9'}  # by dark
 _LIGHT = {'figure.facecolor': '#ffffff', 'axes.facecolor': '#ffffff', 'text.color': '#1a1a1a'}
 _DARK = {'figure.facecolor': '#1c1f24', 'axes.facecolor': '#1c1f24', 'text.color': '#e8e8e8'}
 
@@ -32,6 +32,7 @@ _DARK = {'figure.facecolor': '#1c1f24', 'axes.facecolor': '#1c1f24', 'text.color
 def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:
     """Three panels: proxies, network, whole robot, each against what was measured (PNG, SVG)."""
     with _style(dark) as ink:
+        blue = _ESTIMATE[dark]
         whole = traces.supply is not None and traces.robot is not None
         figure = Figure(figsize=(9, 8 if whole else 5.6), layout='constrained')
         axes = figure.subplots(3 if whole else 2, 1, sharex=True)
@@ -44,13 +45,13 @@ def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:
         top.plot(time, traces.measured, color=ink, lw=1.8, label='measured')
         _panel(top, f'{traces.drive}: signals used in place of power')
         middle.plot(time, traces.measured, color=ink, lw=1.8, label='measured')
-        middle.plot(time, traces.estimated, color=ESTIMATE, lw=1.8, ls=(0, (4, 1)), label='PPN')
+        middle.plot(time, traces.estimated, color=blue, lw=1.8, ls=(0, (4, 1)), label='PPN')
         _panel(middle, f'{traces.drive}: Power Prediction Network, R² = {traces.r2:.3f}')
         if traces.supply is not None and traces.robot is not None:
             bottom = axes[2]
             bottom.plot(time, traces.supply, color=ink, lw=1.8, label='measured at the supply')
             label = f'sum of {traces.drives} PPN + {traces.electronics:.0f} W electronics'
-            bottom.plot(time, traces.robot, color=ESTIMATE, lw=1.8, ls=(0, (4, 1)), label=label)
+            bottom.plot(time, traces.robot, color=blue, lw=1.8, ls=(0, (4, 1)), label=label)
             _panel(bottom, f'whole robot, R² = {traces.robot_r2:.3f}')
         axes[-1].set_xlabel('time [s]')
         axes[-1].set_xlim(0, float(time[-1]))
@@ -64,6 +65,7 @@ def draw_bars(
     models = table['models']
     types = list(dict.fromkeys(key for model in models for key in model['types']))
     with _style(dark) as ink:
+        blue = _ESTIMATE[dark]
         figure = Figure(figsize=(9, 4.2), layout='constrained')
         axis = figure.subplots()
         width = 0.8 / max(1, len(types))
@@ -74,14 +76,22 @@ def draw_bars(
             spread = np.array([s.get('r2_std') or 0.0 for s in scores])
             lowest = min(lowest, float(np.nanmin(r2 - spread, initial=0.0)))
             x = np.arange(len(models)) + (index - (len(types) - 1) / 2) * width
-            colour = (ESTIMATE, *OTHERS)[index % (len(OTHERS) + 1)]
+            colour = (blue, *OTHERS)[index % (len(OTHERS) + 1)]
             bars = axis.bar(x, r2, width * 0.92, color=colour, label=kind)
-            axis.errorbar(x, r2, spread, fmt='none', ecolor=ink, elinewidth=1, capsize=2)
+            axis.errorbar(
+                x,
+                r2,
+                np.where(spread > 0, spread, np.nan),
+                fmt='none',
+                ecolor=ink,
+                elinewidth=1,
+                capsize=2,
+            )
             for bar, value, std in zip(bars, r2, spread, strict=True):
                 if np.isfinite(value):
                     place = (bar.get_x() + bar.get_width() / 2, max(value + std, 0) + 0.02)
                     axis.annotate(
-                        f'{value:.2f}', place, ha='center', va='bottom', fontsize=7, color=ink
+                        _figure(value), place, ha='center', va='bottom', fontsize=7, color=ink
                     )
         axis.axhline(0, color=ink, lw=0.8)
         axis.set_xticks(
@@ -98,6 +108,10 @@ def draw_bars(
         axis.legend(ncols=len(types), loc='lower right', bbox_to_anchor=(1, 1), frameon=False)
         axis.set_title(title, loc='left', fontsize=10)
         _save(figure, path)
+
+
+def _figure(r2: float) -> str:
+    return f'{r2:.3f}' if 0.99 < r2 < 1 else f'{r2:.2f}'
 
 
 def _panel(axis: Axes, title: str) -> None:
