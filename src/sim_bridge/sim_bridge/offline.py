@@ -164,8 +164,8 @@ def write_bag(
             topics.write(telemetry)
             events += telemetry.events
             bar.advance(task, 0.5)
-            if progress:
-                for event in telemetry.events:
+            for event in telemetry.events:
+                if progress and event.kind == 'fall':
                     bar.console.print(event.text)
     card.save(output)
     return tuple(events)
