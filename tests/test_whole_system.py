@@ -1,0 +1,89 @@
+"""The nodes together, each in a process of its own, as a user runs them."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from power_daq.recording.alignment import load_aligned
+from power_daq.recording.reader import Recording
+
+ROOT = Path(__file__).resolve().parents[1]
+NETWORK = ROOT / 'bags' / 'ppn_small'
+CONTRACT = {
+    'drive_supply': 'drive_power_msgs/msg/DriveSupply',
+    'joint_states': 'sensor_msgs/msg/JointState',
+    'joint_commands': 'sensor_msgs/msg/JointState',
+    'supply': 'sensor_msgs/msg/BatteryState',
+    'power_estimate': 'drive_power_msgs/msg/PowerEstimate',
+    'imu': 'sensor_msgs/msg/Imu',
+    'odom': 'nav_msgs/msg/Odometry',
+    'foot_force': 'sensor_msgs/msg/JointState',
+    'diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+}
+
+
+def bus_arguments(folder: Path) -> list[str]:
+    return ['--ros-args', '-p', 'interface:=unixsocket', '-p', f'channel:={folder}/bus']
+
+
+@pytest.fixture
+def walking(node_process, tmp_path):
+    """The live system, started from its far end so that each node has to wait for the next."""
+    bus = bus_arguments(tmp_path)
+    estimate = node_process(
+        'power_estimator', 'estimate', '--ros-args', '-p', f'model:=ppn:{NETWORK}'
+    )
+    policy = node_process(
+        'policy_runner', 'run', '--policy', 'trot', '--start', '--restart-after', '1'
+    )
+    daq = node_process('power_daq', 'daq', *bus)
+    sim = node_process('sim_bridge', 'sim', *bus)
+    policy.wait_for_output('running')
+    return {'sim': sim, 'daq': daq, 'policy': policy, 'estimate': estimate}
+
+
+def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, tmp_path):
+    bag = tmp_path / 'bag'
+    recorder = node_process('power_daq', 'record', '-o', str(bag), '--duration', '10')
+    assert recorder.wait(90) == 0, recorder.output
+    for name, node in walking.items():
+        assert node.returncode is None, f'{name} ended:\n{node.output}'
+
+    recording = Recording.open(bag)
+    types = {name.lstrip('/'): topic.type_name for name, topic in recording.topics.items()}
+    assert {name: types.get(name) for name in CONTRACT} == CONTRACT
+
+    drives = recording.drive_supply()
+    np.testing.assert_array_equal(np.diff(drives.sequence.astype(np.int64)), 1)
+    assert np.all(np.diff(drives.stamp_ns) > 0)
+
+    data = load_aligned([bag], rate=50.0)
+    assert data.measured_drives() == data.names
+    drawn = np.nanmean(data.power.sum(axis=1))
+    electronics = np.nanmean(data.supply) - drawn
+    assert 100.0 < drawn < 1500.0
+    assert 150.0 < electronics < 250.0, 'the supply feeds the drives and 192 W of electronics'
+
+    estimates = recording.power_estimate()
+    good = estimates.total[estimates.status == 0]
+    assert len(good) > 0.5 * len(estimates.total)
+    assert abs(good.mean() - drawn) < 0.25 * drawn
+
+
+def test_the_policy_damps_and_the_daq_waits_when_the_robot_goes(walking, node_process, tmp_path):
+    walking['sim'].kill()
+    walking['policy'].wait_for_output('damping, stale input')
+    walking['daq'].wait_for_output('bus (absent|lost|gone)')
+    sim = node_process('sim_bridge', 'sim', *bus_arguments(tmp_path))
+    seen = len(walking['daq'].lines)
+
+    def measuring() -> bool:
+        return any(re.search('measuring', line) for line in walking['daq'].lines[seen:])
+
+    deadline = 300
+    while not measuring() and deadline:
+        node_process.ros2('node', 'list').wait()
+        deadline -= 1
+    assert measuring(), walking['daq'].output
+    assert sim.returncode is None
