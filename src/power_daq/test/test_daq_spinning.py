@@ -1,6 +1,4 @@
-import os
 import signal
-import threading
 
 import pytest
 import rclpy
@@ -40,13 +38,21 @@ def test_a_runtime_error_of_a_callback_is_raised(node):
         spin(node)
 
 
-def test_ctrl_c_ends_it_without_an_exception(node):
-    node.create_timer(0.1, lambda: None)
-    end = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
-    end.start()
-    spin(node)
-    end.join()
-    assert node.context.ok()
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_it_without_an_exception(node_process, tmp_path, number):
+    script = tmp_path / 'node.py'
+    script.write_text(
+        'import rclpy\nfrom power_daq.spinning import spin\n'
+        'rclpy.init()\nnode = rclpy.create_node("spinning")\n'
+        'node.create_timer(0.1, lambda: print("spinning"))\n'
+        'spin(node)\nprint("ended", flush=True)\n'
+        'node.destroy_node()\nrclpy.try_shutdown()\n'
+    )
+    process = node_process.python(script)
+    process.wait_for_output('spinning')
+    process.send_signal(number)
+    process.wait_for_output('ended')
+    assert process.wait() == 0
 
 
 def test_it_ends_with_the_future_it_is_given(node):
