@@ -233,7 +233,15 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
     second = demo.live('live_2', live, seed + 1, network)
     picture = demo.output / 'live.png'
     demo.run(
-        *('power_estimator', 'benchmark', second, '--models', f'ppn:{network}', *PROXIES),
+        *(
+            'power_estimator',
+            'benchmark',
+            second,
+            '--models',
+            'recorded',
+            f'ppn:{network}',
+            *PROXIES,
+        ),
         *('--picture', picture),
     )
     demo.title('Done')

@@ -18,10 +18,12 @@ from power_estimator.model import PowerModel, load_model
 from power_estimator.ppn import PowerPredictionNetwork
 from power_estimator.protocol import Part
 from power_estimator.proxies import Proxy
+from power_estimator.recorded import RECORDED, RecordedEstimate
 from power_estimator.traces import Traces, traces
 from power_estimator.whole_robot import whole_robot
 
 SPREAD = 6  # stretches whose R² gives the spread, as many as the protocol has segments
+SHORTEST = 10.0  # s of a stretch; R² of less, perhaps of standing still, says nothing
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) 
     """
     if len(set(specs)) < len(specs):
         raise InputError(f'--models names a model twice: {", ".join(specs)}')
-    models = [load_model(spec) for spec in specs]
+    models = [RecordedEstimate(bags) if s == RECORDED else load_model(s) for s in specs]
     networks = [m for m in models if isinstance(m, PowerPredictionNetwork)]
     data = recordings.load(bags, drives)
     measured = data.measured_drives()
@@ -86,7 +88,8 @@ def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) 
         supply = robot.scores()
         scores = {m: replace(e, supply=supply.get(m)) for m, e in scores.items()}
     result = table([scores])
-    _add_spread(result, comparison, types)
+    if len(test.time) / test.rate >= SPREAD * SHORTEST:
+        _add_spread(result, comparison, types)
     r2 = {drive: s.r2 for drive, s in scores[specs[0]].drives.items()}
     seconds = len(test.time) / test.rate
     return Benchmark(

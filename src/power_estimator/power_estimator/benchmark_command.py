@@ -48,7 +48,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
-    add('--models', nargs='+', required=True, metavar='MODEL', help='ppn:RUN, model.yaml, proxy')
+    add(
+        '--models',
+        nargs='+',
+        required=True,
+        metavar='MODEL',
+        help='ppn:RUN, model.yaml, proxy, or recorded: the live estimate in the recording',
+    )
     add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
     add('--json', type=Path, metavar='FILE', help='write the table there')
     add('--picture', type=Path, metavar='PNG', help='draw the estimates and the R² there')

@@ -137,5 +137,6 @@ def _mean(scores: Sequence[Score]) -> dict[str, float | None] | None:
     rows = [asdict(s) for s in scores]
     values = {key: fmean(float(row[key]) for row in rows) for key in rows[0]}
     r2s = [s.r2 for s in scores]
-    values['r2_std'] = pstdev(r2s) if np.isfinite(r2s).all() else float('nan')
+    several = len(r2s) > 1 and np.isfinite(r2s).all()
+    values['r2_std'] = pstdev(r2s) if several else float('nan')
     return {key: value if np.isfinite(value) else None for key, value in values.items()}
