@@ -308,10 +308,10 @@ def _meter_noise(data: AlignedDataset, reducer: Reducer) -> Floats:
         for part in data.segments():
             rows = np.asarray(data.power[part, drive], dtype=np.float64)
             kinks = np.diff(rows, n=2) / np.sqrt(6.0)
-            count = len(kinks) // length
-            spreads.append(np.nanstd(kinks[: count * length].reshape(count, length), axis=1))
+            whole = kinks[: len(kinks) // length * length].reshape(-1, length)
+            spreads.append(whole[np.isfinite(whole).all(axis=1)].std(axis=1))
         joined = np.concatenate(spreads) if spreads else np.empty(0)
-        joined = joined[np.isfinite(joined) & (joined > 0)]
+        joined = joined[joined > 0]
         if joined.size:
             noise[drive] = share * float(np.quantile(joined, 0.1))
     return noise

@@ -57,7 +57,7 @@ class Challenge:
         effects.update(dict.fromkeys((*ALWAYS, *self.known), True))
         effects.pop('shaft', None)
         for name in self.hidden:
-            effects[name] = {'on': True, 'strength': self.strength}
+            effects[name] = self.strength
         return base.unit(self.unit).with_effects(**effects)
 
     def content(self) -> dict[str, Any]:

@@ -257,7 +257,7 @@ def floors(fitter: Fitter, least: float, share: float) -> Floats:
 def above_floor(gain: Floats, floor: Floats) -> bool:
     """Whether squared watts [D] reach the floor [D], pooled over the drives or on one alone."""
     ratio = np.maximum(gain, 0.0) / np.square(floor)
-    return bool(ratio.mean() >= 1.0 or ratio.max() >= 2.0)
+    return bool(ratio.mean() >= 1.0 or ratio.max() >= 4.0)
 
 
 class Freed(Effect):

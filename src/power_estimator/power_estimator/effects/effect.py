@@ -70,6 +70,12 @@ class Effect(ABC):
     fixed: ClassVar[float | None] = None  # a coefficient that physics fixes
     follows: ClassVar[frozenset[str]] = frozenset()  # estimates it uses: motor_torque, drawn
 
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self.name == getattr(other, 'name', None)
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
     @abstractmethod
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """[T, D, n] for the n terms: W, N·m or rad/s per unit coefficient, by acts_on."""

@@ -1,0 +1,269 @@
+"""
+The blind benchmark of power_lab: hidden effects, nulls, strangers and faults of the meter.
+
+    python bench/lab.py [--seeds 0 1 …] [--sources circuit sim] [--quick] [--out FILE.jsonl]
+
+Truths are circuits (src/power_lab/test/truth_circuit.py) and sim_bridge's plants, never the
+lab's own formulas. Results are appended to FILE, and what is there is not run again.
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lab_scenarios import STRANGERS, Scenario, random_order, scenarios
+from power_daq.recording.aligned import AlignedDataset
+from power_estimator.effect_design import Active, Structure
+from power_estimator.effect_fit import Fitter, measurement_terms
+from power_estimator.effect_signals import prepare
+from power_estimator.effect_training import fit_model, material
+from power_estimator.effects import builtin_catalogue
+from power_lab.diagnosis import Diagnoser, Diagnosis
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from threadpoolctl import threadpool_limits
+
+CATALOGUE = builtin_catalogue()
+DETECTABLE = 0.15
+"""W, rms over the drives: an effect that puts on more counts as detectable."""
+
+
+def judge(scenario: Scenario) -> dict[str, Any]:
+    """Simulate, diagnose and score one scenario."""
+    row = scenario.content() | {'key': scenario.key}
+    try:
+        data = scenario.record()
+        with threadpool_limits(limits=1):
+            start = time.monotonic()
+            diagnosis = diagnosed(data, scenario.known)
+            row['seconds_taken'] = round(time.monotonic() - start, 1)
+            row |= told(diagnosis, scenario)
+            if scenario.group == 'effect' and diagnosis.verdict == 'named':
+                row['fall'] = fall(scenario, data, diagnosis.effects)
+    except Exception as error:  # one broken scenario must not end the benchmark
+        row['error'] = f'{type(error).__name__}: {error}'
+    return row
+
+
+def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Diagnosis:
+    """What the lab says of a model with the known effects."""
+    structure = Structure(tuple(Active.of(CATALOGUE[name]) for name in known))
+    terms = measurement_terms(CATALOGUE, shaft=True)
+    return Diagnoser(Fitter(prepare(data)), structure.plus(*terms), CATALOGUE).run()
+
+
+def told(diagnosis: Diagnosis, scenario: Scenario) -> dict[str, Any]:
+    """The parts of a diagnosis that are scored."""
+    gains = [
+        float(np.sqrt(max(candidate.gain.mean(), 0.0)))
+        for candidate in diagnosis.singles
+        if candidate.name in scenario.truth
+    ]
+    left = float(np.sqrt(diagnosis.leftover.explained.mean()))
+    return {
+        'verdict': diagnosis.verdict,
+        'effects': list(diagnosis.effects),
+        'certain': sorted(diagnosis.certain),
+        'chosen': list(diagnosis.chosen),
+        'put_on_w': round(min(gains), 4) if gains else 0.0,
+        'leftover_w': round(left, 4),
+        'share': round(diagnosis.share, 4),
+        'rmse_w': np.round(diagnosis.base.rmse, 3).tolist(),
+        'gain_w': np.round(np.sqrt(diagnosis.explained), 3).tolist(),
+        'floor_w': np.round(diagnosis.floor, 3).tolist(),
+    }
+
+
+def fall(scenario: Scenario, data: AlignedDataset, named: Sequence[str]) -> float:
+    """Share of what the hidden effect put on that `add` takes off on another recording."""
+    other = scenario.record(other=True)
+    base = _error(data, other, scenario.known)
+    better = _error(data, other, (*scenario.known, *named))
+    least = _error(
+        scenario.record(without=True), scenario.record(other=True, without=True), scenario.known
+    )
+    return round((base - better) / max(base - least, 1e-9), 3)
+
+
+def _error(fitted_on: AlignedDataset, judged_on: AlignedDataset, effects: Sequence[str]) -> float:
+    actives = [Active.of(CATALOGUE[name]) for name in effects]
+    model, fit = fit_model('trial', material(fitted_on), actives, CATALOGUE)
+    prepared = prepare(judged_on)
+    estimated = prepared.reduced(
+        np.asarray(model.predict(judged_on, as_measured=True), dtype=np.float64)
+    )
+    residual = prepared.power_at(fit.delay) - estimated
+    return float(np.sqrt(np.mean(np.square(residual))))
+
+
+def score(row: dict[str, Any]) -> str:
+    """named, in the set, part, missed, none of the above, or WRONG."""
+    truth = {name for name in row['hidden'] if name not in STRANGERS}
+    strange = any(name in STRANGERS for name in row['hidden'])
+    found, verdict = set(row['effects']), row['verdict']
+    if verdict in ('named', 'ambiguous'):
+        certain = found if verdict == 'named' else set(row['certain'])
+        if certain - truth or not (found & truth):
+            return 'WRONG'
+        if verdict == 'named':
+            return 'named' if found == truth else 'part'
+        return 'in the set' if truth <= found else 'part'
+    if verdict == 'no_evidence':
+        return 'no evidence' if not truth and not strange else 'missed'
+    if strange:
+        return 'none of the above'
+    return 'none of the above' if truth else 'FALSE ALARM'
+
+
+def main() -> int:
+    """Run what is not in the file yet, then print the matrix and the gates."""
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog='example: python bench/lab.py --seeds 0 1 2 --out runs/lab.jsonl',
+    )
+    add = parser.add_argument
+    add('--seeds', type=int, nargs='+', default=[0])
+    add('--sources', nargs='+', choices=('circuit', 'sim'), default=['circuit', 'sim'])
+    add('--groups', nargs='+', default=[], help='only these: effect null pair stranger fault …')
+    add('--quick', action='store_true', help='one strength and one base each')
+    add('--limit', type=int, default=0, help='at most so many, a fair sample')
+    add('--workers', type=int, default=2)
+    add('--out', type=Path, default=Path('runs/lab.jsonl'))
+    add('--markdown', type=Path, help='write matrix and gates there')
+    options = parser.parse_args()
+    os.nice(10)
+    todo = random_order(scenarios(options.seeds, sources=options.sources, quick=options.quick))
+    if options.groups:
+        todo = [scenario for scenario in todo if scenario.group in options.groups]
+    if options.limit:
+        todo = todo[: options.limit]
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    rows = _known(options.out)
+    done = {row['key'] for row in rows}
+    todo = [scenario for scenario in todo if scenario.key not in done]
+    with ProcessPoolExecutor(options.workers) as pool, options.out.open('a') as file:
+        futures = [pool.submit(judge, scenario) for scenario in todo]
+        for future in track(as_completed(futures), 'judging', total=len(futures)):
+            row = future.result()
+            rows.append(row)
+            file.write(json.dumps(row) + '\n')
+            file.flush()
+    text = summary(rows)
+    Console().print(table(rows))
+    print(text)
+    if options.markdown:
+        options.markdown.write_text(markdown(rows) + '\n' + text + '\n', encoding='utf-8')
+    broken = [row for row in rows if 'error' in row]
+    for row in broken[:5]:
+        print(f'{row["key"]}: {row["error"]}', file=sys.stderr)
+    return 1 if broken else 0
+
+
+def _known(path: Path) -> list[dict[str, Any]]:
+    if not path.exists():
+        return []
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    return [row for row in rows if 'error' not in row]
+
+
+COLUMNS = (
+    'named',
+    'in the set',
+    'part',
+    'missed',
+    'no evidence',
+    'none of the above',
+    'FALSE ALARM',
+    'WRONG',
+)
+
+
+def matrix(rows: Iterable[dict[str, Any]]) -> dict[tuple[str, str], Counter[str]]:
+    """Scores by what was hidden; effects apart by whether they are detectable."""
+    out: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
+    for row in rows:
+        if 'error' in row:
+            continue
+        hidden = ' + '.join(row['hidden']) or row['fault'] or 'nothing'
+        group = row['group']
+        if group in ('effect', 'pair'):
+            group += ', detectable' if row['put_on_w'] >= DETECTABLE else ', weak'
+        out[group, hidden][score(row)] += 1
+    return dict(sorted(out.items()))
+
+
+def table(rows: Iterable[dict[str, Any]]) -> Table:
+    """The matrix for a terminal."""
+    made = Table(title='blind benchmark of power_lab')
+    made.add_column('group')
+    made.add_column('hidden')
+    for column in COLUMNS:
+        made.add_column(column, justify='right')
+    for (group, hidden), counts in matrix(rows).items():
+        made.add_row(group, hidden, *(str(counts[c] or '') for c in COLUMNS))
+    return made
+
+
+def markdown(rows: Iterable[dict[str, Any]]) -> str:
+    """The matrix for the documentation."""
+    lines = ['| group | hidden | ' + ' | '.join(COLUMNS) + ' |', '|---' * (len(COLUMNS) + 2) + '|']
+    for (group, hidden), counts in matrix(rows).items():
+        cells = ' | '.join(str(counts[c] or '') for c in COLUMNS)
+        lines.append(f'| {group} | {hidden} | {cells} |')
+    return '\n'.join(lines) + '\n'
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> str:
+    """The gates of issue and design, as reached."""
+    good = [row for row in rows if 'error' not in row]
+    scored = [(row, score(row)) for row in good]
+    strong = [s for r, s in scored if r['group'] == 'effect' and r['put_on_w'] >= DETECTABLE]
+    nulls = [s for r, s in scored if r['group'] == 'null']
+    faults = [s for r, s in scored if r['group'] == 'fault']
+    strangers = [s for r, s in scored if r['group'] == 'stranger']
+    pairs = [s for r, s in scored if r['group'] == 'pair' and r['put_on_w'] >= DETECTABLE]
+    falls = [row['fall'] for row in good if 'fall' in row and row['put_on_w'] >= DETECTABLE]
+    named = [s for r, s in scored if r['verdict'] in ('named', 'ambiguous')]
+    lines = [
+        f'recordings judged: {len(good)}, of them with a name: {len(named)}',
+        _gate('wrong name, of all recordings', [s for _, s in scored], ('WRONG',), '≤ 2 %'),
+        _gate('nulls called no evidence', nulls, ('no evidence',), '≥ 95 %'),
+        _gate('faults called no evidence', faults, ('no evidence',), '≥ 95 %'),
+        _gate('truth named or in the set, detectable', strong, ('named', 'in the set'), '≥ 95 %'),
+        _gate('  of these named', strong, ('named',), '–'),
+        _gate('strangers called none of the above', strangers, ('none of the above',), '≥ 90 %'),
+        _gate('both of two named or in the set', pairs, ('named', 'in the set'), '–'),
+        _gate('  of these both named', pairs, ('named',), 'all'),
+    ]
+    if falls:
+        enough = sum(value >= 0.8 for value in falls)
+        lines.append(
+            f'error put on taken off by add, on another recording: median {np.median(falls):.2f}, '
+            f'≥ 0.8 in {enough} of {len(falls)}'
+        )
+    times = [row['seconds_taken'] for row in good]
+    if times:
+        lines.append(
+            f'seconds per diagnosis: median {np.median(times):.1f}, most {max(times):.1f}'
+        )
+    return '\n'.join(lines)
+
+
+def _gate(name: str, scores: Sequence[str], wanted: Sequence[str], gate: str) -> str:
+    hits = sum(s in wanted for s in scores)
+    share = 100 * hits / len(scores) if scores else float('nan')
+    return f'{name}: {hits} of {len(scores)} ({share:.1f} %; gate {gate})'
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,197 @@
+import textwrap
+
+import numpy as np
+import pytest
+from power_daq.cli import InputError
+from power_estimator.effect_design import Active, Structure, evaluate
+from power_estimator.effects import Signals, builtin_catalogue, load_catalogue
+from power_estimator.effects.catalogue import regressors_of
+
+CATALOGUE = builtin_catalogue()
+CONTRACT = {
+    *('shaft', 'copper_loss', 'winding_heating', 'viscous_friction', 'coulomb_friction'),
+    *('stribeck_friction', 'load_friction', 'iron_loss', 'inverter_loss', 'idle'),
+    *('regeneration_efficiency', 'regeneration_limit', 'field_weakening', 'rotor_inertia'),
+    *('spring', 'cogging', 'line_resistance', 'time_offset', 'power_gain', 'current_offset'),
+    *('torque_bias', 'velocity_lag'),
+}
+
+
+def signals(torque=10.0, velocity=2.0, *, count=400, voltage=48.0, acceleration=0.0):
+    def full(value):
+        return np.full((count, 1), float(value))
+
+    return Signals(
+        rate=400.0,
+        names=('LF_KFE',),
+        time=np.arange(count) / 400.0,
+        segment=np.zeros(count, np.int32),
+        recording=np.zeros(count, np.int32),
+        position=full(0.0),
+        velocity=full(velocity),
+        acceleration=full(acceleration),
+        torque=full(torque),
+        torque_rate=full(0.0),
+        voltage=full(voltage),
+        temperature=full(np.nan),
+        motor_velocity=full(velocity),
+        motor_acceleration=full(acceleration),
+        motor_torque=full(torque),
+        torque_cost=full(0.0),
+        electronics=full(0.0),
+        drawn=full(torque * velocity),
+    )
+
+
+def watts(coefficients, given):
+    structure = Structure(tuple(Active.of(CATALOGUE[name]) for name in coefficients))
+    values = [
+        float(value)
+        for active in structure.free
+        for value in np.atleast_1d(coefficients[active.name])
+    ]
+    return evaluate(structure, np.array([values]), given)[-1, 0]
+
+
+def test_every_name_of_the_contract_is_there():
+    assert set(CATALOGUE) >= CONTRACT
+
+
+@pytest.mark.parametrize('name', list(CATALOGUE))
+def test_an_effect_says_all_about_itself_and_returns_what_it_promises(name):
+    effect = CATALOGUE[name]
+    assert effect.physics
+    assert effect.formula
+    assert effect.excitation.text
+    assert '\n' not in effect.physics
+    for term in effect.terms:
+        assert term.symbol
+        assert term.unit
+        assert term.lower <= term.upper
+    for shape in effect.shapes:
+        columns = regressors_of(effect, signals(), shape)
+        assert columns.shape == (400, 1, len(effect.terms))
+    assert set(effect.ties) <= {'inverter_resistance'}
+    assert set(effect.near) <= set(CATALOGUE)
+
+
+def test_shaft_power_is_torque_times_speed():
+    assert watts({'shaft': 1.0}, signals(10.0, 2.0)) == pytest.approx(20.0)
+    assert watts({'shaft': 1.0}, signals(10.0, -2.0)) == pytest.approx(-20.0)
+
+
+def test_viscous_friction_costs_its_square_and_heats_the_winding_as_well():
+    # f = 5·2 = 10 N·m: 20 W of friction, and copper grows from .02·100 to .02·400
+    only = watts({'viscous_friction': 5.0}, signals(10.0, 2.0))
+    both = watts({'copper_loss': 0.02, 'viscous_friction': 5.0}, signals(10.0, 2.0))
+    assert only == pytest.approx(20.0)
+    assert both == pytest.approx(20.0 + 0.02 * 400.0)
+
+
+def test_coulomb_friction_helps_a_motor_that_brakes():
+    # braking at −2 rad/s: the motor carries 10 − 3 N·m
+    found = watts({'copper_loss': 0.02, 'coulomb_friction': 3.0}, signals(10.0, -2.0))
+    assert found == pytest.approx(3.0 * 2.0 + 0.02 * 49.0)
+
+
+def test_rotor_inertia_takes_torque_that_no_sensor_sees():
+    found = watts(
+        {'copper_loss': 0.02, 'rotor_inertia': 0.07}, signals(10.0, 2.0, acceleration=50.0)
+    )
+    assert found == pytest.approx(3.5 * 2.0 + 0.02 * 13.5**2)
+
+
+def test_blocked_regeneration_never_draws_less_than_nothing():
+    given = signals(-20.0, 2.0)
+    assert watts({'shaft': 1.0}, given) == pytest.approx(-40.0)
+    assert watts({'shaft': 1.0, 'regeneration_limit': 1.0}, given) == pytest.approx(0.0)
+    assert watts({'shaft': 1.0, 'regeneration_efficiency': 0.25}, given) == pytest.approx(-30.0)
+
+
+def test_line_resistance_sees_the_power_that_all_others_draw():
+    # 48 W at 48 V is 1 A
+    found = watts({'shaft': 1.0, 'idle': 28.0, 'line_resistance': 0.5}, signals(10.0, 2.0))
+    assert found == pytest.approx(48.0 + 0.5)
+
+
+def test_a_warming_winding_costs_more_as_time_passes():
+    effect = CATALOGUE['winding_heating']
+    columns = effect.regressors(signals(10.0, 0.0, count=40_000), time_constant=20.0)
+    assert columns[0, 0, 0] < 0.01 * columns[-1, 0, 0]
+    # after 100 s of 20 s the rise is all there: 100 (N·m)² of heat, times 0.0039, times torque²
+    assert columns[-1, 0, 0] == pytest.approx(100.0 * 0.0039 * 100.0, rel=0.01)
+
+
+def test_the_measured_temperature_counts_only_where_it_moved():
+    effect = CATALOGUE['winding_heating']
+    assert not effect.usable(signals(), time_constant=0.0)
+    assert effect.usable(signals(), time_constant=20.0)
+
+
+def write(tmp_path, body):
+    path = tmp_path / 'mine.py'
+    path.write_text(textwrap.dedent(body))
+    return path
+
+
+GOOD = """
+    import numpy as np
+    from power_estimator.effects import Effect, Term
+
+    class Fan(Effect):
+        name = 'fan'
+        physics = 'a fan that turns with the joint'
+        formula = 'f·|w|³'
+        terms = (Term('f', 'W·s³/rad³', 0.0, 10.0),)
+
+        def regressors(self, signals, **shape):
+            return np.abs(signals.velocity)[..., None] ** 3
+    """
+
+
+def test_a_user_adds_an_effect_by_one_file(tmp_path):
+    path = write(tmp_path, GOOD)
+    catalogue = load_catalogue([path])
+    assert regressors_of(catalogue['fan'], signals(velocity=2.0), {})[0, 0, 0] == 8.0
+    assert catalogue.origins['fan'] == path
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        (("name = 'fan'", "name = 'idle'"), "'idle' exists already"),
+        (("physics = 'a fan that turns with the joint'", ''), "no 'physics'"),
+        (('def regressors', 'def other'), 'no method regressors'),
+        (('Effect, Term', 'Effect, Trem'), 'ImportError'),
+        (("Term('f', 'W·s³/rad³', 0.0, 10.0)", "Term('f', '', 0.0, 10.0)"), 'Term(symbol, unit'),
+        (('class Fan(Effect)', 'class Fan'), 'defines no class'),
+        (('import numpy as np', 'import numpy as np ('), 'SyntaxError'),
+    ],
+)
+def test_an_incomplete_user_effect_is_refused_with_its_file(tmp_path, change, words):
+    path = write(tmp_path, GOOD.replace(*change))
+    with pytest.raises(InputError, match=r'mine\.py') as caught:
+        load_catalogue([path])
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('body', 'words'),
+    [
+        ('signals.velocity[..., None] * float("nan")', 'NaN'),
+        ('signals.velocity', 'shape'),
+        ('signals.wind', 'raised AttributeError'),
+        ('1 / 0', 'raised ZeroDivisionError'),
+    ],
+)
+def test_a_user_effect_that_misbehaves_is_named(tmp_path, body, words):
+    path = write(tmp_path, GOOD.replace('np.abs(signals.velocity)[..., None] ** 3', body))
+    effect = load_catalogue([path])['fan']
+    with pytest.raises(InputError, match='fan') as caught:
+        regressors_of(effect, signals(), {})
+    assert words in str(caught.value)
+
+
+def test_a_file_of_effects_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InputError, match=r'nowhere\.py: no such file'):
+        load_catalogue([tmp_path / 'nowhere.py'])

@@ -1,0 +1,186 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from power_daq.recording.aligned import AlignedDataset
+from power_estimator.effect_bank import Bank
+from power_estimator.effect_design import Active, DesignBuilder, Structure, evaluate
+from power_estimator.effect_fit import Blocks, Fitter, Normal, measurement_terms, robust_weights
+from power_estimator.effect_folds import EMBARGO, FOLDS, Folds
+from power_estimator.effect_signals import prepare, signals_of
+from power_estimator.effects import builtin_catalogue
+
+RATE = 400.0
+CATALOGUE = builtin_catalogue()
+TRUE = {
+    'shaft': (),
+    'copper_loss': (0.02,),
+    'viscous_friction': (3.0,),
+    'coulomb_friction': (2.0,),
+    'rotor_inertia': (0.06,),
+    'idle': (8.0,),
+}
+
+
+def structure(*names):
+    return Structure(tuple(Active.of(CATALOGUE[name]) for name in names or TRUE))
+
+
+def moving(seconds=60.0, *, seed=1, delay=0.0, noise=0.3, effects=None):
+    """Two drives on a random smooth motion whose power is made by the given effects."""
+    effects = TRUE if effects is None else effects
+    random = np.random.default_rng(seed)
+    time = np.arange(round(seconds * RATE)) / RATE
+    lines = random.uniform(0.2, 3.5, (12, 2))
+    phases = random.uniform(0, 2 * np.pi, (2, 12, 2))
+    waves = 2 * np.pi * lines * time[:, None, None]
+    position = (0.25 / lines * np.sin(waves + phases[0])).sum(axis=1)
+    velocity = (0.5 * np.pi * np.cos(waves + phases[0])).sum(axis=1)
+    torque = 6.0 + (3.0 * np.sin(0.8 * waves + phases[1])).sum(axis=1)
+    nothing = np.full(torque.shape, np.nan, np.float32)
+
+    def short(values):
+        return np.asarray(values, np.float32)
+
+    data = AlignedDataset(
+        rate=RATE,
+        names=('LF_HFE', 'LF_KFE'),
+        time=time,
+        segment=np.zeros(len(time), np.int32),
+        position=short(position),
+        velocity=short(velocity),
+        torque=short(torque),
+        command=short(position),
+        power=nothing,
+        voltage=np.full(torque.shape, 48.0, np.float32),
+        current=nothing,
+        temperature=nothing,
+        supply=nothing[:, 0],
+        recordings=('made',),
+        recording=np.zeros(len(time), np.int32),
+    )
+    model = structure(*effects)
+    row = [value for active in model.free for value in effects[active.name]]
+    power = evaluate(model, np.array([row, row], dtype=float), signals_of(data))
+    late = np.stack([np.interp(time - delay, time, column) for column in power.T], axis=1)
+    return replace(data, power=short(late + random.normal(0, noise, late.shape)))
+
+
+def test_coefficients_and_delay_are_found_again():
+    fitter = Fitter(prepare(moving(delay=0.0065)))
+    terms = measurement_terms(CATALOGUE, shaft=True)
+    fit = fitter.fit(structure().plus(*terms), iterations=5)
+    assert fit.delay == pytest.approx(0.0065, abs=3e-4)
+    for name, values in TRUE.items():
+        for column, value in zip(fit.structure.columns_of(name), values, strict=True):
+            assert fit.coefficients[:, column] == pytest.approx([value] * 2, rel=0.06), name
+
+
+def test_the_linearised_design_meets_the_model_where_it_is_linearised():
+    data = moving()
+    builder = DesignBuilder(prepare(data))
+    model = structure(*TRUE, 'line_resistance', 'spring', 'regeneration_efficiency')
+    point = np.array([[0.02, 3.0, 2.0, 0.06, 8.0, 0.1, 0.005, 0.2]] * 2)
+    design = builder.build(model, point)
+    linear = design.constant + np.einsum('ndm,dm->nd', design.columns, point)
+    exact = builder.prepared.reduced(builder.point(model, point).power)
+    assert linear == pytest.approx(exact, abs=1e-6)
+
+
+@pytest.mark.parametrize('name', ['viscous_friction', 'spring', 'rotor_inertia', 'copper_loss'])
+def test_a_column_is_the_derivative_of_the_power(name):
+    builder = DesignBuilder(prepare(moving(20.0)))
+    model = structure(*TRUE, 'spring')
+    point = np.array([[0.02, 3.0, 2.0, 0.06, 8.0, 0.004]] * 2)
+    design = builder.build(model, point)
+    (column,) = model.columns_of(name)
+    step = 1e-4 * point[0, column]
+    moved = point.copy()
+    moved[:, column] += step
+    change = builder.point(model, moved).power - builder.point(model, point).power
+    quotient = builder.prepared.reduced(change) / step
+    size = np.abs(quotient).max()
+    assert design.columns[..., column] == pytest.approx(quotient, abs=5e-3 * size)
+
+
+def test_intervals_hold_the_truth_about_as_often_as_they_say():
+    inside = []
+    for seed in range(8):
+        fitter = Fitter(prepare(moving(40.0, seed=seed)))
+        fit = fitter.fit(structure(), iterations=5)
+        bounds = fitter.intervals(fit, seed)
+        for name in ('copper_loss', 'viscous_friction', 'rotor_inertia', 'idle'):
+            (column,) = fit.structure.columns_of(name)
+            low, high = bounds[:, column].T
+            slack = 0.01 * TRUE[name][0]
+            inside += ((low - slack <= TRUE[name][0]) & (TRUE[name][0] <= high + slack)).tolist()
+    assert np.mean(inside) > 0.8
+
+
+def test_drives_of_a_group_share_their_coefficients():
+    prepared = prepare(moving())
+    shared = Fitter(prepared, groups=[[0, 1]]).fit(structure())
+    apart = Fitter(prepared).fit(structure())
+    assert shared.coefficients[0].tolist() == shared.coefficients[1].tolist()
+    assert apart.coefficients[0].tolist() != apart.coefficients[1].tolist()
+
+
+def test_a_stumble_weighs_little():
+    data = moving()
+    power = data.power.copy()
+    power[8000:8400] += 400.0
+    calm = Fitter(prepare(data)).fit(structure(), iterations=4)
+    hit = Fitter(prepare(replace(data, power=power))).fit(structure(), iterations=4)
+    assert hit.coefficients == pytest.approx(calm.coefficients, rel=0.1)
+
+
+def test_weights_fall_with_the_error_and_are_one_at_its_median():
+    error = np.array([[1.0], [1.0], [1.0], [99.0]])
+    weights = robust_weights(error, np.ones_like(error, bool))
+    assert weights[:, 0] == pytest.approx([1.0, 1.0, 1.0, 0.02])
+
+
+def test_blocks_are_one_second_and_skip_what_was_not_measured():
+    data = moving(20.0)
+    power = data.power.copy()
+    power[4000:4400, 1] = np.nan
+    blocks = Blocks.of(prepare(replace(data, power=power)))
+    assert blocks.length == 50
+    assert blocks.valid[:, 0].all()
+    assert 1 <= (~blocks.valid[:, 1]).sum() <= 4
+
+
+def test_normal_equations_give_the_squared_error():
+    random = np.random.default_rng(0)
+    prepared = prepare(moving(20.0))
+    blocks = Blocks.of(prepared)
+    columns = random.normal(size=(len(prepared.time), 2, 3))
+    target = random.normal(size=(len(prepared.time), 2))
+    x = random.normal(size=(2, 3))
+    found = Normal.of(columns, target, blocks).errors(x)
+    residual = target - np.einsum('ndm,dm->nd', columns, x)
+    expected = np.square(residual[blocks.rows]).sum(axis=1)
+    assert found == pytest.approx(expected)
+
+
+def test_folds_keep_an_embargo_between_training_and_test():
+    blocks = Blocks.of(prepare(moving()))
+    folds = Folds.of(blocks)
+    assert set(folds.test.tolist()) == set(range(FOLDS))
+    for fold in range(FOLDS):
+        tested = np.flatnonzero(folds.test == fold)
+        trained = np.flatnonzero(folds.training[fold])
+        assert np.abs(tested[:, None] - trained).min() > EMBARGO
+
+
+def test_the_bank_agrees_with_a_fit_about_what_a_candidate_is_worth():
+    fitter = Fitter(prepare(moving()))
+    base = fitter.fit(structure('shaft', 'copper_loss', 'viscous_friction', 'idle'), iterations=4)
+    candidates = [Active.of(CATALOGUE[n]) for n in ('coulomb_friction', 'rotor_inertia', 'spring')]
+    bank = Bank(fitter, Folds.of(fitter.blocks), base, candidates)
+    errors = {c.name: bank.screen([c]).training_error for c in candidates}
+    both = bank.screen(candidates[:2])
+    none = bank.screen()
+    assert errors['rotor_inertia'] < none.training_error - 1.0
+    assert both.training_error < errors['rotor_inertia'] - 1.0
+    assert both.mean_mse.max() < 0.5 * none.mean_mse.max()

@@ -1,0 +1,155 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from power_daq.cli import InputError
+from power_daq.recording.aligned import AlignedDataset
+from power_estimator.drive_types import DriveType
+from power_estimator.effect_design import Active, Structure
+from power_estimator.effect_model import EffectModel, Group, Value
+from power_estimator.effects import builtin_catalogue
+from power_estimator.model import load_model
+
+CATALOGUE = builtin_catalogue()
+
+
+def data(names=('LF_KFE', 'RH_KFE', 'LF_HAA'), *, torque=10.0, velocity=2.0, voltage=np.nan):
+    shape = (200, len(names))
+
+    def full(value):
+        return np.full(shape, value, np.float32)
+
+    return AlignedDataset(
+        rate=200.0,
+        names=tuple(names),
+        time=np.arange(200) / 200.0,
+        segment=np.zeros(200, np.int32),
+        position=full(0.3),
+        velocity=full(velocity),
+        torque=full(torque),
+        command=full(0.3),
+        power=full(np.nan),
+        voltage=full(voltage),
+        current=full(np.nan),
+        temperature=full(np.nan),
+        supply=np.full(200, np.nan, np.float32),
+        recordings=('made',),
+        recording=np.zeros(200, np.int32),
+    )
+
+
+def model(**changes):
+    structure = Structure(tuple(Active.of(CATALOGUE[n]) for n in ('shaft', 'copper_loss', 'idle')))
+    coefficients = {
+        'copper_loss': (Value(0.02, (0.019, 0.021)),),
+        'idle': (Value(8.0, (7.9, 8.1)),),
+    }
+    measurement = {
+        'power_gain': Value(0.01, (0.0, 0.02)),
+        'current_offset': Value(0.01, (0, 0.02)),
+    }
+    group = Group(DriveType('KFE', ('*_KFE',)), coefficients, measurement, 0.0, 48.0)
+    return EffectModel('base', structure, (group,), **changes)
+
+
+def write(tmp_path: Path, change=lambda content: None) -> Path:
+    path = tmp_path / 'base.yaml'
+    model().save(path)
+    content = yaml.safe_load(path.read_text())
+    change(content)
+    path.write_text(yaml.safe_dump(content, allow_unicode=True))
+    return path
+
+
+def test_power_is_the_sum_of_the_effects_on_every_drive_of_the_type():
+    power = model().predict(data())
+    assert power[:, :2] == pytest.approx(20.0 + 0.02 * 100.0 + 8.0)
+    assert np.isnan(power[:, 2]).all()
+
+
+def test_as_measured_adds_the_errors_of_that_meter():
+    power = model().predict(data(), as_measured=True)
+    assert power[5, 0] == pytest.approx(30.0 + 0.01 * 20.0 + 0.01 * 48.0)
+
+
+def test_a_model_stands_on_another_one():
+    under = np.full((200, 3), 5.0)
+    power = model(base='torque_abs').predict(data(), base=under)
+    assert power[5, 0] == pytest.approx(35.0)
+
+
+def test_what_is_saved_is_read_back(tmp_path):
+    path = tmp_path / 'base.yaml'
+    first = model(
+        fitted_on=({'name': 'walk', 'sha256': 'ab'},), history=({'step': 'fit', 'n': 1},)
+    )
+    first.save(path)
+    second = EffectModel.load(path)
+    assert second == first
+    assert load_model(str(path)).predict(data())[5, 0] == pytest.approx(30.0)
+
+
+def test_a_model_may_list_effects_only_but_then_says_nothing(tmp_path):
+    path = tmp_path / 'bare.yaml'
+    path.write_text('effects: [shaft, copper_loss]\n')
+    bare = EffectModel.load(path)
+    assert bare.effects == ('shaft', 'copper_loss')
+    with pytest.raises(InputError, match='bare: the model has no coefficients yet'):
+        bare.predict(data())
+
+
+def coefficient(content, **changes):
+    content['drives']['KFE']['coefficients']['copper_loss'][0].update(changes)
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        (lambda c: c['effects'].update(magic=None), "unknown effect 'magic'"),
+        (lambda c: c['effects'].update(power_gain=None), 'error of the measurement'),
+        (lambda c: c.update(effects=[]), 'effects must list'),
+        (lambda c: c.update(effects={'idle': {'colour': 2}}), "no shape 'colour'"),
+        (lambda c: c.update(magic=1), "unknown entry 'magic'"),
+        (lambda c: c.update(format='other/3'), "format is 'other/3'"),
+        (lambda c: c['drives'].update(KFE=3), "'KFE' must be a mapping"),
+        (lambda c: c['drives']['KFE'].pop('coefficients'), 'has no coefficients'),
+        (lambda c: c['drives']['KFE']['coefficients'].pop('idle'), "coefficients of 'idle'"),
+        (
+            lambda c: c['drives']['KFE']['coefficients'].update(spring=[{'value': 1}]),
+            "'spring', which is not active",
+        ),
+        (lambda c: coefficient(c, value=-0.02), 'physics allows 0 … 1'),
+        (lambda c: coefficient(c, value=float('nan')), 'not a number'),
+        (lambda c: coefficient(c, value='much'), "'much' is not a number"),
+        (lambda c: coefficient(c, unit='mW'), "given in 'mW'; it must be in 'W/(N·m)²'"),
+        (lambda c: coefficient(c, interval=[2.0, 1.0]), 'runs backwards'),
+        (lambda c: coefficient(c, interval=[1.0]), 'interval must be two numbers'),
+        (
+            lambda c: c['drives']['KFE']['coefficients'].update(idle=[8.0, 9.0]),
+            'idle has 1 coefficient',
+        ),
+        (lambda c: c['drives']['KFE'].update(patterns='KFE'), 'patterns must be a list'),
+        (lambda c: c['drives']['KFE'].update(voltage=None), 'voltage = None is not a number'),
+        (lambda c: c.update(history='long'), 'history must be a list'),
+    ],
+)
+def test_a_nonsense_model_file_is_refused_with_the_entry(tmp_path, change, words):
+    path = write(tmp_path, change)
+    with pytest.raises(InputError, match=r'base\.yaml') as caught:
+        EffectModel.load(path)
+    assert words in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('text', ['[1, 2]', '{a: [', '\x00', ''])
+def test_a_file_that_is_no_model_is_refused(tmp_path, text):
+    path = tmp_path / 'base.yaml'
+    path.write_text(text)
+    with pytest.raises(InputError, match=r'base\.yaml'):
+        EffectModel.load(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match='cannot be read'):
+        EffectModel.load(tmp_path / 'none.yaml')

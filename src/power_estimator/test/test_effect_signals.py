@@ -1,0 +1,120 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from power_daq.cli import InputError
+from power_daq.recording.aligned import AlignedDataset
+from power_estimator.effect_signals import REDUCED_RATE, Reducer, prepare
+
+RATE = 400.0
+
+
+def dataset(seconds=30.0, *, lag=0.004, seed=0, gap=None):
+    random = np.random.default_rng(seed)
+    time = np.arange(round(seconds * RATE)) / RATE
+    phase = np.array([0.0, 1.0])
+    position = 0.4 * np.sin(2 * np.pi * 1.7 * time[:, None] + phase)
+    velocity = 0.4 * 2 * np.pi * 1.7 * np.cos(2 * np.pi * 1.7 * (time[:, None] - lag) + phase)
+    torque = 10 + 5 * np.sin(2 * np.pi * 0.9 * time[:, None])
+    torque = np.repeat(torque, 2, axis=1)
+    power = torque * velocity + 8 + random.normal(0, 0.5, torque.shape)
+    nothing = np.full(torque.shape, np.nan, np.float32)
+    segment = np.zeros(len(time), np.int32)
+    if gap is not None:
+        segment[round(gap * RATE) :] = 1
+
+    def short(values):
+        return np.asarray(values, np.float32)
+
+    return AlignedDataset(
+        rate=RATE,
+        names=('a_hip', 'b_hip'),
+        time=time + 50.0,
+        segment=segment,
+        position=short(position),
+        velocity=short(velocity),
+        torque=short(torque),
+        command=short(position),
+        power=short(power),
+        voltage=np.full(torque.shape, 48.0, np.float32),
+        current=short(power / 48.0),
+        temperature=nothing,
+        supply=nothing[:, 0],
+        recordings=('made',),
+        recording=np.zeros(len(time), np.int32),
+    )
+
+
+def test_products_pass_unchanged_below_the_cutoff_and_vanish_above():
+    reducer = Reducer(RATE, (slice(0, 4000),))
+    time = np.arange(4000)[:, None] / RATE
+    slow, fast = np.sin(2 * np.pi * 3.0 * time), np.sin(2 * np.pi * 25.0 * time)
+    centres = reducer.centres()
+    assert reducer.reduce(np.ones((4000, 1))) == pytest.approx(1.0)
+    assert reducer.reduce(slow)[:, 0] == pytest.approx(slow[centres, 0], abs=6e-3)
+    assert np.abs(reducer.reduce(fast)).max() < 6e-3
+    assert np.diff(centres).tolist() == [8] * (len(centres) - 1)
+
+
+def test_a_shift_reads_the_signal_later():
+    reducer = Reducer(RATE, (slice(0, 4000),))
+    time = np.arange(4000) / RATE
+    shifted = reducer.reduce(np.sin(2 * np.pi * 4.0 * time)[:, None], 0.0073)
+    expected = np.sin(2 * np.pi * 4.0 * (time[reducer.centres()] + 0.0073))
+    assert shifted[:, 0] == pytest.approx(expected, abs=6e-3)
+
+
+def test_nothing_is_carried_across_a_gap():
+    data = dataset(gap=14.0)
+    prepared = prepare(data)
+    edges = data.time[round(14.0 * RATE)]
+    assert np.abs(prepared.time - edges).min() > 0.2
+    assert len(prepared.reducer.stretches()) == 2
+
+
+@pytest.mark.parametrize('lag', [0.0, 0.004, 0.008])
+def test_the_lag_of_the_velocity_is_found_from_position_and_velocity(lag):
+    prepared = prepare(dataset(lag=lag))
+    assert prepared.lag == pytest.approx([lag, lag], abs=3e-4)
+
+
+def test_power_can_be_read_at_any_delay():
+    prepared = prepare(dataset())
+    at = prepared.power_at(0.0034)
+    between = prepared.reducer.reduce(np.asarray(dataset().power, float), 0.0034)
+    assert at == pytest.approx(between, abs=0.02)
+
+
+def test_the_noise_of_the_meter_is_estimated_after_the_low_pass():
+    prepared = prepare(dataset(seconds=60.0))
+    taps = prepared.reducer._taps(0.0)
+    assert prepared.noise == pytest.approx(0.5 * np.sqrt(np.sum(taps**2)), rel=0.25)
+
+
+def test_degrees_among_radians_are_refused():
+    data = dataset()
+    with pytest.raises(InputError, match=r'a_hip: .*radians'):
+        prepare(replace(data, position=np.rad2deg(data.position)))
+
+
+def test_data_without_electrical_measurement_are_refused():
+    data = dataset()
+    with pytest.raises(InputError, match=r'no drive has electrical data .*made'):
+        prepare(replace(data, power=np.full_like(data.power, np.nan)))
+
+
+def test_a_drive_without_torque_is_named():
+    data = dataset()
+    torque = data.torque.copy()
+    torque[:, 1] = np.nan
+    with pytest.raises(InputError, match='b_hip has no torque'):
+        prepare(replace(data, torque=torque))
+
+
+def test_only_measured_drives_are_prepared():
+    data = dataset()
+    power = data.power.copy()
+    power[:, 0] = np.nan
+    prepared = prepare(replace(data, power=power))
+    assert prepared.names == ('b_hip',)
+    assert prepared.seconds == pytest.approx(len(prepared.time) / REDUCED_RATE)

@@ -1,0 +1,244 @@
+"""Commands end to end on a simulated recording, and on bad input."""
+
+import json
+import shutil
+import textwrap
+
+import numpy as np
+import pytest
+import yaml
+from power_daq.recording.card import Card
+from power_lab.challenge import HIDDEN, SEALED, STRANGERS, Challenge, draw, score, seal, unseal
+from sim_bridge.offline import run_offline
+from sim_bridge.plant import Plant
+
+from power_lab import (
+    add_command,
+    challenge_command,
+    compare_command,
+    diagnose_command,
+    fit_command,
+    to_plant_command,
+)
+
+KNOWN = 'shaft,copper_loss,viscous_friction,coulomb_friction,rotor_inertia,idle'
+
+
+@pytest.fixture(scope='module')
+def base(bag, tmp_path_factory):
+    path = tmp_path_factory.mktemp('models') / 'base.yaml'
+    assert fit_command.main([str(bag), '--effects', KNOWN, '-o', str(path)]) == 0
+    return path
+
+
+def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path, capsys):
+    found, html, motion = (tmp_path / name for name in ('d.json', 'd.html', 'next.yaml'))
+    outputs = ['--json', str(found), '--report', str(html), '--motion', str(motion)]
+    assert diagnose_command.main([str(bag), '--model', str(base), *outputs]) == 0
+    told = json.loads(found.read_text())
+    assert told['verdict'] == 'named'
+    assert told['effects'] == ['load_friction']
+    assert set(told) >= {
+        *('verdict', 'effects', 'measurement', 'candidates', 'leftover', 'next_recording'),
+        'drives',
+    }
+    for term in ('time_offset', 'power_gain', 'current_offset', 'torque_bias', 'velocity_lag'):
+        assert set(told['measurement'][term]) >= {'value', 'interval', 'matters'}
+    assert told['measurement']['velocity_lag']['value'] == pytest.approx(0.004, abs=0.0015)
+    best = told['candidates'][0]
+    assert best['name'] == 'load_friction'
+    assert best['in_confidence_set']
+    assert best['interval'][0] < best['coefficient'] < best['interval'][1]
+    assert best['delta_rmse_w'] > 0.2
+    assert {'r2', 'worst'} <= set(told['leftover'])
+    executed = yaml.safe_load(motion.read_text())
+    assert executed['segments']
+    assert all(segment['seconds'] > 0 for segment in executed['segments'])
+    assert 'Friction that grows with load is missing' in html.read_text()
+    assert 'active effects' in capsys.readouterr().out
+
+    better, compared = tmp_path / 'better.yaml', tmp_path / 'c.json'
+    arguments = ['load_friction', '--to', str(base), '--bag', str(bag), '-o', str(better)]
+    assert add_command.main(arguments) == 0
+    assert [e['step'] for e in yaml.safe_load(better.read_text())['history']] == ['fit', 'add']
+    models = [str(base), str(better), 'mechanical_power']
+    assert compare_command.main([str(bag), '--models', *models, '--json', str(compared)]) == 0
+    told = {model['name']: model for model in json.loads(compared.read_text())['models']}
+    assert set(told) == {'base', 'better', 'mechanical_power'}
+    errors = [told[name]['drives']['LF_KFE']['rmse_w'] for name in told]
+    assert errors[1] < 0.7 * errors[0] < errors[2]
+    assert told['better']['effects'][-1] == 'load_friction'
+    assert set(told['base']['drives']['LF_KFE']) >= {'r2', 'rmse_w', 'bias_w'}
+    assert told['base']['regimes'][0]['text']
+
+    plant = tmp_path / 'plant.yaml'
+    assert to_plant_command.main([str(better), '-o', str(plant)]) == 0
+    effects = dict(Plant.load(plant).effects)
+    assert effects['load_friction'].scale == pytest.approx(2.5, rel=0.4)
+    assert effects['stribeck_friction'].scale == 0.0
+
+
+def test_a_users_own_effect_is_fitted_and_kept_by_name(bag, tmp_path):
+    mine, path = tmp_path / 'mine.py', tmp_path / 'own.yaml'
+    mine.write_text(
+        textwrap.dedent(
+            """
+            import numpy as np
+            from power_estimator.effects import Effect, Term
+
+            class Cable(Effect):
+                name = 'cable_drag'
+                physics = 'the cable pulls at large angles'
+                formula = 'c·|q|·|w|'
+                terms = (Term('c', 'N·m/rad', 0.0, 50.0),)
+
+                def regressors(self, signals, **shape):
+                    return np.abs(signals.position * signals.velocity)[..., None]
+            """
+        )
+    )
+    own = ['--effects-path', str(mine)]
+    effects = ['--effects', f'{KNOWN},cable_drag', '-o', str(path)]
+    assert fit_command.main([str(bag), *effects, *own]) == 0
+    assert compare_command.main([str(bag), '--models', str(path), *own]) == 0
+    assert compare_command.main([str(bag), '--models', str(path)]) == 2
+
+
+def fails(capsys, command, arguments):
+    assert command.main([str(argument) for argument in arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert 'Traceback' not in error
+    assert error.count('\n') == 0
+    return error
+
+
+@pytest.mark.parametrize(
+    ('effects', 'words'),
+    [
+        ('shaft,magic', "unknown effect 'magic'"),
+        ('shaft,shaft', 'names an effect twice'),
+        ('power_gain', 'error of the measurement'),
+        (',', '--effects is empty'),
+    ],
+)
+def test_fit_refuses_effects_that_make_no_sense(bag, tmp_path, capsys, effects, words):
+    out = tmp_path / 'base.yaml'
+    assert words in fails(capsys, fit_command, [bag, '--effects', effects, '-o', out])
+    assert not out.exists()
+
+
+def test_an_effect_cannot_be_added_twice(bag, base, tmp_path, capsys):
+    arguments = ['idle', '--to', base, '--bag', bag, '-o', tmp_path / 'b.yaml']
+    assert "'idle' is active in" in fails(capsys, add_command, arguments)
+
+
+def test_missing_recordings_models_and_drives_are_named(bag, base, tmp_path, capsys):
+    nowhere = tmp_path / 'nowhere'
+    assert 'nowhere' in fails(capsys, diagnose_command, [nowhere, '--model', base])
+    gone = [bag, '--model', tmp_path / 'gone.yaml']
+    assert 'gone.yaml' in fails(capsys, diagnose_command, gone)
+    assert 'magic' in fails(capsys, diagnose_command, [bag, '--model', 'magic'])
+    drives = [bag, '--model', base, '--drives', 'RH_KFE']
+    assert 'RH_KFE' in fails(capsys, diagnose_command, drives)
+    twice = [bag, '--models', base, base]
+    assert 'twice' in fails(capsys, compare_command, twice)
+    ending = [bag, '--model', base, '--report', tmp_path / 'r.pdf']
+    assert '.html' in fails(capsys, diagnose_command, ending)
+
+
+def test_a_user_effect_that_raises_or_returns_nan_ends_in_one_line(bag, tmp_path, capsys):
+    for body, words in (('1 / 0', 'ZeroDivisionError'), ('signals.torque[..., None] / 0', 'NaN')):
+        mine = tmp_path / 'mine.py'
+        mine.write_text(
+            'from power_estimator.effects import Effect, Term\n'
+            'class Mine(Effect):\n'
+            "    name, physics, formula = 'mine', 'p', 'f'\n"
+            "    terms = (Term('c', 'W'),)\n"
+            '    def regressors(self, signals, **shape):\n'
+            f'        return {body}\n'
+        )
+        arguments = [bag, '--effects', 'shaft,mine', '-o', tmp_path / 'm.yaml']
+        arguments += ['--effects-path', mine]
+        with np.errstate(all='ignore'):
+            assert words in fails(capsys, fit_command, arguments)
+
+
+def test_a_recording_too_short_or_too_still_says_what_is_missing(tmp_path, capsys):
+    short = run_offline(tmp_path / 'short', duration=6.0, seed=1, drives=('LF_KFE',))
+    arguments = [short, '--effects', 'shaft,idle', '-o', tmp_path / 'm.yaml']
+    assert 'record 20 s or more' in fails(capsys, fit_command, arguments)
+    still = run_offline(
+        tmp_path / 'still', duration=25.0, seed=1, controller='stand', drives=('LF_HAA',)
+    )
+    error = fails(capsys, fit_command, [still, *arguments[1:]])
+    assert 'no drive moves' in error
+    assert 'record motion at several speeds' in error
+
+
+def test_a_challenge_is_sealed_and_revealed(tmp_path, capsys):
+    bag = tmp_path / 'riddle'
+    bag.mkdir()
+    challenge = draw(5)
+    seal(challenge, bag)
+    assert challenge.hidden[0] not in (bag / SEALED).read_text()
+    assert unseal(bag) == challenge.content()
+    found = tmp_path / 'd.json'
+    found.write_text(json.dumps({'verdict': 'named', 'effects': list(challenge.hidden)}))
+    assert challenge_command.reveal([str(bag), '--diagnosis', str(found)]) == 0
+    out = capsys.readouterr().out
+    assert 'inverter loss' in out
+    assert 'is right' in out
+
+
+def test_a_damaged_or_missing_seal_is_said(tmp_path, capsys):
+    class Reveal:
+        main = staticmethod(challenge_command.reveal)
+
+    assert 'no challenge' in fails(capsys, Reveal, [tmp_path])
+    (tmp_path / SEALED).write_text('rubbish\n')
+    assert 'damaged' in fails(capsys, Reveal, [tmp_path])
+
+
+def test_seeds_draw_every_kind_of_challenge():
+    drawn = [draw(seed) for seed in range(300)]
+    hidden = {c.hidden[0] for c in drawn if c.hidden}
+    assert hidden == {*HIDDEN, *STRANGERS}
+    assert {c.expected for c in drawn} == {'named', 'none_of_the_above', 'no_evidence'}
+    assert all(not set(c.hidden) & set(c.known) for c in drawn)
+    assert draw(7) == draw(7)
+
+
+def test_a_challenges_plant_has_what_is_known_and_what_is_hidden_and_nothing_else():
+    challenge = Challenge(('stribeck_friction',), 2.0, ('shaft', 'copper_loss', 'idle'), 4)
+    plant = challenge.plant(Plant.load('anymal_c'))
+    on = {name: effect.scale for name, effect in plant.effects if effect.scale > 0}
+    assert on == {'copper_loss': 1.0, 'idle': 1.0, 'rotor_inertia': 1.0, 'stribeck_friction': 2.0}
+    assert plant.unit_number == 4
+
+
+@pytest.mark.parametrize(
+    ('verdict', 'effects', 'expected'),
+    [
+        ('named', ['spring'], 'right'),
+        ('named', ['idle'], 'wrong'),
+        ('named', ['spring', 'idle'], 'wrong'),
+        ('ambiguous', ['spring', 'idle'], 'in the set'),
+        ('ambiguous', ['idle'], 'wrong'),
+        ('no_evidence', [], 'missed'),
+        ('none_of_the_above', [], 'missed'),
+    ],
+)
+def test_a_diagnosis_is_scored_by_the_answer(verdict, effects, expected):
+    answer = {'hidden': ['spring'], 'expected': 'named'}
+    assert score(answer, {'verdict': verdict, 'effects': effects}) == expected
+
+
+def test_the_controller_of_a_card_is_used_where_recordings_differ(bag, base, tmp_path):
+    other = tmp_path / 'other'
+    shutil.copytree(bag, other)
+    card = Card.load(other)
+    Card(**{**card.__dict__, 'controller': 'another'}).save(other)
+    out = tmp_path / 'c.json'
+    models = ['--models', str(base), '--json', str(out)]
+    assert compare_command.main([str(bag), str(other), *models]) == 0
+    assert json.loads(out.read_text())['seconds'] > 80

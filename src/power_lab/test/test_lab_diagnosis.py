@@ -1,0 +1,95 @@
+"""A seeded part of the blind benchmark: truths are circuits, never the lab's formulas."""
+
+import numpy as np
+import pytest
+from power_estimator.effect_design import Active, Structure
+from power_estimator.effect_fit import Fitter, measurement_terms
+from power_estimator.effect_signals import prepare
+from power_estimator.effects import builtin_catalogue
+from power_lab.diagnosis import Diagnoser, above_floor
+from power_lab.verdict import sentence
+from truth_circuit import Faults, Truth, record
+
+CATALOGUE = builtin_catalogue()
+MID = ('copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')
+
+
+def diagnose(hidden, motion='walk', *, base=MID, seed=1, seconds=70.0, faults=None):
+    effects = dict.fromkeys(base, 1.0) | hidden
+    data = record(Truth(effects, motion, seconds, seed, seed + 50, faults or Faults()))
+    known = [name for name in base if name not in hidden]
+    structure = Structure(tuple(Active.of(CATALOGUE[n]) for n in ('shaft', *known)))
+    terms = measurement_terms(CATALOGUE, shaft=True)
+    return Diagnoser(Fitter(prepare(data)), structure.plus(*terms), CATALOGUE).run()
+
+
+@pytest.mark.parametrize('motion', ['walk', 'ladder'])
+def test_nothing_is_named_where_nothing_is_missing(motion):
+    found = diagnose({}, motion)
+    assert found.verdict == 'no_evidence'
+    assert found.effects == ()
+    assert 'No evidence' in sentence(found)
+
+
+@pytest.mark.parametrize(
+    ('hidden', 'motion'),
+    [
+        ('load_friction', 'walk'),
+        ('rotor_inertia', 'walk'),
+        ('spring', 'ladder'),
+        ('regeneration_limit', 'ladder'),
+        ('line_resistance', 'ladder'),
+        ('idle', 'walk'),
+        ('coulomb_friction', 'walk'),
+    ],
+)
+def test_the_hidden_effect_is_named(hidden, motion):
+    found = diagnose({hidden: 1.0}, motion)
+    assert found.verdict == 'named', found.steps
+    assert found.effects == (hidden,)
+    assert found.best.mean_mse.sum() < 0.5 * found.base.mean_mse.sum()
+    assert 'missing from the model' in sentence(found)
+
+
+def test_two_hidden_effects_are_both_named():
+    found = diagnose({'load_friction': 1.0, 'rotor_inertia': 1.0}, 'ladder')
+    assert found.verdict == 'named'
+    assert set(found.effects) == {'load_friction', 'rotor_inertia'}
+
+
+@pytest.mark.parametrize(
+    ('stranger', 'kind'), [('position_rub', 'state'), ('fan', 'slow'), ('cross_talk', 'cross')]
+)
+def test_a_stranger_is_none_of_the_above(stranger, kind):
+    found = diagnose({stranger: 1.0})
+    assert found.verdict == 'none_of_the_above'
+    assert found.effects == ()
+    assert getattr(found.leftover, kind).max() > 0.05
+    assert 'none of the known effects' in sentence(found)
+
+
+@pytest.mark.parametrize(
+    'faults',
+    [
+        Faults(delay=0.012),
+        Faults(gain=0.02, current_offset=0.02),
+        Faults(torque_bias=0.4, velocity_filter=20.0),
+        Faults(offset_drift=0.006, torque_bend=0.015),
+    ],
+)
+def test_a_fault_of_the_measurement_is_not_taken_for_physics(faults):
+    found = diagnose({}, faults=faults)
+    assert found.verdict == 'no_evidence', found.steps
+
+
+def test_the_same_recording_gives_the_same_diagnosis():
+    first, second = (diagnose({'load_friction': 1.0}, seconds=40.0) for _ in range(2))
+    assert first.best.mean_mse.tolist() == second.best.mean_mse.tolist()
+    assert first.in_set == second.in_set
+
+
+def test_the_floor_is_reached_by_all_drives_together_or_by_far_by_one():
+    floor = np.array([0.1, 0.1])
+    assert above_floor(np.array([0.012, 0.012]), floor)
+    assert not above_floor(np.array([0.015, 0.0]), floor)
+    assert above_floor(np.array([0.05, 0.0]), floor)

@@ -1,0 +1,99 @@
+"""The pages in a real browser, without a network."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from power_lab.report import figures
+from power_lab.report.html import Page
+
+BROWSER = next(
+    filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None
+)
+needs_browser = pytest.mark.skipif(BROWSER is None, reason='no Chromium on this machine')
+
+
+def page(tmp_path):
+    made = Page('Named: base')
+    made.add('<p class="kind named">Named</p><h1 id="verdict">Spring is missing.</h1>')
+    time = np.arange(3000) / 50.0
+    measured = 30 + 20 * np.sin(time)
+    residual = {'base': np.cos(time), 'with spring': 0.2 * np.cos(time)}
+    made.tabs(
+        {
+            name: made.figure(figures.traces(time, measured, residual, 0.1), name, size='tall')
+            for name in ('LF_HFE', 'LF_KFE')
+        }
+    )
+    stairs = figures.staircase(['base', '+ spring'], [1.2, 0.4], {'sensor noise': 0.2})
+    made.add(made.figure(stairs, 'staircase'))
+    bars = figures.candidates(['spring', 'idle <b>'], [0.8, 0.1], [True, False])
+    made.add(made.figure(bars, 'candidates'))
+    grid = np.random.default_rng(0).normal(size=(3, 3000))
+    made.add(made.figure(figures.torque_speed_map(*grid, 1.0), 'map'))
+    made.text('5 < 6 & so on')
+    made.table(['a', 'b'], [['x', 1.0]], numbers=(1,), bold=(0,))
+    path = tmp_path / 'page.html'
+    made.write(path)
+    return path
+
+
+def browse(path, tmp_path, *extra):
+    command = [
+        *(BROWSER, '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic'),
+        *('--no-first-run', '--disable-background-networking', '--disable-component-update'),
+        *('--disable-sync', '--enable-logging=stderr', '--virtual-time-budget=15000'),
+        *(f'--user-data-dir={tmp_path / "profile"}', *extra, path.as_uri()),
+    ]
+    return subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
+
+
+def test_the_page_asks_for_nothing_from_outside(tmp_path):
+    text = page(tmp_path).read_text()
+    own = text[: text.index('<script type="application/json"')]
+    assert not re.search(r'(?:src|href)\s*=', own)
+    assert "default-src 'none'" in own
+
+
+def test_what_is_shown_is_escaped_and_the_figures_are_sound_json(tmp_path):
+    text = page(tmp_path).read_text()
+    assert '5 &lt; 6 &amp; so on' in text
+    data = re.search(r'id="figures">(.*?)</script>', text, re.DOTALL).group(1)
+    content = json.loads(data.replace('<\\/', '</'))
+    assert len(content['figures']) == 5
+    assert set(content['colors'].values()) >= {'measured', 'base', 'better'}
+
+
+def test_a_stretch_is_chosen_where_the_error_is_largest():
+    residual = np.zeros(5000)
+    residual[3000:3100] = 5.0
+    part = figures.worst_stretch(residual)
+    assert part.start <= 3000
+    assert part.stop >= 3100
+
+
+def test_an_error_without_variation_is_not_drawn():
+    assert figures.error_over('position', np.zeros(500), {'base': np.ones(500)}) is None
+
+
+@needs_browser
+def test_a_browser_draws_every_visible_figure_without_a_complaint(tmp_path):
+    found = browse(page(tmp_path), tmp_path, '--dump-dom')
+    assert 'CONSOLE' not in found.stderr, found.stderr
+    assert 'data-ready="yes"' in found.stdout
+    assert found.stdout.count('class="main-svg"') >= 8
+    assert 'Spring is missing.' in found.stdout
+    assert '1.20 W' in found.stdout
+    assert 'sensor noise 0.20 W' in found.stdout
+
+
+@needs_browser
+def test_light_and_dark_are_drawn_in_their_own_colours(tmp_path):
+    path = page(tmp_path)
+    light = browse(path, tmp_path, '--dump-dom').stdout
+    dark = browse(path, tmp_path, '--dump-dom', '--blink-settings=preferredColorScheme=0').stdout
+    assert 'rgb(27, 31, 36)' in light
+    assert light.count('rgb(27, 31, 36)') > dark.count('rgb(27, 31, 36)')
