@@ -12,12 +12,22 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'torch', 'safetensors', 'pyyaml', 'matplotlib', 'rich'],
+    install_requires=[
+        'setuptools',
+        'numpy',
+        'scipy',
+        'torch',
+        'safetensors',
+        'pyyaml',
+        'matplotlib',
+        'rich',
+    ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='wattwalk maintainers',
     maintainer_email='wattwalk@example.org',
-    description='Power models of joint drives: the Power Prediction Network, proxies, models of named effects, and the live estimate.',
+    description='Power models of joint drives: the Power Prediction Network, proxies, models of '
+    'named effects, and the live estimate.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
