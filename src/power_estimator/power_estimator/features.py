@@ -61,12 +61,18 @@ class Scaling:
             raise InputError(f'scaling {numbers} has a scale that is not positive')
 
     @classmethod
-    def of(cls, values: Floats, power: Floats) -> 'Scaling':
-        """Of features [N, 3] and power [N] without NaN; InputError if one of them is constant."""
+    def of(cls, values: Floats, power: Floats, mirror: bool = False) -> 'Scaling':
+        """
+        Of features [N, 3] and power [N] without NaN; InputError if one of them is constant.
+
+        With `mirror` the mean is 0, so that a motion and its mirror image differ in sign alone.
+        """
         mean, scale = values.mean(axis=0, dtype=float), values.std(axis=0, dtype=float)
         constant = [name for name, s in zip(FEATURES, scale, strict=True) if s < 1e-6]
         if constant or power.std() < 1e-6:
             raise InputError(f'{(*constant, "power")[0]} is constant: nothing to learn from')
+        if mirror:
+            mean, scale = np.zeros(3), np.hypot(mean, scale)
         a, b, c = (float(np.float32(x)) for x in mean)
         d, e, f = (float(np.float32(x)) for x in scale)
         return cls((a, b, c), (d, e, f), float(power.mean(dtype=float)), float(power.std()))

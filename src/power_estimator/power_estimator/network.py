@@ -28,6 +28,7 @@ class TrainingConfig:
     learning_rate: float = 5e-3
     final_learning_rate: float = 1e-4
     reset_probability: float = 0.05  # per sequence and chunk
+    mirror: bool = True  # a drive that turns the other way under the opposite load draws the same
     patience: int = 8  # epochs without a better validation
     gradient_norm: float = 1.0
     seed: int = 0
@@ -145,7 +146,9 @@ class Trainer:
         self.config = config
         self._warm_up = warm_up
         self._block = block
-        self.scaling = Scaling.of(training.features.reshape(-1, len(FEATURES)), training.power)
+        self.scaling = Scaling.of(
+            training.features.reshape(-1, len(FEATURES)), training.power, config.mirror
+        )
         self._training = training
         self._x, self._y = self._scaled(training)
         self._validation = validation
@@ -251,21 +254,28 @@ class Trainer:
 
     def _chunks(
         self, number: int, rng: np.random.Generator
-    ) -> Iterator[tuple[Tensor, Tensor, Tensor, float]]:
-        """Views and rows [B], first rows of the sequences' next chunks, and learning rates."""
+    ) -> Iterator[tuple[Tensor, Tensor, Tensor, Tensor, float]]:
+        """Views, signs and first rows [B] of the sequences' next chunks, and learning rates."""
         starts, fresh = plan(self._training.edges, self.config, rng)
         count = len(self._training.features)
         views: NDArray[np.int64] = np.zeros(starts.shape[1], np.int64)
+        signs: Floats = np.ones(starts.shape[1], np.float32)
         for step, (rows, new) in enumerate(zip(starts, fresh, strict=True)):
             views = np.where(new, rng.integers(count, size=len(new)), views)
+            if self.config.mirror:
+                flips = rng.integers(2, size=len(new)).astype(np.float32) * 2 - 1
+                signs = np.where(new, flips, signs)
             done = (number - 1 + step / len(starts)) / self.config.epochs
             low, high = self.config.final_learning_rate, self.config.learning_rate
             rate = low + (high - low) * (1 + math.cos(math.pi * done)) / 2
-            yield torch.from_numpy(views), torch.from_numpy(rows), torch.from_numpy(new), rate
+            view, sign, row, drop = map(torch.from_numpy, (views, signs, rows, new))
+            yield view, sign, row, drop, rate
 
-    def _update(self, views: Tensor, rows: Tensor, fresh: Tensor, rate: float) -> float:
+    def _update(
+        self, views: Tensor, signs: Tensor, rows: Tensor, fresh: Tensor, rate: float
+    ) -> float:
         index = rows + torch.arange(self.config.chunk)[:, None]
-        x, y = self._x[views, index], self._y[index]
+        x, y = self._x[views, index] * signs[:, None], self._y[index]
         state = None
         if self._carried is not None:
             keep = (~fresh)[None, :, None]

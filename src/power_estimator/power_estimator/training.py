@@ -160,6 +160,9 @@ class CrossValidation:
             labels = self.labels(job)
             x, _ = self._pooled(job, labels == Part.TRAIN)
             low, high = x.min(axis=0), x.max(axis=0)
+            if self._training.mirror:
+                high = np.maximum(high, -low)
+                low = -high
             networks.append(
                 Network(
                     job.type,

@@ -8,9 +8,11 @@ from power_estimator.drive_types import infer_types
 from power_estimator.evaluation import table
 from power_estimator.features import features
 from power_estimator.network import Tracks, TrainingConfig, plan
+from power_estimator.ppn import PowerPredictionNetwork
 from power_estimator.protocol import Part, Protocol
 from power_estimator.proxies import PROXIES
 from power_estimator.run_folder import RunFolder
+from power_estimator.scores import r2
 from power_estimator.training import CrossValidation
 
 SMALL = NetworkConfig(hidden=12)
@@ -54,6 +56,40 @@ def test_an_arm_of_three_joints_trains_by_the_same_code(drives, tmp_path):
     scores, _ = validation.test(0, checkpoint)
     assert list(scores['ppn'].drives) == ['joint_1', 'joint_2', 'wrist']
     assert np.isfinite([s.r2 for s in scores['ppn'].drives.values()]).all()
+
+
+def mirrored(data):
+    """The same motion of a drive that is built in the other way round."""
+    return replace(
+        data,
+        position=-data.position,
+        command=-data.command,
+        velocity=-data.velocity,
+        torque=-data.torque,
+    )
+
+
+def test_a_network_trained_on_one_leg_knows_the_legs_that_are_its_mirror_image(drives):
+    data = drives(90.0, ('LF_HAA',))
+    lean = np.float32(25.0)  # the torque of the left leg is mostly positive, as when it stands
+    data = replace(data, torque=data.torque + lean)
+    network, training = NetworkConfig(hidden=24), TrainingConfig(epochs=8, batch=8, chunk=50)
+    found = {}
+    for mirror in (True, False):
+        config = replace(training, mirror=mirror)
+        validation = cross_validation(data, config=network, training=config)
+        (job,) = validation.jobs
+        trainer = validation.trainer(job)
+        while not trainer.done:
+            trainer.epoch()
+        checkpoint = validation.checkpoint(0, {job: trainer})
+        (haa,) = checkpoint.networks
+        assert (haa.low == tuple(-x for x in haa.high)) == mirror
+        model = PowerPredictionNetwork(checkpoint)
+        found[mirror] = [r2(data.power, model.predict(d)) for d in (data, mirrored(data))]
+    assert found[True][0] == pytest.approx(found[True][1], abs=0.1)
+    assert found[True][1] > 0.6
+    assert found[False][1] < found[True][1] - 0.2
 
 
 def train(validation, epochs):
@@ -180,12 +216,12 @@ def test_the_test_part_leaves_no_trace_in_the_network(drives):
 
 
 def test_both_views_of_the_features_are_trained_on(drives):
-    data = drives(40.0, ('LF_HAA',))
-    plain = cross_validation(data).trainer(cross_validation(data).jobs[0])
-    both = cross_validation(data, others=[features(data) + 1]).trainer(
-        cross_validation(data).jobs[0]
-    )
-    assert both.scaling.mean[0] == pytest.approx(plain.scaling.mean[0] + 0.5, abs=1e-4)
+    data, training = drives(40.0, ('LF_HAA',)), replace(QUICK, mirror=False)
+    plain = cross_validation(data, training=training)
+    both = cross_validation(data, training=training, others=[features(data) + 1])
+    (job,) = plain.jobs
+    means = [validation.trainer(job).scaling.mean[0] for validation in (plain, both)]
+    assert means[1] == pytest.approx(means[0] + 0.5, abs=1e-4)
 
 
 def test_drives_that_were_not_measured_are_not_trained_on(drives):
