@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+import yaml
 from power_daq.recording.topics import TYPES
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -61,6 +62,12 @@ def test_the_panels_of_the_foxglove_layout_are_all_placed():
         return leaves(part['first']) | leaves(part['second'])
 
     assert leaves(layout['layout']) == set(layout['configById'])
+
+
+def test_rosbag2_is_given_a_queue_of_a_second_for_each_topic_with_a_rate():
+    profiles = yaml.safe_load((DOCS / 'rosbag2_qos.yaml').read_text())
+    assert {name.lstrip('/') for name in profiles} == set(TYPES) - {'diagnostics', 'cmd_vel'}
+    assert all(profile['depth'] >= 1000 for profile in profiles.values())
 
 
 def test_the_security_policy_lets_each_node_do_what_it_does():
