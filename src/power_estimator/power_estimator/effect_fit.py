@@ -18,6 +18,7 @@ _BOOTSTRAPS = 200
 _BOOTSTRAP_BLOCK = 5  # blocks drawn together
 _FINE_STEP = 0.00025  # s
 _REWEIGHTINGS = 2
+_NEAR = 3  # delays on either side of a known one
 
 
 @dataclass(frozen=True)
@@ -138,16 +139,17 @@ class Fitter:
         coefficients = carried(structure, start, len(self.prepared.names))
         weights = np.ones(self.blocks.valid.shape) if start is None else start.weights
         current: Fit | None = None
+        near = None if start is None else start.delay
         for _ in range(max(1, iterations)):
             design = self.builder.build(structure, coefficients)
-            current = self._fit_design(design, weights, delay)
+            chosen = self._best_delay(design, weights, near) if delay is None else delay
+            current = self._fit_design(design, weights, chosen)
+            near = current.delay
             coefficients, weights = current.coefficients, current.weights
         assert current is not None
         return current
 
-    def _fit_design(self, design: Design, weights: Floats, delay: float | None) -> Fit:
-        if delay is None:
-            delay = self._best_delay(design, weights)
+    def _fit_design(self, design: Design, weights: Floats, delay: float) -> Fit:
         target = self.prepared.power_at(delay) - design.constant
         normal = Normal.of(design.columns, target, self.blocks)
         for _ in range(_REWEIGHTINGS):
@@ -183,39 +185,59 @@ class Fitter:
             )[:, None]
         return out if drawn is not None else out[0]
 
-    def _best_delay(self, design: Design, weights: Floats) -> float:
-        prepared, blocks = self.prepared, self.blocks
-        rows = blocks.rows
-        keep = blocks.valid
-        m = design.columns.shape[2]
-        count = len(prepared.names)
-        shifts = len(prepared.shifts)
-        gram = np.zeros((count, m, m))
-        moment = np.zeros((shifts, count, m))
-        # the error at shifts between two neighbours needs their product as well
-        square, next_ = np.zeros((shifts, count)), np.zeros((shifts, count))
-        for drive in range(count):
-            used = rows[keep[:, drive]].ravel()
-            root = np.sqrt(np.repeat(weights[keep[:, drive], drive], blocks.length))
-            x = design.columns[used, drive] * root[:, None]
-            y = prepared.power[:, used, drive].astype(np.float64) - design.constant[used, drive]
-            y *= root
-            gram[drive] = x.T @ x
-            moment[:, drive] = y @ x
-            square[:, drive] = np.einsum('sn,sn->s', y, y)
-            next_[:-1, drive] = np.einsum('sn,sn->s', y[:-1], y[1:])
-        step = prepared.shifts[1] - prepared.shifts[0]
+    def _best_delay(self, design: Design, weights: Floats, near: float | None) -> float:
+        """The delay with the least error, sought near a known one first."""
+        shifts = self.prepared.shifts
+        step = float(shifts[1] - shifts[0])
+        low, high = 0, len(shifts)
+        if near is not None:
+            middle = round((near - float(shifts[0])) / step)
+            low = int(np.clip(middle - _NEAR, 0, len(shifts) - 2 * _NEAR - 1))
+            high = low + 2 * _NEAR + 1
+        gram, moment, square, next_ = self._moments(design, weights, slice(low, high))
         coarse = self._profile(design, gram, moment, square)
-        best = int(np.clip(np.argmin(coarse), 1, shifts - 2))
+        best = int(np.argmin(coarse))
+        inner = (best > 0 or low == 0) and (best < len(coarse) - 1 or high == len(shifts))
+        if not inner:
+            return self._best_delay(design, weights, None)
+        best = int(np.clip(best, 1, len(coarse) - 2))
         places = np.linspace(best - 1, best + 1, 2 * round(step / _FINE_STEP) + 1)
-        left = np.minimum(places.astype(int), shifts - 2)
+        left = np.minimum(places.astype(int), len(coarse) - 2)
         w = (places - left)[:, None]
         fine_moment = (1 - w)[..., None] * moment[left] + w[..., None] * moment[left + 1]
         fine_square = (
             (1 - w) ** 2 * square[left] + w**2 * square[left + 1] + 2 * w * (1 - w) * next_[left]
         )
         fine = self._profile(design, gram, fine_moment, fine_square)
-        return float(prepared.shifts[0] + step * places[int(np.argmin(fine))])
+        return float(shifts[low] + step * places[int(np.argmin(fine))])
+
+    def _moments(
+        self, design: Design, weights: Floats, window: slice
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """
+        Weighted normal equations at the delays of a window.
+
+        gram [D, m, m], moment [S, D, m], squared target [S, D] and its product with the target at
+        the next delay, which the error between two delays needs.
+        """
+        prepared, blocks = self.prepared, self.blocks
+        m, count = design.columns.shape[2], len(prepared.names)
+        shifts = len(prepared.shifts[window])
+        gram = np.zeros((count, m, m))
+        moment = np.zeros((shifts, count, m))
+        square, next_ = np.zeros((shifts, count)), np.zeros((shifts, count))
+        for drive in range(count):
+            keep = blocks.valid[:, drive]
+            used = blocks.rows[keep].ravel()
+            root = np.sqrt(np.repeat(weights[keep, drive], blocks.length))
+            x = design.columns[used, drive] * root[:, None]
+            y = prepared.power[window, used, drive].astype(np.float64)
+            y = (y - design.constant[used, drive]) * root
+            gram[drive] = x.T @ x
+            moment[:, drive] = y @ x
+            square[:, drive] = np.einsum('sn,sn->s', y, y)
+            next_[:-1, drive] = np.einsum('sn,sn->s', y[:-1], y[1:])
+        return gram, moment, square, next_
 
     def _profile(self, design: Design, gram: Floats, moment: Floats, square: Floats) -> Floats:
         prior = design.structure.priors()

@@ -23,12 +23,13 @@ NAME_FLOOR, NAME_SHARE_OF_RMS = 0.1, 0.0015
 """W, and share of the rms power: an effect that explains less is not worth a name."""
 STRANGER_FLOOR, STRANGER_SHARE_OF_RMS = 0.15, 0.004
 """The same for structure that no effect explains; formulas are not more accurate than this."""
-NEXT_SHARE = 0.15
-"""A further effect must explain this share of what the first one does."""
+NEXT_SHARE = 0.008
+"""A further effect must explain this share, in watts, of what the others do."""
 NAMED_SHARE = 0.8
 """Named effects must explain this share of all that can be explained."""
 MOST_EFFECTS = 3
-_FINALISTS = 6
+_FINALISTS, _EXTRAS, _SWAPS = 6, 3, 2
+_MOST_RIVALS = 3  # that a further effect may have
 _EVENT = 20.0  # times the median squared error
 _EVENT_SHARE = 0.05
 
@@ -104,16 +105,14 @@ class Diagnoser:
             bank = Bank(self.fitter, self.examiner.folds, none.fit, self.candidates)
             found = best_shapes(bank)
         singles = self._singles(none, bank, found)
-        chosen: tuple[str, ...] = ()
-        best, steps, ladder = none, [], [none]
-        while len(chosen) < min(MOST_EFFECTS, len(found)):
-            step, better = self._next(none, best, chosen, bank, found)
+        ladder, steps = [none], []
+        while len(ladder) <= min(MOST_EFFECTS, len(found)):
+            step, better = self._next(none, ladder[-1], bank, found)
             steps.append(step)
             if better is None:
                 break
-            chosen, best = better.names, better
             ladder.append(better)
-        return self._judge(ladder, chosen, singles, steps)
+        return self._judge(ladder, singles, steps)
 
     def _base(self) -> Evidence:
         """The base alone, its shapes chosen, bent as real drives are."""
@@ -141,43 +140,22 @@ class Diagnoser:
         out = []
         for rank, screened in enumerate(order):
             active = screened.actives[0]
-            evidence = self._full(none.fit, (active,), 2 if rank < _FINALISTS else 1)
+            evidence = self._full(none.fit, (active,), 3 if rank < _FINALISTS else 1)
             out.append(Candidate(active.name, active, evidence, none.mean_mse - evidence.mean_mse))
         return tuple(sorted(out, key=lambda c: float(c.evidence.loss.mean())))
 
-    def _full(self, start: Fit, actives: Sequence[Active], iterations: int = 2) -> Evidence:
+    def _full(self, start: Fit, actives: Sequence[Active], iterations: int = 3) -> Evidence:
         structure = self.base.plus(*actives)
         fit = self.fitter.fit(structure.bent(), start, iterations=iterations)
-        fit = self.fitter.fit(structure.bent(), fit, iterations=1)
         return self.examiner.examine(fit, [active.name for active in actives])
 
     def _next(
-        self,
-        none: Evidence,
-        best: Evidence,
-        chosen: tuple[str, ...],
-        bank: Bank,
-        found: dict[str, Screened],
+        self, none: Evidence, best: Evidence, bank: Bank, found: dict[str, Screened]
     ) -> tuple[Step, Evidence | None]:
         """The best set with one effect more, if it is worth it."""
-        size = len(chosen) + 1
-        names = list(found)
-        if size <= 2:
-            subsets = list(itertools.combinations(names, size))
-        else:
-            subsets = [
-                tuple(sorted((*kept, extra), key=names.index))
-                for kept in (*itertools.combinations(chosen, size - 2), chosen)
-                for extra in names
-                if extra not in kept and len(kept) == size - 1
-            ]
-        screened = sorted(
-            (bank.screen([found[name].actives[0] for name in subset]) for subset in subsets),
-            key=lambda s: s.loss,
-        )
-        finalists = [
-            self._full(none.fit, s.actives, 2) for s in screened[: _FINALISTS if size == 1 else 4]
-        ]
+        chosen = best.names
+        sets = self._rivals(best, bank, found)
+        finalists = [self._full(best.fit if chosen else none.fit, actives) for actives in sets]
         finalists = [e for e in finalists if not _negligible(e)] or finalists[:1]
         finalists.sort(key=lambda e: float(e.loss.mean()))
         losses = [best.loss, *(e.loss for e in finalists)]
@@ -187,6 +165,7 @@ class Diagnoser:
         worth = above_floor(gain, self.floor) and not _negligible(finalists[0])
         if chosen:
             worth = worth and gain.sum() >= NEXT_SHARE**2 * first.sum()
+            worth = worth and sum(i > 0 for i in members) <= _MOST_RIVALS
         step = Step(
             chosen,
             tuple(finalists[i - 1].names for i in members if i > 0),
@@ -198,17 +177,38 @@ class Diagnoser:
             return step, None
         return step, finalists[0]
 
+    def _rivals(
+        self, best: Evidence, bank: Bank, found: dict[str, Screened]
+    ) -> list[tuple[Active, ...]]:
+        """Sets of one effect more that come into question, by screening."""
+        if not best.names:
+            order = sorted(found.values(), key=lambda screened: screened.loss)
+            return [screened.actives for screened in order[:_FINALISTS]]
+        own = tuple(a for a in best.fit.structure.actives if a.name in best.names)
+        others = [active for active in self.candidates if active.name not in best.names]
+        beside = Bank(self.fitter, self.examiner.folds, best.fit, others)
+        extras = sorted(best_shapes(beside).values(), key=lambda screened: screened.loss)
+        sets = [(*own, *screened.actives) for screened in extras[:_EXTRAS]]
+        names, size = list(found), len(own) + 1
+        swaps = [
+            subset
+            for subset in itertools.combinations(names, size)
+            if len(set(subset) - set(best.names)) == 2
+        ]
+        screened = [bank.screen([found[name].actives[0] for name in subset]) for subset in swaps]
+        screened.sort(key=lambda one: one.loss)
+        return sets + [one.actives for one in screened[:_SWAPS]]
+
     def _judge(
-        self,
-        ladder: list[Evidence],
-        chosen: tuple[str, ...],
-        singles: tuple[Candidate, ...],
-        steps: list[Step],
+        self, ladder: list[Evidence], singles: tuple[Candidate, ...], steps: list[Step]
     ) -> Diagnosis:
-        none, best = ladder[0], ladder[-1]
-        prepared, blocks = self.fitter.prepared, self.fitter.blocks
-        residual = self.examiner.residual(best)
-        leftover = examine_leftover(residual, prepared, blocks, self.examiner.folds, self.seed)
+        ladder = list(ladder)
+        none = ladder[0]
+        leftover = self._leftover(ladder[-1])
+        while len(ladder) > 2 and not self._earned(ladder[-2], ladder[-1], leftover):
+            ladder.pop()
+            leftover = self._leftover(ladder[-1])
+        best, chosen = ladder[-1], ladder[-1].names
         explained = np.maximum(none.mean_mse - best.mean_mse, 0.0)
         explainable = explained + leftover.explained
         share = float(explained.sum() / max(explainable.sum(), 1e-12))
@@ -243,6 +243,19 @@ class Diagnoser:
             share=share,
             steps=tuple(steps),
         )
+
+    def _leftover(self, evidence: Evidence) -> Leftover:
+        residual = self.examiner.residual(evidence)
+        fitter = self.fitter
+        return examine_leftover(
+            residual, fitter.prepared, fitter.blocks, self.examiner.folds, self.seed
+        )
+
+    @staticmethod
+    def _earned(before: Evidence, after: Evidence, leftover: Leftover) -> bool:
+        """Whether the last effect explains most of what was still to be explained."""
+        gain = float(np.maximum(before.mean_mse - after.mean_mse, 0.0).sum())
+        return gain >= NAMED_SHARE * (gain + float(leftover.explained.sum()))
 
 
 def floors(fitter: Fitter, least: float, share: float) -> Floats:
