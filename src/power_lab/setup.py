@@ -45,6 +45,7 @@ setup(
             'add = power_lab.add_command:main',
             'challenge = power_lab.challenge_command:main',
             'reveal = power_lab.challenge_command:reveal',
+            'execute = power_lab.execute_command:main',
             'to_plant = power_lab.to_plant_command:main',
         ],
     },

@@ -1,5 +1,6 @@
 """Which recording would settle a diagnosis, as a file that a bench or a robot can execute."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from power_estimator.effects import Catalogue, Excitation
 
 FORMAT = 'motion/1'
 _LONGEST = 1800.0  # s
+_RANGE = 6.0  # rad, that a joint turns one way
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,9 @@ def separating_motion(
         excitation = catalogue[name].excitation
         texts.append(f'{name}: {excitation.text}')
         supply.update(excitation.supply)
-        for segment in _segments(excitation):
-            if segment not in segments:
-                segments.append(segment)
+        new = _segments(excitation)
+        if not all(segment in segments for segment in new):
+            segments += new
     segments = _within(segments)
     whole = reason + '; ' + '; '.join(dict.fromkeys(texts)) if texts else reason
     return Motion(whole, tuple(drives), tuple(segments), tuple(sorted(supply)))
@@ -93,11 +95,24 @@ def _segments(excitation: Excitation) -> list[Mapping[str, Any]]:
             for speed in excitation.speeds
             for load in excitation.loads
         ]
+    sizes = sorted({abs(speed) for speed in excitation.speeds})
     return [
-        {'mode': 'velocity', 'speed': speed, 'load': load, 'seconds': excitation.seconds}
+        segment
         for load in excitation.loads
-        for speed in excitation.speeds
+        for size in sizes
+        for segment in _passes(size, load, excitation.seconds)
     ]
+
+
+def _passes(speed: float, load: float, seconds: float) -> list[dict[str, Any]]:
+    """There and back at one speed, as often as the joint's range asks for."""
+    if speed == 0.0:
+        return [{'mode': 'velocity', 'speed': 0.0, 'load': load, 'seconds': seconds}]
+    count = max(1, math.ceil(seconds * speed / _RANGE))
+    each = round(seconds / count, 2)
+    there = {'mode': 'velocity', 'speed': speed, 'load': load, 'seconds': each}
+    back = {**there, 'speed': -speed}
+    return [dict(part) for _ in range(count) for part in (there, back)]
 
 
 def _within(segments: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from power_daq.recording.card import Card
 from power_lab.challenge import HIDDEN, SEALED, STRANGERS, Challenge, draw, score, seal, unseal
+from power_lab.recordings import load
 from sim_bridge.offline import run_offline
 from sim_bridge.plant import Plant
 
@@ -17,6 +18,7 @@ from power_lab import (
     challenge_command,
     compare_command,
     diagnose_command,
+    execute_command,
     fit_command,
     to_plant_command,
 )
@@ -242,3 +244,50 @@ def test_the_controller_of_a_card_is_used_where_recordings_differ(bag, base, tmp
     models = ['--models', str(base), '--json', str(out)]
     assert compare_command.main([str(bag), str(other), *models]) == 0
     assert json.loads(out.read_text())['seconds'] > 80
+
+
+MOTION = """
+format: motion/1
+drives: [LF_KFE]
+segments:
+- {mode: rest, seconds: 3}
+- {mode: velocity, speed: 2.0, load: 10.0, seconds: 3}
+- {mode: velocity, speed: -2.0, load: 10.0, seconds: 3}
+- {mode: torque, torque: 10.0, speed: 0.0, seconds: 5}
+- {mode: torque, low: -8.0, high: 8.0, frequency: 1.0, seconds: 5}
+- {mode: position, frequency: 2.0, amplitude: 0.3, load: 0.0, seconds: 5}
+"""
+
+
+def test_the_recording_that_was_asked_for_is_executed_on_the_bench(tmp_path):
+    file, bag = tmp_path / 'next.yaml', tmp_path / 'next'
+    file.write_text(MOTION)
+    assert execute_command.main([str(file), '-o', str(bag)]) == 0
+    data = load([bag]).data
+    since = data.time - data.time[0]
+    assert data.names == ('LF_KFE',)
+    assert since[-1] == pytest.approx(24.0, abs=1.0)
+    fast = data.velocity[(since > 3.7) & (since < 5.3)]
+    assert fast.mean() == pytest.approx(2.0, abs=0.4)
+    held = data.torque[(since > 11.5) & (since < 13.5)]
+    assert held.mean() == pytest.approx(10.0, rel=0.25)
+    swing = data.velocity[since > 20.0]
+    assert np.abs(swing).max() > 1.5
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        (('format: motion/1', 'format: song/1'), 'no motion'),
+        (('mode: rest', 'mode: dance'), 'mode must be one of'),
+        (('seconds: 3', 'seconds: -3'), 'seconds must lie above 0'),
+        (('speed: 2.0', 'speed: fast'), "speed = 'fast' is not a number"),
+        (('speed: 2.0', 'spin: 2.0'), 'spin = 2.0 is not a number that a segment has'),
+        (('segments:', 'parts:'), 'needs segments'),
+        (('LF_KFE', 'LF_TAIL'), "no drive 'LF_TAIL'"),
+    ],
+)
+def test_a_motion_that_makes_no_sense_is_refused(tmp_path, capsys, change, words):
+    file = tmp_path / 'next.yaml'
+    file.write_text(MOTION.replace(*change))
+    assert words in fails(capsys, execute_command, [file, '-o', tmp_path / 'bag'])
