@@ -34,6 +34,7 @@ UNITS = {
     'offset_drift': 'A/min',
 }
 _DRAWS = 40
+_UNKNOWN_OFFSET = np.array([-0.03, 0.03])  # A, where the idle draw takes up any offset
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,11 @@ def check_measurement(
         size = np.sqrt(np.nanmean(np.square(fit.design.columns[..., columns[0]]), axis=0))
         if name == 'velocity_lag':
             values, bounds = values + prepared.lag, bounds + prepared.lag[:, None]
-        if name == 'current_offset' and other_recording:
-            values, bounds = _against_idle(model, fit, prepared, values, bounds)
+        if name == 'current_offset' and fit.structure.columns_of('idle'):
+            if other_recording:
+                values, bounds = _against_idle(model, fit, prepared, values, bounds)
+            else:
+                bounds = bounds + _UNKNOWN_OFFSET
         found[name] = _term(name, prepared, values, bounds, np.abs(values) * size, diagnosis.floor)
     return found
 

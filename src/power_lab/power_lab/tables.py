@@ -3,12 +3,13 @@
 from typing import Any
 
 from power_estimator.effect_model import EffectModel
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from power_lab.judge import Outcome
-from power_lab.verdict import plain
 
+_SHOWN = 8
 _VERDICT_STYLE = {
     'named': 'bold green',
     'ambiguous': 'bold yellow',
@@ -22,7 +23,7 @@ def print_model(console: Console, model: EffectModel) -> None:
     console.print(f'active effects: {", ".join(model.effects)}')
     if model.base:
         console.print(f'on top of {model.base}')
-    table = Table(title=f'{model.name}: coefficients with 95 % intervals')
+    table = _table(f'{model.name}: coefficients with 95 % intervals')
     table.add_column('effect')
     table.add_column('unit')
     for group in model.groups:
@@ -33,7 +34,7 @@ def print_model(console: Console, model: EffectModel) -> None:
             for group in model.groups:
                 value = group.coefficients[active.name][index]
                 low, high = value.interval
-                cells.append(f'{value.value:.4g} ({low:.4g} … {high:.4g})')
+                cells.append(f'{value.value:.3g}\n({low:.3g} … {high:.3g})')
             shape = ', '.join(f'{k} {v:g}' for k, v in active.shape)
             label = f'{active.name} {term.symbol}' + (f' [{shape}]' if shape else '')
             table.add_row(label, term.unit, *cells)
@@ -42,7 +43,7 @@ def print_model(console: Console, model: EffectModel) -> None:
 
 def print_comparison(console: Console, content: dict[str, Any]) -> None:
     """Errors by model and drive, and where they are worst."""
-    table = Table(title=f'held-out errors over {content["seconds"]:.0f} s')
+    table = _table(f'held-out errors over {content["seconds"]:.0f} s')
     for column in ('model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'of J'):
         table.add_column(column, justify='left' if column in ('model', 'drive') else 'right')
     for model in content['models']:
@@ -62,6 +63,8 @@ def print_comparison(console: Console, content: dict[str, Any]) -> None:
     for model in content['models']:
         if model['effects']:
             console.print(f'{model["name"]}: active effects {", ".join(model["effects"])}')
+        if model['regimes']:
+            console.print(f'{model["name"]} fails most at')
         for regime in model['regimes'][:3]:
             console.print(f'  {regime["text"]} ({regime["seconds"]:.0f} s)')
 
@@ -72,39 +75,44 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
     style = _VERDICT_STYLE[content['verdict']]
     console.print(f'[{style}]{content["verdict"]}[/]: {content["sentence"]}')
     console.print(f'active effects: {", ".join(content["active"]) or "none"}')
-    table = Table(title='candidates, best first')
-    for column in ('effect', 'error falls by W', 'R² gains', 'coefficient', '95 % interval', 'of'):
-        table.add_column(column, justify='left' if column in ('effect', 'of') else 'right')
-    table.add_column('may be it', justify='center')
-    for row in content['candidates']:
+    table = _table('candidates: by how much the held-out error falls with each')
+    for column in ('effect', 'W', 'coefficient', '95 % interval', 'may be it'):
+        table.add_column(column, justify='right' if column == 'W' else 'left')
+    for row in content['candidates'][:_SHOWN]:
         low, high = row['interval']
         table.add_row(
-            plain(row['name']),
+            row['name'],
             f'{row["delta_rmse_w"]:.3f}',
-            f'{row["delta_r2"]:.5f}',
-            f'{row["symbol"]} = {row["coefficient"]:.4g} {row["unit"]}',
-            f'{low:.4g} … {high:.4g}',
-            row['drive'],
+            f'{row["symbol"]} = {row["coefficient"]:.3g} {_unit(row["unit"])}',
+            f'{low:.3g} … {high:.3g} ({row["drive"]})',
             'yes' if row['in_confidence_set'] else '',
         )
     console.print(table)
-    terms = Table(title='measurement')
-    for column in ('error', 'value', '95 % interval', 'costs W', 'matters'):
-        terms.add_column(column, justify='left' if column == 'error' else 'right')
+    terms = _table('measurement: what its errors would cost')
+    for column in ('error', 'W', 'value', '95 % interval', 'matters'):
+        terms.add_column(column, justify='right' if column == 'W' else 'left')
     for name, term in content['measurement'].items():
         low, high = term['interval']
         terms.add_row(
-            f'{name} ({term["drive"]})',
-            f'{term["value"]:.4g} {term["unit"]}',
-            f'{low:.4g} … {high:.4g}',
+            name,
             f'{term["watts"]:.2f}',
-            'yes' if term['matters'] else 'no',
+            f'{term["value"]:.3g} {_unit(term["unit"])}',
+            f'{low:.3g} … {high:.3g} ({term["drive"]})',
+            'yes' if term['matters'] else '',
         )
     console.print(terms)
-    for regime in (outcome.base_regimes or ())[:3]:
-        console.print(f'where the model failed: {regime.text}')
+    for regime in outcome.base_regimes[:3]:
+        console.print(f'the model fails at {regime.text}')
     motion = outcome.motion
     console.print(f'to record next ({motion.seconds:.0f} s): {motion.reason}')
+
+
+def _table(title: str) -> Table:
+    return Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False)
+
+
+def _unit(unit: str) -> str:
+    return '' if unit == '1' else unit
 
 
 def _number(value: float | None, digits: int) -> str:

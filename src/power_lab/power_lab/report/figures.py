@@ -16,7 +16,7 @@ Figure = dict[str, Any]
 COLORS = {
     name: f'#00000{digit}'
     for digit, name in enumerate(
-        ('measured', 'base', 'better', 'third', 'text', 'faint', 'line', 'grid'), start=1
+        ('measured', 'base', 'better', 'third', 'text', 'faint', 'line', 'grid', 'ground'), start=1
     )
 }
 """Stand-ins that the page replaces by its own colours, light or dark."""
@@ -169,9 +169,14 @@ def staircase(
         figure.add_hline(
             y=level,
             line={'color': COLORS['third'] if dash == 'dash' else COLORS['faint'], 'dash': dash},
-            annotation={'text': f'{name} {level:.2f} W', 'font': {'color': COLORS['faint']}},
+            annotation={
+                'text': f'{name} {level:.2f} W',
+                'font': {'color': COLORS['text']},
+                'bgcolor': COLORS['ground'],
+            },
             annotation_position='top right',
         )
+    figure.update_layout(bargap=0.55)
     top = max([*errors, *lines.values()])
     figure.update_yaxes(title_text='held-out error in W', range=[0.0, 1.18 * top])
     figure.update_xaxes(automargin=True)

@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 
 _HIGHEST = 2.5  # times the highest error, of lines that are drawn
 
+_COLOR_NAMES = ('orange', 'blue', 'green')
+
 KINDS = {
     'named': 'Named',
     'ambiguous': 'Ambiguous',
@@ -148,7 +150,8 @@ def _section_traces(
         faint=True,
     )
     panels = {}
-    for column, name in enumerate(prepared.names):
+    for column in _worst_first(residuals):
+        name = prepared.names[column]
         own = {key: values[:, column] for key, values in residuals.items()}
         figure = figures.traces(prepared.time, measured[:, column], own, float(floors[name]))
         panels[name] = page.figure(figure, f'Power of {name} over time', size='tall')
@@ -168,13 +171,17 @@ def _section_failures(
     if regimes:
         items = ''.join(f'<li>{escape(text)}</li>' for text in regimes)
         page.add(f'<ul class="regimes">{items}</ul>')
+    legend = ', '.join(
+        f'{color}: {name}' for color, name in zip(_COLOR_NAMES, residuals, strict=False)
+    )
     page.text(
         'Mean error (model − measured) over the state of each drive; the map is of '
-        f'{next(iter(residuals))}.',
+        f'{next(iter(residuals))}. Lines and bars: {legend}.',
         faint=True,
     )
     panels = {}
-    for column, name in enumerate(prepared.names):
+    for column in _worst_first(residuals):
+        name = prepared.names[column]
         own = {key: values[:, column] for key, values in residuals.items()}
         first = next(iter(own.values()))
         limit = max(0.2, float(np.nanquantile(np.abs(first), 0.97)))
@@ -230,9 +237,9 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
         [
             [
                 plain(row.name),
-                f'{row.delta_rmse_w:.3f} W',
-                f'{row.symbol} = {row.coefficient:.4g} {row.unit}',
-                f'{row.interval[0]:.4g} … {row.interval[1]:.4g}',
+                f'{row.delta_rmse_w + 0.0:.3f} W'.replace('-0.000', '0.000'),
+                f'{row.symbol} = {row.coefficient:.3g} {row.unit if row.unit != "1" else ""}',
+                f'{row.interval[0]:.3g} … {row.interval[1]:.3g}',
                 row.drive,
                 'yes' if row.in_confidence_set else 'no',
             ]
@@ -320,8 +327,8 @@ def _section_measurement(page: Page, outcome: Outcome) -> None:
         [
             [
                 name.replace('_', ' '),
-                f'{term.value:.4g} {TERM_UNITS[name]}'.replace(' 1', ''),
-                f'{term.interval[0]:.4g} … {term.interval[1]:.4g}',
+                f'{term.value:.3g} {TERM_UNITS[name] if TERM_UNITS[name] != "1" else ""}',
+                f'{term.interval[0]:.3g} … {term.interval[1]:.3g}',
                 f'{term.watts:.2f} W',
                 term.drive,
                 'yes' if term.matters else 'no',
@@ -342,6 +349,12 @@ def _section_reading(page: Page) -> None:
         'more than can be judged at all, and leaves little that a flexible learner still finds.'
         '</p>'
     )
+
+
+def _worst_first(residuals: Mapping[str, Floats]) -> list[int]:
+    """Columns of the drives, the one with the largest error of the first model first."""
+    size = np.nanmean(np.square(next(iter(residuals.values()))), axis=0)
+    return [int(column) for column in np.argsort(-np.nan_to_num(size))]
 
 
 def _error(model: Mapping[str, object]) -> float:
