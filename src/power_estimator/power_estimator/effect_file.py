@@ -119,7 +119,7 @@ def _structure(effects: object, catalogue: Catalogue, where: str) -> Structure:
     for name, shape in effects.items():
         effect = catalogue.get_known(str(name), where)
         if effect.kind != 'physics':
-            raise InputError(f'{where}: {name!r} is an error of the measurement, not an effect')
+            continue
         actives.append(Active.of(effect, _shape(effect, shape, where)))
     return Structure(tuple(actives))
 

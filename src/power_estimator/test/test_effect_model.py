@@ -99,6 +99,12 @@ def test_a_model_may_list_effects_only_but_then_says_nothing(tmp_path):
         bare.predict(data())
 
 
+def test_errors_of_the_measurement_may_be_listed_but_are_in_every_fit_anyway(tmp_path):
+    path = tmp_path / 'bare.yaml'
+    path.write_text('effects: [shaft, power_gain, idle]\n')
+    assert EffectModel.load(path).effects == ('shaft', 'idle')
+
+
 def coefficient(content, **changes):
     content['drives']['KFE']['coefficients']['copper_loss'][0].update(changes)
 
@@ -107,7 +113,6 @@ def coefficient(content, **changes):
     ('change', 'words'),
     [
         (lambda c: c['effects'].update(magic=None), "unknown effect 'magic'"),
-        (lambda c: c['effects'].update(power_gain=None), 'error of the measurement'),
         (lambda c: c.update(effects=[]), 'effects must list'),
         (lambda c: c.update(effects={'idle': {'colour': 2}}), "no shape 'colour'"),
         (lambda c: c.update(magic=1), "unknown entry 'magic'"),

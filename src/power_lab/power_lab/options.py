@@ -62,7 +62,12 @@ def catalogue_of(options: argparse.Namespace) -> Catalogue:
 
 
 def parse_effects(text: Sequence[str], catalogue: Catalogue) -> list[Active]:
-    """`shaft,copper_loss,idle`, also apart; InputError for an unknown or repeated one."""
+    """
+    Names apart or joined by commas: `shaft,copper_loss,idle`.
+
+    Errors of the measurement may be named as well; every fit has them anyway. InputError for an
+    unknown or repeated name.
+    """
     names = [name.strip() for part in text for name in part.split(',') if name.strip()]
     if not names:
         raise InputError('--effects is empty; for example shaft,copper_loss,idle')
@@ -71,11 +76,13 @@ def parse_effects(text: Sequence[str], catalogue: Catalogue) -> list[Active]:
     actives = []
     for name in names:
         effect = catalogue.get_known(name, '--effects')
-        if effect.kind != 'physics':
-            raise InputError(
-                f'--effects: {name!r} is an error of the measurement; every fit has those anyway'
-            )
-        actives.append(Active.of(effect))
+        if effect.kind == 'physics':
+            actives.append(Active.of(effect))
+    if not actives:
+        raise InputError(
+            f'--effects: {", ".join(names)} are errors of the measurement, which every fit has '
+            'anyway; name effects of the drive'
+        )
     return actives
 
 

@@ -119,7 +119,7 @@ def fails(capsys, command, arguments):
     [
         ('shaft,magic', "unknown effect 'magic'"),
         ('shaft,shaft', 'names an effect twice'),
-        ('power_gain', 'error of the measurement'),
+        ('power_gain', 'errors of the measurement'),
         (',', '--effects is empty'),
     ],
 )
