@@ -11,7 +11,7 @@ ROS_STAMP := $(ROS_VENV)/.installed
 ROS_BUILD := $(abspath $(ROS))
 WORKERS ?= 2
 
-.PHONY: setup demo test build-ros test-ros lint bench clean
+.PHONY: setup demo test build-ros test-ros lint bench bench-lab clean
 setup: $(STAMP)
 
 $(STAMP): requirements.txt requirements-dev.txt $(PACKAGES:%=src/%/setup.py) embedded/pyproject.toml
@@ -59,6 +59,9 @@ lint: setup
 
 bench: setup
 	$(BIN)/python bench/run.py
+
+bench-lab: setup
+	$(BIN)/python bench/lab.py
 
 clean:
 	rm -rf $(VENV) $(ROS) .pytest_cache .mypy_cache .ruff_cache runs
