@@ -15,7 +15,6 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -152,9 +151,7 @@ def main() -> int:
     rows = _known(options.out)
     done = {row['key'] for row in rows}
     todo = [scenario for scenario in todo if scenario.key not in done]
-    context = get_context('spawn')
-    pool = ProcessPoolExecutor(options.workers, mp_context=context)
-    with pool, options.out.open('a') as file:
+    with ProcessPoolExecutor(options.workers) as pool, options.out.open('a') as file:
         futures = [pool.submit(judge, scenario) for scenario in todo]
         for future in track(as_completed(futures), 'judging', total=len(futures)):
             row = future.result()
