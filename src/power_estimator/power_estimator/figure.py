@@ -23,6 +23,7 @@ LABELS = {
     'mechanical_power': '|mechanical power|',
     'mechanical_power_positive': 'positive mechanical power',
     'acceleration_squared': 'acceleration²',
+    'plain': 'shaft + copper\nloss + idle',
 }
 _ESTIMATE = {False: '#0072B2', True: '#56B4E9'}  # by dark
 _LIGHT = {'figure.facecolor': '#ffffff', 'axes.facecolor': '#ffffff', 'text.color': '#1a1a1a'}
