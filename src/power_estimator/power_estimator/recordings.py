@@ -29,6 +29,14 @@ class TrainingSet:
     live: Floats  # features of the same samples as the live node forms them [T, D, 3]
     recordings: tuple[TrainingRecording, ...]
 
+    def as_live(self) -> AlignedDataset:
+        """The data with the live node's features in place of the smoothed signals."""
+        error, torque, velocity = np.moveaxis(self.live, 2, 0)
+        position = np.where(np.isfinite(error), 0, np.nan).astype(np.float32)
+        return replace(
+            self.data, position=position, command=error, torque=torque, velocity=velocity
+        )
+
 
 def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingSet:
     """
