@@ -118,7 +118,7 @@ class Bank:
         own = out[self.folds.test]
         bent = np.einsum('bdij,bdj->bdi', gram, own)
         error = square + (own * (bent - 2.0 * moment)).sum(axis=2)
-        mse = np.maximum(error, 0.0) / blocks.length
+        mse = np.maximum(error, 0.0) / blocks.counts
         return np.where(blocks.valid, mse, np.nan)
 
     def _grouped(self, values: Floats, axis: int) -> Floats:
@@ -175,8 +175,8 @@ class Bank:
     @cached_property
     def _gram(self) -> Floats:
         """[B, D, M, M]."""
-        valid = self.fitter.blocks.valid
-        x = self._columns[self._rows].transpose(0, 2, 3, 1) * valid[:, :, None, None]
+        mask = self.fitter.blocks.mask.transpose(0, 2, 1)[:, :, None, :]
+        x = self._columns[self._rows].transpose(0, 2, 3, 1) * mask
         return x @ x.transpose(0, 1, 3, 2)
 
     @cached_property
@@ -184,8 +184,8 @@ class Bank:
         """W [S, B, D, L]."""
         power = self.fitter.prepared.power[:, self._rows].astype(np.float64)
         less = power - self._constant[self._rows]
-        valid = self.fitter.blocks.valid[:, None, :]
-        return np.where(valid, np.nan_to_num(less), 0.0).transpose(0, 1, 3, 2)
+        mask = self.fitter.blocks.mask
+        return np.where(mask, np.nan_to_num(less), 0.0).transpose(0, 1, 3, 2)
 
     @cached_property
     def _moment(self) -> Floats:

@@ -20,6 +20,7 @@ EARLIEST, LATEST, SHIFT_STEP = -0.006, 0.022, 0.001
 """Delays of the power against the joint signals that a fit tries, s."""
 _HALF_WIDTH = 0.2  # s, of the low-pass
 _LAG_LIMIT = 0.02  # s
+_UNRESOLVED, _MOST_UNRESOLVED = 4.0, 1 / 7
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,29 @@ class Prepared:
     def measured(self) -> NDArray[np.bool_]:
         """[N, D] where the power was measured."""
         return np.asarray(np.isfinite(self.power).all(axis=0))
+
+    @cached_property
+    def resolved(self) -> NDArray[np.bool_]:
+        """
+        [N, D] where the joint signals are sampled finely enough to multiply.
+
+        What torque·w does between two samples is of the size of torque·(second difference of w)
+        and w·(second difference of torque); where that is many times its usual size (a foot that
+        lands), their product says little. At most a seventh of the rows are left out.
+        """
+        s = self.signals
+        unseen = np.square(s.torque * self._bend(s.velocity))
+        unseen += np.square(s.velocity * self._bend(s.torque))
+        size = np.maximum(self.reduced(unseen), 0.0)
+        limit = np.square(_UNRESOLVED) * np.median(size, axis=0)
+        limit = np.maximum(limit, np.quantile(size, 1.0 - _MOST_UNRESOLVED, axis=0))
+        return np.asarray(size <= limit)
+
+    def _bend(self, values: Floats) -> Floats:
+        out = np.zeros_like(values)
+        for part in self.signals.stretches():
+            out[part][1:-1] = np.diff(values[part], n=2, axis=0)
+        return out
 
     def power_at(self, delay: float) -> Floats:
         """Reduced power with its delay against the joint signals (s) taken out, W [N, D]."""

@@ -31,7 +31,7 @@ Named effects must explain this share of all that can be explained; half of it w
 is too small to be a stranger.
 """
 MOST_EFFECTS = 8
-EARNED_SHARE, EARNED_BESIDE_STRANGER = 0.4, 0.9
+EARNED_SHARE, EARNED_BESIDE_STRANGER = 0.6, 0.9
 """
 The last effect to join must explain this share of what was still to be explained; more where
 what is left is large enough to be a stranger, which a wrong name explains in part.
