@@ -6,11 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 
+from policy_runner.errors import InputError
 from policy_runner.policies import POLICIES
 
-
-class InputError(Exception):
-    """Bad input from the user; the message is one line that says what to do."""
+__all__ = ['InputError', 'Options', 'command', 'parse']
 
 
 @dataclass(frozen=True)
@@ -60,17 +59,16 @@ def parse(arguments: Sequence[str]) -> Options:
 
 
 def command(
-    body: Callable[[Sequence[str]], None],
+    body: Callable[[Sequence[str]], int | None],
 ) -> Callable[[Sequence[str] | None], int]:
     """Turn a function of the arguments into an entry point: 2 and one line for InputError."""
 
     @wraps(body)
     def main(args: Sequence[str] | None = None) -> int:
         try:
-            body(sys.argv[1:] if args is None else args)
+            return body(sys.argv[1:] if args is None else args) or 0
         except InputError as error:
             print(f'policy_runner: {error}', file=sys.stderr)
             return 2
-        return 0
 
     return main
