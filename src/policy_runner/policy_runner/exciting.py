@@ -24,6 +24,7 @@ from policy_runner.supervisor import Output, State, Supervisor
 Floats = NDArray[np.float64]
 _OVER = 1.25  # of what may be asked: then what is measured is a fault
 _FOLLOWING = 1.5  # rad; a drive at its torque limit is 1 rad behind its target
+_LONGEST_STEP = 0.03  # s; after a stall the motion takes longer instead of jumping
 _NO_LIMITS = JointLimits(speed=np.inf, torque=np.inf)
 
 
@@ -75,7 +76,7 @@ class Exciting:
         self._drives = {list(joints).index(drive): drive for drive in drives}
         self._mounting, self._limits = mounting, limits
         self._plans: dict[int, Plan] = {}
-        self._began: float | None = None
+        self._last: float | None = None
         self._elapsed = 0.0
 
     def prepare(self, position: Floats) -> None:
@@ -92,7 +93,7 @@ class Exciting:
 
     def reset(self) -> None:
         """Begin from the first segment."""
-        self._began = None
+        self._last = None
         self._elapsed = 0.0
 
     def take_over(self) -> float:
@@ -104,9 +105,9 @@ class Exciting:
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
     ) -> Floats:
         """Joint targets, rad [D]."""
-        if self._began is None:
-            self._began = time
-        self._elapsed = time - self._began
+        if self._last is not None:
+            self._elapsed += min(max(time - self._last, 0.0), _LONGEST_STEP)
+        self._last = time
         for place, plan in self._plans.items():
             target = plan.at(self._elapsed)
             self.targets[place] = target.position
@@ -116,12 +117,13 @@ class Exciting:
     @property
     def active(self) -> bool:
         """Whether drives are told to move."""
-        return self._began is not None
+        return self._last is not None
 
     @property
     def left(self) -> float:
         """Time to the end of the motion, s."""
-        return max(self.motion.seconds - self._elapsed, 0.0)
+        seconds = max((plan.seconds for plan in self._plans.values()), default=0.0)
+        return max(seconds - self._elapsed, 0.0)
 
     @property
     def segment(self) -> int:
@@ -241,6 +243,8 @@ class ExcitationRun:
             fault = self._supervisor.fault
             return 'ready, waits for start' if fault is None else str(fault)
         place, count = self._exciting.segment, len(self._motion.segments)
+        if place == count:
+            return 'back to where it carries no load'
         return f'segment {place + 1} of {count}: {self._motion.segments[place]}'
 
     @property
@@ -296,7 +300,7 @@ class ExcitationRun:
         except InputError as error:
             return False, str(error)
         started, told = self._supervisor.start(now)
-        return started, f'{self._motion.seconds:.0f} s to go' if started else told
+        return started, f'{self._exciting.left:.0f} s to go' if started else told
 
     def stop(self, now: float) -> tuple[bool, str]:
         """Damp and end."""

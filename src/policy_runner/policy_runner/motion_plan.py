@@ -127,7 +127,8 @@ class Path:
         since = time - self.way_seconds
         if segment.swings:
             turns = segment.frequency * since
-            share = 1.0 if math.isinf(self._ramps.acceleration) else min(1.0, turns)
+            left = segment.frequency * (segment.seconds - time)
+            share = 1.0 if math.isinf(self._ramps.acceleration) else min(1.0, turns, left)
             swing = share * segment.amplitude * math.sin(2.0 * math.pi * turns)
             return Target(self._goal + swing)
         if segment.alternates:
@@ -168,7 +169,12 @@ class Path:
 
 
 class Plan:
-    """The targets of a whole motion for a joint that starts at a position, rad."""
+    """
+    The targets of a whole motion for a joint that starts at a position, rad.
+
+    With ramps, a swing fades in and out within a turn, and at the end the joint is led back to
+    where it carries no load.
+    """
 
     def __init__(
         self, motion: MotionFile, start: float, mounting: Mounting, ramps: Ramps = JUMPS
@@ -176,13 +182,21 @@ class Plan:
         self._mounting, self._ramps = mounting, ramps
         self.paths: list[Path] = []
         self._begins: list[float] = []
-        begin, position = 0.0, start
+        self._count = len(motion.segments)
+        position = start
         for segment in motion.segments:
             path = Path(_settled(segment), position, mounting, ramps)
-            self.paths.append(path)
-            self._begins.append(begin)
-            begin, position = begin + segment.seconds, path.end
-        self.seconds = begin
+            self._append(path)
+            position = path.end
+        back = Path(Segment('rest', 1.0), position, mounting, ramps).way_seconds
+        if back > 0.0:
+            self._append(Path(Segment('rest', back), position, mounting, ramps))
+        self.seconds = self._begins[-1] + self.paths[-1].segment.seconds
+
+    def _append(self, path: Path) -> None:
+        ends = self._begins[-1] + self.paths[-1].segment.seconds if self.paths else 0.0
+        self._begins.append(ends)
+        self.paths.append(path)
 
     def place(self, time: float) -> int:
         """Index of the segment at a time, s; the last one from its start on."""
@@ -196,7 +210,7 @@ class Plan:
 
     def check(self, drive: str, limits: JointLimits) -> None:
         """InputError for the first segment that a drive cannot or may not be put through."""
-        for number, path in enumerate(self.paths, 1):
+        for number, path in enumerate(self.paths[: self._count], 1):
             where = f'segment {number} ({path.segment})'
             for value, most, unit in (
                 (path.segment.fastest, limits.speed, 'rad/s'),
@@ -241,15 +255,11 @@ def _check_mounting(segment: Segment, mounting: Mounting, where: str) -> None:
         if segment.turns or segment.swings:
             raise InputError(f'{where}: a locked joint cannot move; leave the segment out')
     elif segment.strongest > mounting.pendulum:
-        has = (
-            f'pulls with {mounting.pendulum:g} N·m at most'
-            if mounting.pendulum
-            else 'is not there'
-        )
+        has = f'{mounting.pendulum:g} N·m' if mounting.pendulum else 'none'
         raise InputError(
-            f'{where}: needs a load of {segment.strongest:g} N·m, but the pendulum {has}; hang '
-            'a heavier one and say so (--pendulum, N·m at a right angle), or lock the joint '
-            '(--locked)'
+            f'{where}: needs a load of up to {segment.strongest:g} N·m, given is {has}; hang a '
+            'pendulum that is heavy enough and give its pull at a right angle (--pendulum), or '
+            'lock the joint (--locked)'
         )
 
 

@@ -1,0 +1,72 @@
+"""A motion file on the live simulated bench: every node in a process of its own."""
+
+import numpy as np
+import pytest
+from power_daq.recording.reader import Recording
+
+MOTION = """
+format: motion/1
+drives: [RH_KFE]
+segments:
+- {mode: velocity, speed: 2.0, load: 5.0, seconds: 2}
+- {mode: velocity, speed: -2.0, load: 5.0, seconds: 2}
+- {mode: torque, torque: 5.0, speed: 0.0, seconds: 5}
+"""
+STILL = """
+format: motion/1
+drives: [RH_KFE]
+segments:
+- {mode: rest, seconds: 600}
+"""
+PENDULUM = ('-p', 'mass:=1.3', '-p', 'length:=0.45')  # 9.81 · 1.3 · 0.45 = 5.7 N·m
+
+
+@pytest.fixture
+def bench(node_process, tmp_path):
+    bus = ['--ros-args', '-p', 'interface:=unixsocket', '-p', f'channel:={tmp_path}/bus']
+    daq = node_process('power_daq', 'daq', *bus)
+    sim = node_process(
+        *('sim_bridge', 'sim', *bus, '-p', 'world:=bench', '-p', 'joint:=RH_KFE'),
+        *('-p', 'publish_clock:=true', *PENDULUM),
+    )
+    daq.wait_for_output('measuring|reading')
+    return sim
+
+
+def excite(node_process, tmp_path, motion, *parameters):
+    (tmp_path / 'next.yaml').write_text(motion)
+    return node_process(
+        *('policy_runner', 'excite', str(tmp_path / 'next.yaml'), '--pendulum', '5.74', '--start'),
+        *('--ros-args', '-p', 'stale_after:=1.0', *parameters),
+    )
+
+
+def test_a_motion_is_executed_and_recorded_as_asked(bench, node_process, tmp_path):
+    recorder = node_process('power_daq', 'record', '-o', str(tmp_path / 'next'))
+    recorder.wait_for_output('recording to')
+    in_its_time = ('-p', 'use_sim_time:=true')  # a busy machine makes it slow then, not wrong
+    node = excite(node_process, tmp_path, MOTION, *in_its_time)
+    assert node.wait(90) == 0, node.output
+    assert 'segment 3 of 3: hold 5 N·m, 5 s' in node.output
+    assert 'ros2 run power_lab diagnose bags/next' in node.output
+    recorder.stop()
+
+    recording = Recording.open(tmp_path / 'next')
+    joints = recording.joint_states()
+    drive = joints.names.index('RH_KFE')
+    velocity, torque = joints.velocity[:, drive], joints.effort[:, drive]
+    step = 1.0 / 400.0  # s
+    for speed in (2.0, -2.0):
+        assert 1.2 < step * np.count_nonzero(np.abs(velocity - speed) < 0.25) < 2.5
+    still = np.abs(velocity) < 0.1
+    assert 2.0 < step * np.count_nonzero(still & (np.abs(torque - 5.0) < 0.5)) < 4.5
+    assert np.abs(velocity).max() < 3.0
+    assert abs(joints.position[-1, drive]) < 0.1, 'it is led back before the drive is damped'
+
+
+def test_a_robot_that_goes_is_damped_and_named(bench, node_process, tmp_path):
+    node = excite(node_process, tmp_path, STILL)
+    node.wait_for_output('segment 1 of 1')
+    bench.kill()
+    assert node.wait() == 1
+    assert 'damping, stale input: joint_states is' in node.output
