@@ -40,8 +40,14 @@ def walking(node_process, tmp_path):
     )
     daq = node_process('power_daq', 'daq', *bus)
     sim = node_process('sim_bridge', 'sim', *bus)
-    policy.wait_for_output('running')
+    policy.wait_for_output('running', timeout=120.0)
     return {'sim': sim, 'daq': daq, 'policy': policy, 'estimate': estimate}
+
+
+def pace(recording):
+    """The share of a recording for which joint states came in steps of at most 2.5 periods."""
+    steps = np.diff(recording.joint_states().stamp_ns) / 1e9
+    return steps[steps <= 2.5 / 400].sum() / recording.duration
 
 
 def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, tmp_path):
@@ -59,17 +65,20 @@ def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, 
     np.testing.assert_array_equal(np.diff(drives.sequence.astype(np.int64)), 1)
     assert np.all(np.diff(drives.stamp_ns) > 0)
 
+    if pace(recording) < 0.9:
+        pytest.skip(f'this busy machine walks at {pace(recording):.2f} of real time, in jumps')
     data = load_aligned([bag], rate=50.0)
     assert data.measured_drives() == data.names
-    drawn = np.nanmean(data.power.sum(axis=1))
-    electronics = np.nanmean(data.supply) - drawn
-    assert 100.0 < drawn < 1500.0
+    drawn = data.power.sum(axis=1)
+    assert 100.0 < np.nanmean(drawn) < 1500.0
+    electronics = np.nanmedian(data.supply - drawn)
     assert 150.0 < electronics < 250.0, 'the supply feeds the drives and 192 W of electronics'
 
     estimates = recording.power_estimate()
-    good = estimates.total[estimates.status == 0]
-    assert len(good) > 0.5 * len(estimates.total)
-    assert abs(good.mean() - drawn) < 0.25 * drawn
+    good = estimates.status == 0
+    assert np.mean(good) > 0.5
+    estimated = np.interp(data.time, estimates.stamp_ns[good] / 1e9, estimates.total[good])
+    assert abs(np.nanmean(estimated - drawn)) < 0.25 * np.nanmean(drawn)
 
 
 def allowed_by_the_security_policy():
