@@ -74,6 +74,7 @@ CALLS = {
     'rclpy.node:Node.destroy_subscription': [('self', 'subscription')],
     'rclpy.node:Node.create_timer': [('self', 1.0, 'callback', {'clock': None})],
     'rclpy.node:Node.create_service': [('self', 'type', 'name', 'callback')],
+    'rclpy.node:Node.count_publishers': [('self', 'topic')],
     'rclpy.node:Node.resolve_topic_name': [('self', 'topic')],
     'rclpy.node:Node.get_name': [('self',)],
     'rclpy.node:Node.get_clock': [('self',)],

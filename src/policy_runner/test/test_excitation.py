@@ -77,6 +77,7 @@ def test_a_held_torque_is_the_angle_at_which_gravity_gives_it():
     assert plan.at(0.0).position == pytest.approx(0.2)
     way = math.pi / 6 - 0.2
     assert plan.paths[0].way_seconds == pytest.approx(math.pi / 2 * way)
+    assert plan.paths[0].seconds == 10.0 + plan.paths[0].way_seconds, 'the hold is whole'
     middle = plan.at(0.5 * plan.paths[0].way_seconds)
     assert middle.position == pytest.approx(0.2 + way / 2)
     assert middle.velocity == pytest.approx(1.0)
@@ -129,7 +130,7 @@ def test_with_ramps_no_target_jumps_in_place_or_moves_faster_than_asked(mounting
     np.testing.assert_allclose(np.gradient(position, 0.001)[moving], fed[moving], atol=0.05)
     for path in plan.paths:
         low, high = path.extent
-        inside = [path.at(t).position for t in np.linspace(0.0, path.segment.seconds, 200)]
+        inside = [path.at(t).position for t in np.linspace(0.0, path.seconds, 200)]
         assert min(inside) >= low - 1e-9
         assert max(inside) <= high + 1e-9
     assert plan.at(plan.seconds).position == pytest.approx(mounting.hanging), 'back to hanging'
@@ -140,9 +141,10 @@ def test_a_locked_joint_stays_and_is_pushed():
     plan = Plan(motion(hold(10.0, 5.0), steps), 0.7, Mounting(locked=True), Ramps(torque=40.0))
     assert plan.at(0.125).effort == pytest.approx(5.0)
     assert plan.at(3.0).effort == 10.0
-    assert {plan.at(5.0 + 0.2 + t).effort for t in (0.1, 0.4, 1.1)} == {8.0}
-    assert {plan.at(5.0 + 0.2 + t).effort for t in (0.6, 0.9)} == {-8.0}
-    assert {plan.at(t).position for t in np.linspace(0.0, 9.0, 50)} == {0.7}
+    assert {plan.at(5.25 + 0.2 + t).effort for t in (0.1, 0.4, 1.1)} == {8.0}
+    assert {plan.at(5.25 + 0.2 + t).effort for t in (0.6, 0.9)} == {-8.0}
+    assert {plan.at(t).position for t in np.linspace(0.0, 9.4, 50)} == {0.7}
+    assert plan.seconds == pytest.approx(0.25 + 5.0 + 0.2 + 4.0)
 
 
 def test_turning_at_no_speed_holds_the_load():
@@ -159,7 +161,6 @@ def test_turning_at_no_speed_holds_the_load():
         (hold(22.0), PENDULUM, 'needs a load of up to 22 N·m, given is 20 N·m'),
         (turn(1.0, 1.0, 5.0), Mounting(), 'needs a load of up to 5 N·m, given is none'),
         (turn(1.0, 1.0), Mounting(locked=True), 'a locked joint cannot move'),
-        (hold(20.0, 4.0), PENDULUM, 'it takes 2.47 s to where it begins; give it at least 4.93 s'),
         (turn(4.0, 0.2), PENDULUM, 'give it at least 0.25 s'),
         (
             Segment('torque', 20.0, low=-10.0, high=10.0, frequency=1.0),

@@ -164,6 +164,12 @@ def test_commands_are_matched_by_name_and_what_is_not_named_is_damped():
     assert np.isnan(command.position[1:11]).all()
 
 
+def test_drives_that_the_bus_names_but_the_bench_lacks_may_be_commanded_to_no_effect():
+    names = ['LF_HAA', 'RH_KFE', 'LF_KFE']
+    command = joint_command(('RH_KFE',), names, [9.0, 1.0, 9.0], [], [], JOINT_NAMES)
+    assert command.position.tolist() == [1.0]
+
+
 @pytest.mark.parametrize(
     ('names', 'position', 'quoted'),
     [
