@@ -75,6 +75,7 @@ CALLS = {
     'rclpy.node:Node.create_timer': [('self', 1.0, 'callback', {'clock': None})],
     'rclpy.node:Node.create_service': [('self', 'type', 'name', 'callback')],
     'rclpy.node:Node.count_publishers': [('self', 'topic')],
+    'rclpy.node:Node.count_publishers': [('self', 'topic')],
     'rclpy.node:Node.resolve_topic_name': [('self', 'topic')],
     'rclpy.node:Node.get_name': [('self',)],
     'rclpy.node:Node.get_clock': [('self',)],
@@ -225,6 +226,14 @@ def test_each_message_arrives_as_it_was_sent_and_raw_as_its_cdr(node, spin_until
     assert raw[0][4 : len(ours)] == ours[4:]
     assert raw[0][len(ours) :] in (b'', b'\0', b'\0\0', b'\0\0\0'), 'padding to four bytes'
     assert repr(deserialize_message(serialize_message(sent), type(sent))) == repr(sent)
+
+
+def test_publishers_of_a_topic_are_counted_by_its_relative_name(node, spin_until):
+    assert node.count_publishers('topic') == 0
+    node.create_publisher(PowerEstimate, 'topic', 10)
+    spin_until(lambda: node.count_publishers('topic') == 1)
+    assert node.count_publishers('/topic') == 1
+    assert node.count_publishers('other') == 0
 
 
 def test_numbers_arrive_as_arrays_of_their_width(node, spin_until):
