@@ -204,7 +204,9 @@ class TrainingConfig:
                 f'cannot read config {str(source)!r} ({error.strerror}); shipped are {shipped}'
             ) from error
         except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise InputError(f'config {str(source)!r} is no YAML: {error}'.split('\n')[0]) from error
+            raise InputError(
+                f'config {str(source)!r} is no YAML: {error}'.split('\n')[0]
+            ) from error
         return cls.parse(values)
 
     @classmethod
@@ -237,7 +239,7 @@ class TrainingConfig:
 
     def content(self) -> dict[str, Any]:
         """What `parse` reads."""
-        content = asdict(self)
+        content: dict[str, Any] = asdict(self)
         content['ppo']['hidden'] = list(self.ppo.hidden)
         return content
 

@@ -70,9 +70,7 @@ class Windowed:
         self._predict = predict
         self._robots = robots
         shape = (history, robots, len(JOINT_NAMES))
-        self._error, self._torque, self._velocity = (
-            np.zeros(shape, np.float32) for _ in range(3)
-        )
+        self._error, self._torque, self._velocity = (np.zeros(shape, np.float32) for _ in range(3))
 
     def reset(self, robots: NDArray[np.intp]) -> None:
         """Forget the past of some robots: they were at rest."""

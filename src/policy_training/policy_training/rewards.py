@@ -41,8 +41,9 @@ class FootClock:
 
     def land(self, force: Floats) -> Floats:
         """
-        Take the forces on the feet, N [N, 4]; the sum of (time in the air − target) of those that
-        land, s [N].
+        How long feet that land now were in the air beyond the target, summed, s [N].
+
+        force: on the feet, N [N, 4].
         """
         touching = force > _TOUCHING
         firm = touching | self._touched
@@ -87,9 +88,7 @@ class Rewards:
             away = moment.command[:, :2] - motion.velocity[:, :2]
             return np.asarray(np.exp(-_squares(away) / sigma))
         if name == 'yaw':
-            return np.asarray(
-                np.exp(-np.square(moment.command[:, 2] - motion.rate[:, 2]) / sigma)
-            )
+            return np.asarray(np.exp(-np.square(moment.command[:, 2] - motion.rate[:, 2]) / sigma))
         if name == 'vertical':
             return np.square(motion.velocity[:, 2])
         if name == 'rolling':
