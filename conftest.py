@@ -1,6 +1,5 @@
 """Fixtures for tests across processes: a ROS domain of their own, and nodes run in it."""
 
-import fcntl
 import os
 import re
 import shutil
@@ -8,55 +7,27 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+import domains
 import pytest
 
 PATIENCE = 30.0
-DOMAINS = range(1, 101)
 DAEMON_PORT = 11511
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
 
 
-def _is_quiet(domain: int) -> bool:
-    """Tell whether nobody listens where the first participant of a domain would."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(('127.0.0.1', 7410 + 250 * domain))
-        except OSError:
-            return False
-    return True
-
-
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """
-    Reserve a ROS_DOMAIN_ID between 1 and 100 for one test and set it in the environment.
-
-    A lock on a file in the temporary folder keeps it from tests that run at the same time, in
-    other workers or other checkouts.
-    """
-    start = os.getpid()
-    for step in range(len(DOMAINS)):
-        domain = DOMAINS[(start + step) % len(DOMAINS)]
-        path = Path(tempfile.gettempdir()) / f'wattwalk_ros_domain_{domain}.lock'
-        with path.open('w') as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            if not _is_quiet(domain):
-                continue
-            monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-            monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-            yield domain
-            return
-    pytest.fail('all ROS domains from 1 to 100 are taken')
+    """Reserve a ROS domain for one test and set it in the environment."""
+    with domains.reserved() as domain:
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        yield domain
 
 
 class NodeProcess:

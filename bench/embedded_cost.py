@@ -3,7 +3,6 @@
 import argparse
 import json
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ from collections.abc import Sequence
 from statistics import median
 from typing import Any
 
+import domains
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
@@ -122,17 +122,6 @@ def _per_call(function: Any, *arguments: Any) -> float:
     return (time.perf_counter() - start) / count * 1e6
 
 
-def _free_domain() -> int:
-    for domain in range(60, 101):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(('127.0.0.1', 7410 + 250 * domain))
-            except OSError:
-                continue
-        return domain
-    raise RuntimeError('all ROS domains from 60 to 100 are taken')
-
-
 def measure(rate: float = 1000.0, seconds: float = 10.0) -> dict[str, float]:
     """
     Run source and sink and return their figures.
@@ -140,18 +129,19 @@ def measure(rate: float = 1000.0, seconds: float = 10.0) -> dict[str, float]:
     Keys ending in `_us` are µs a message; `lost` counts messages. Costs are medians of wall
     time, `receive_cpu_us` is the CPU time of the receiving process, waiting and waking included.
     """
-    os.environ['ROS_DOMAIN_ID'] = str(_free_domain())
-    command = [sys.executable, __file__, '--sink']
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as sink:
-        rclpy.init(args=[])
-        node = Source(rate, int(rate * seconds))
-        try:
-            rclpy.spin_until_future_complete(node, node.done)
-            output, _ = sink.communicate(timeout=30.0)
-        finally:
-            sink.kill()
-            node.destroy_node()
-            rclpy.try_shutdown()
+    with domains.reserved() as domain:
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        command = [sys.executable, __file__, '--sink']
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as sink:
+            rclpy.init(args=[])
+            node = Source(rate, int(rate * seconds))
+            try:
+                rclpy.spin_until_future_complete(node, node.done)
+                output, _ = sink.communicate(timeout=30.0)
+            finally:
+                sink.kill()
+                node.destroy_node()
+                rclpy.try_shutdown()
     figures = json.loads(output)
     message = _message(0)
     data = serialize_message(message)

@@ -15,6 +15,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,7 @@ def judge(scenario: Scenario) -> dict[str, Any]:
             diagnosis = diagnosed(data, scenario.known)
             row['seconds_taken'] = round(time.monotonic() - start, 1)
             row |= told(diagnosis, scenario)
-            if scenario.group == 'effect' and diagnosis.verdict == 'named':
+            if scenario.followed_up and diagnosis.verdict == 'named':
                 row['fall'] = fall(scenario, data, diagnosis.effects)
     except Exception as error:  # one broken scenario must not end the benchmark
         row['error'] = f'{type(error).__name__}: {error}'
@@ -151,7 +152,9 @@ def main() -> int:
     rows = _known(options.out)
     done = {row['key'] for row in rows}
     todo = [scenario for scenario in todo if scenario.key not in done]
-    with ProcessPoolExecutor(options.workers) as pool, options.out.open('a') as file:
+    context = get_context('spawn')
+    pool = ProcessPoolExecutor(options.workers, mp_context=context)
+    with pool, options.out.open('a') as file:
         futures = [pool.submit(judge, scenario) for scenario in todo]
         for future in track(as_completed(futures), 'judging', total=len(futures)):
             row = future.result()

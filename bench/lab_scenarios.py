@@ -87,6 +87,12 @@ class Scenario:
         return ('shaft', *(name for name in BASES[self.base] if name not in self.hidden))
 
     @property
+    def followed_up(self) -> bool:
+        """Whether what `add` takes off is measured on another recording too."""
+        usual = 2.0 if self.source == 'sim' else 1.0
+        return self.group == 'effect' and set(self.hidden.values()) == {usual}
+
+    @property
     def truth(self) -> frozenset[str]:
         """What a perfect judge names."""
         return frozenset(name for name in self.hidden if name not in STRANGERS)

@@ -7,9 +7,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Self
+
+import domains
 
 TICKS = os.sysconf('SC_CLK_TCK')
 
@@ -19,11 +22,16 @@ class BenchError(Exception):
 
 
 class LiveSystem:
-    """Starts nodes by `ros2 run`, tells what share of a core each takes, and ends them."""
+    """
+    Starts nodes by `ros2 run`, tells what share of a core each takes, and ends them.
 
-    def __init__(self, folder: Path, domain: int = 91) -> None:
+    The nodes are alone in a ROS domain, which is reserved from entering the context to its end.
+    """
+
+    def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain), 'PYTHONUNBUFFERED': '1'}
+        self._environment = {**os.environ, 'PYTHONUNBUFFERED': '1'}
+        self._domain = ExitStack()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._since: dict[str, tuple[float, float]] = {}
 
@@ -90,6 +98,7 @@ class LiveSystem:
         return total
 
     def __enter__(self) -> Self:
+        self._environment['ROS_DOMAIN_ID'] = str(self._domain.enter_context(domains.reserved()))
         return self
 
     def __exit__(
@@ -107,3 +116,4 @@ class LiveSystem:
                     process.wait(10.0)
                 except subprocess.TimeoutExpired:
                     continue
+        self._domain.close()

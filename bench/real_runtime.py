@@ -19,6 +19,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import domains
 import rclpy
 import runtimes
 from rclpy.clock import Clock, ClockType
@@ -166,16 +167,19 @@ def _role(role: str, seconds: float) -> None:
     rclpy.try_shutdown()
 
 
-def measure(source: str, sink: str, seconds: float) -> dict[str, float]:
+def measure(source: str, sink: str, seconds: float, domain: int) -> dict[str, float]:
     """
-    Run a source and a sink, each on 'embedded' or 'ROS 2', and return their figures.
+    Run a source and a sink, each on 'embedded' or 'ROS 2', in a domain; return their figures.
 
     Cost and latency are µs, CPU is a share of a core; `lost` counts messages that did not come or
     came out of order.
     """
     start = {'embedded': runtimes.embedded, 'ROS 2': runtimes.real}
-    environment = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': '93'}
-    environment = {**os.environ, **environment}
+    environment = {
+        **os.environ,
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_DOMAIN_ID': str(domain),
+    }
     commands = (start[sink](HERE, '--role', 'sink'), start[source](HERE, '--role', 'source'))
     processes = [
         subprocess.Popen(
@@ -212,7 +216,8 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f'skipped: {reason}')
         return 0
     ways = [(a, b) for a in ('embedded', 'ROS 2') for b in ('embedded', 'ROS 2')]
-    results = {way: measure(*way, options.seconds) for way in ways}
+    with domains.reserved() as domain:
+        results = {way: measure(*way, options.seconds, domain) for way in ways}
     table = Table(title=f'1 kHz drive_supply and 400 Hz joint_states, {options.seconds:g} s each')
     table.add_column('')
     for source, sink in ways:

@@ -21,6 +21,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from power_daq.recording import cdr
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
+from rclpy.clock_type import ClockType as ClockTypeOfItsModule
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import (
     InvalidParameterTypeException,
@@ -43,6 +44,11 @@ from std_srvs.srv import Trigger
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
 
 SOURCES = Path(__file__).resolve().parents[1] / 'src'
+ROS_FILES = sorted(
+    path
+    for path in SOURCES.glob('*/[a-z]*/**/*.py')
+    if 'test' not in path.parts and 'rclpy' in path.read_text(encoding='utf-8')
+)
 NODE_FILES = sorted(
     path
     for path in SOURCES.glob('*/*/*_node.py')
@@ -54,6 +60,7 @@ PATIENCE = 30.0
 CALLS = {
     'rclpy:init': [{'args': []}, {'args': [], 'signal_handler_options': None}],
     'rclpy:spin': [('node',)],
+    'rclpy:spin_until_future_complete': [('node', 'future')],
     'rclpy:try_shutdown': [{}],
     'rclpy:shutdown': [{'context': None}],
     'rclpy.node:Node': [('name',), {'node_name': 'name', 'context': None, 'namespace': ''}],
@@ -118,6 +125,26 @@ def test_functions_take_the_arguments_that_nodes_give(path):
             keywords = arguments.pop()
         if path not in OPAQUE:
             signature.bind(*arguments, **keywords)
+
+
+def asked_of_rclpy(path):
+    """Names that a file imports from rclpy, takes from it, or that Node has, as in CALLS."""
+    public = {name for name in dir(Node) if not name.startswith('_')}
+    names = set()
+    for part in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if isinstance(part, ast.ImportFrom) and (part.module or '').split('.')[0] == 'rclpy':
+            names |= {f'{part.module}:{alias.name}' for alias in part.names}
+        if isinstance(part, ast.Attribute):
+            of_rclpy = isinstance(part.value, ast.Name) and part.value.id == 'rclpy'
+            names |= {f'rclpy:{part.attr}'} if of_rclpy else set()
+            names |= {f'rclpy.node:Node.{part.attr}'} if part.attr in public else set()
+    return names
+
+
+@pytest.mark.parametrize('path', ROS_FILES, ids=lambda path: path.stem)
+def test_what_a_node_asks_of_rclpy_is_tested_here(path):
+    listed = set(CALLS) | {key.rpartition('.')[0] for key in CALLS if '.' in key.split(':')[1]}
+    assert asked_of_rclpy(path) <= listed | asked_of_rclpy(Path(__file__))
 
 
 def own_names(path):
@@ -415,6 +442,17 @@ def test_an_executor_ends_with_a_future_that_a_callback_completes(node):
     executor.spin_until_future_complete(done)
     assert done.result() == 'enough'
     executor.shutdown()
+
+
+def test_spinning_until_a_future_is_done_ends_with_it(node):
+    done = Future()
+    node.create_timer(0.01, lambda: None if done.done() else done.set_result('enough'))
+    rclpy.spin_until_future_complete(node, done)
+    assert done.result() == 'enough'
+
+
+def test_clock_types_have_two_homes():
+    assert ClockTypeOfItsModule is ClockType
 
 
 def test_an_exception_of_a_callback_comes_out_of_spin(node):

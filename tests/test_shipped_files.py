@@ -6,27 +6,47 @@ import xml.etree.ElementTree as ElementTree
 from importlib import import_module
 from pathlib import Path
 
-import pytest
 import yaml
+from power_daq.bus.description import BusDescription
 from power_daq.recording.topics import TYPES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
 SOURCES = '\n'.join(path.read_text() for path in ROOT.glob('src/*/[a-z]*/*.py'))
 SERVICES = {'start', 'stop', 'estop', 'push', 'reset'}
-BY_JOINT = {'position', 'velocity', 'effort'}
+DRIVES = BusDescription.load().drives
+NUMBERS = {'double', 'float', 'uint8', 'uint64'}
 
 
-def field_exists(topic, field):
+def message_fields(topic):
+    """The fields of a topic's message and their types, such as 'sequence<double>'."""
     package, _, name = TYPES[topic].split('/')
-    message = getattr(import_module(f'{package}.msg'), name)
-    return field in message.get_fields_and_field_types()
+    return getattr(import_module(f'{package}.msg'), name).get_fields_and_field_types()
+
+
+def is_plottable(kind, index):
+    """Whether a type is a number, or has one for each drive that an index can choose."""
+    if index is None:
+        return kind in NUMBERS
+    return kind in {f'sequence<{number}>' for number in NUMBERS} and int(index) < len(DRIVES)
+
+
+def foxglove_layout():
+    return json.loads((DOCS / 'foxglove_layout.json').read_text())
 
 
 def foxglove_paths():
-    layout = json.loads((DOCS / 'foxglove_layout.json').read_text())
-    for panel in layout['configById'].values():
+    for panel in foxglove_layout()['configById'].values():
         yield from (path['value'] for path in panel.get('paths', ()))
+
+
+def script_types():
+    """The fields that the user script of the layout returns, as types of ROS."""
+    source = foxglove_layout()['userNodes']['drive_power']['sourceCode']
+    fields = re.search(r'type Output = \{(.*?)\};', source, re.DOTALL)[1]
+    of_typescript = {'number': 'double', 'number[]': 'sequence<double>'}
+    found = re.findall(r'(\w+): ([^;]+);', fields)
+    return {name: of_typescript.get(kind, kind) for name, kind in found}
 
 
 def plotjuggler_curves():
@@ -39,22 +59,49 @@ def plotjuggler_curves():
     yield from plotted - made
 
 
-@pytest.mark.parametrize('curves', [foxglove_paths, plotjuggler_curves])
-def test_layouts_plot_fields_that_messages_have(curves):
+def test_foxglove_plots_numbers_that_messages_have():
     checked = 0
-    for curve in curves():
-        if curve.startswith('/studio_script/drive_power.'):
-            continue
-        parts = re.split(r'[./]', re.sub(r'\[\d+\]', '', curve.removeprefix('/')))
-        topic, field = parts[0], parts[-1]
-        assert field_exists(topic, field), curve
-        assert len(parts) == 2 or field in BY_JOINT, curve
+    for path in foxglove_paths():
+        parts = re.fullmatch(r'/(studio_script/drive_power|\w+)\.(\w+)(?:\[(\d+)\])?', path)
+        assert parts, path
+        topic, field, index = parts.groups()
+        types = script_types() if '/' in topic else message_fields(topic)
+        assert is_plottable(types[field], index), path
         checked += 1
     assert checked > 20
 
 
+def test_plotjuggler_plots_numbers_that_messages_have():
+    checked = 0
+    for curve in plotjuggler_curves():
+        parts = re.fullmatch(r'/(\w+)(?:/([LR][FH]_\w+))?/(\w+?)(?:\[(\d+)\])?', curve)
+        assert parts, curve
+        topic, joint, field, index = parts.groups()
+        if joint:
+            assert TYPES[topic] == 'sensor_msgs/msg/JointState', 'the one type with joints by name'
+            index = DRIVES.index(joint)
+        assert is_plottable(message_fields(topic)[field], index), curve
+        checked += 1
+    assert checked > 20
+
+
+def test_the_user_script_of_the_foxglove_layout_reads_what_messages_have():
+    script = foxglove_layout()['userNodes']['drive_power']['sourceCode']
+    (topic,) = re.search(r'inputs = \["/(\w+)"\]', script).groups()
+    read = re.search(r'const \{ ([\w, ]+) \} = event\.message', script)[1].split(', ')
+    assert set(read) <= set(message_fields(topic))
+    assert f'Input<"/{topic}">' in script
+    returned = re.search(r'return \{ (.+) \};', script)[1]
+    assert set(script_types()) == set(re.findall(r'(?:^|, )(\w+)(?=,|:|$)', returned))
+
+
+def test_the_diagnostics_panel_shows_the_topic_of_the_nodes():
+    panels = foxglove_layout()['configById']
+    assert panels['DiagnosticSummary!diagnostics']['topicToRender'].lstrip('/') in TYPES
+
+
 def test_the_panels_of_the_foxglove_layout_are_all_placed():
-    layout = json.loads((DOCS / 'foxglove_layout.json').read_text())
+    layout = foxglove_layout()
 
     def leaves(part):
         if isinstance(part, str):
@@ -97,7 +144,9 @@ def test_packages_name_the_ros_packages_that_they_import():
         package = manifest.parent.name
         root = ElementTree.parse(manifest).getroot()
         assert root.get('format') == '3'
-        named = {part.text for part in root if part.tag.endswith('depend')}
+        depends = [(part.tag, part.text) for part in root if part.tag.endswith('depend')]
+        assert len(depends) == len(set(depends)), f'{manifest} names a package twice'
+        named = {name for _, name in depends}
         code = '\n'.join(path.read_text() for path in manifest.parent.glob(f'{package}/**/*.py'))
         imported = set(re.findall(r'^(?:from|import) (\w+)', code, re.MULTILINE)) - {package}
         ros = {name for name in imported if name in known | ours or name.endswith('_msgs')}

@@ -1,6 +1,7 @@
 """The nodes together, each in a process of its own, as a user runs them."""
 
 import re
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,43 @@ def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, 
     good = estimates.total[estimates.status == 0]
     assert len(good) > 0.5 * len(estimates.total)
     assert abs(good.mean() - drawn) < 0.25 * drawn
+
+
+def allowed_by_the_security_policy():
+    """For each node, the names that it may publish, subscribe to and reply to."""
+    allowed = {}
+    for profile in ElementTree.parse(ROOT / 'docs' / 'sros2_policy.xml').getroot().iter('profile'):
+        node = profile.get('node')
+        sides = allowed[node] = {}
+        for part in profile:
+            (side,) = part.attrib
+            names = (entry.text.replace('~', f'/{node}') for entry in part)
+            sides[side] = {'/' + name.lstrip('/') for name in names}
+    return allowed
+
+
+def test_the_security_policy_allows_what_the_nodes_have(walking, node_process, tmp_path):
+    recorder = node_process('power_daq', 'record', '-o', str(tmp_path / 'bag'))
+    recorder.wait_for_output('recording to')
+    allowed = allowed_by_the_security_policy()
+    del allowed['operator']
+    assert set(allowed) >= {'power_daq', 'power_estimator', 'policy_runner', 'sim_bridge'}
+    for node, sides in allowed.items():
+        shown: dict[str, set[str]] = {}
+        for _ in range(20):
+            look = node_process.ros2('node', 'info', f'/{node}')
+            look.wait()
+            parts = re.split(
+                r'^ +(Publishers|Subscribers|Service Servers):', look.output, flags=re.M
+            )
+            names = (set(re.findall(r'^ +(/\S+): ', part, re.M)) for part in parts[2::2])
+            shown = dict(zip(parts[1::2], names, strict=True))
+            if all(shown.get(heading) for heading in ('Publishers', 'Service Servers')):
+                break
+        assert '/diagnostics' in shown['Publishers']
+        assert shown['Publishers'] <= sides['publish'], node
+        assert shown['Subscribers'] <= sides['subscribe'], node
+        assert shown['Service Servers'] <= sides['reply'], node
 
 
 def test_the_policy_damps_and_the_daq_waits_when_the_robot_goes(walking, node_process, tmp_path):

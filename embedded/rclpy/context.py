@@ -37,6 +37,19 @@ def _domain_id(given: int | None) -> int:
     return int(text)
 
 
+def _refuse_security() -> None:
+    """
+    Raise RCLError where security is asked for, with either strategy.
+
+    This runtime has none: its nodes would talk in the clear to whoever is on the network.
+    """
+    if os.environ.get('ROS_SECURITY_ENABLE') == 'true':
+        raise RCLError(
+            "Failed to initialize init_options: ROS_SECURITY_ENABLE is 'true', but the embedded "
+            'runtime has no security: run this on ROS 2 Jazzy, or unset ROS_SECURITY_ENABLE'
+        )
+
+
 class Context:
     """One init-to-shutdown cycle; not to be used twice."""
 
@@ -63,12 +76,14 @@ class Context:
         """
         Start; the arguments default to those of the process.
 
-        Raises RuntimeError where it was called before or the environment cannot be meant,
-        UnknownROSArgsError or RCLInvalidROSArgsError for arguments that cannot be read.
+        Raises RuntimeError where it was called before, RCLError where the environment cannot be
+        meant or asks for security, UnknownROSArgsError or RCLInvalidROSArgsError for arguments
+        that cannot be read.
         """
         with self._lock:
             if self.initialized:
                 raise RuntimeError('Context.init() must only be called once')
+            _refuse_security()
             self._domain_id = _domain_id(domain_id)
             self._configuration = domain_configuration()
             self.arguments = parse(sys.argv if args is None else args)

@@ -53,6 +53,36 @@ def test_an_environment_that_cannot_be_meant_is_quoted(
     assert f"{name} is '{value}', it must be" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize('strategy', ['Enforce', 'Permissive', None])
+def test_nothing_starts_where_security_is_asked_for(node_process, strategy):
+    environment = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_KEYSTORE': '/keys'}
+    if strategy is not None:
+        environment['ROS_SECURITY_STRATEGY'] = strategy
+    lines = (
+        'import rclpy',
+        'try:',
+        '    rclpy.init()',
+        'except RuntimeError as error:',
+        '    print(error, rclpy.ok(), rclpy.get_default_context()._participant)',
+    )
+    script = node_process.python('-c', '\n'.join(lines), **environment)
+    assert script.wait() == 0
+    assert "ROS_SECURITY_ENABLE is 'true'" in script.output
+    assert script.output.endswith('False None'), 'no participant was made'
+    node = node_process.command('ros2', 'run', 'power_daq', 'daq', **environment)
+    assert node.wait() == 1
+    assert 'the embedded runtime has no security' in node.lines[-1]
+    tool = node_process.command('ros2', 'node', 'list', **environment)
+    assert tool.wait() == 1
+    assert 'the embedded runtime has no security' in tool.output
+
+
+def test_security_that_is_switched_off_is_no_obstacle(node_process):
+    for value in ('false', ''):
+        tool = node_process.command('ros2', 'node', 'list', ROS_SECURITY_ENABLE=value)
+        assert tool.wait() == 0, tool.output
+
+
 @pytest.fixture
 def stopped_subscriber(node, node_process):
     def start(publisher):

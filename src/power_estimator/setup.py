@@ -35,6 +35,8 @@ setup(
             'train = power_estimator.train_command:main',
             'benchmark = power_estimator.benchmark_command:main',
             'replay = power_estimator.replay_command:main',
+            'sweep = power_estimator.sweep_command:main',
+            'distil = power_estimator.distil_command:main',
         ],
     },
 )

@@ -26,6 +26,7 @@ setup(
         'console_scripts': [
             'sim = sim_bridge.sim_node:main',
             'bench = sim_bridge.bench_command:main',
+            'record = sim_bridge.record_command:main',
         ],
     },
 )

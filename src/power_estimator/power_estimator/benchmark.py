@@ -12,9 +12,11 @@ from power_daq.recording.aligned import AlignedDataset
 
 from power_estimator import recordings
 from power_estimator.checkpoint import TrainingRecording
+from power_estimator.coverage import with_coverage
 from power_estimator.drive_types import DriveType, assign, infer_types
 from power_estimator.evaluation import Comparison, Evaluation, compare, evaluate, rows_of, table
 from power_estimator.model import PowerModel, load_model
+from power_estimator.plain import PLAIN, PlainModel
 from power_estimator.ppn import PowerPredictionNetwork
 from power_estimator.protocol import Part
 from power_estimator.proxies import Proxy
@@ -55,11 +57,11 @@ def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) 
     A network is judged only on the test part of a recording that it was trained on, and all other
     models on the same samples. Proxies are scaled to the mean of the samples that are left out,
     or, on recordings that no network knows, to the mean of what they are judged on, which favours
-    them.
+    them; so it is with the plain model and its fit.
     """
     if len(set(specs)) < len(specs):
         raise InputError(f'--models names a model twice: {", ".join(specs)}')
-    models = [RecordedEstimate(bags) if s == RECORDED else load_model(s) for s in specs]
+    models = [_open(spec, bags) for spec in specs]
     networks = [m for m in models if isinstance(m, PowerPredictionNetwork)]
     data = recordings.load(bags, drives)
     measured = data.measured_drives()
@@ -77,11 +79,16 @@ def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) 
     rest = rows_of(data, labels, Part.TRAIN, 8)
     scaled_on = rest if len(rest.time) > len(test.time) / 10 else test
     ready: list[PowerModel] = [
-        NamedModel(spec, model.fit(scaled_on, types) if isinstance(model, Proxy) else model)
+        NamedModel(
+            spec, model.fit(scaled_on, types) if isinstance(model, Proxy | PlainModel) else model
+        )
         for spec, model in zip(specs, models, strict=True)
     ]
     comparison = compare(ready, test.drives(measured))
     scores = evaluate(comparison, types)
+    for spec, model in zip(specs, models, strict=True):
+        if isinstance(model, PowerPredictionNetwork):
+            scores[spec] = with_coverage(scores[spec], comparison, spec, model, types)
     _require(scores, specs, bags)
     robot = whole_robot(ready, test, scaled_on)
     if robot is not None:
@@ -95,6 +102,12 @@ def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) 
     return Benchmark(
         result, traces(comparison, r2, robot, specs[0]), seconds, not bool(judged.all())
     )
+
+
+def _open(spec: str, bags: Sequence[Path]) -> PowerModel:
+    if spec == RECORDED:
+        return RecordedEstimate(bags)
+    return PlainModel() if spec == PLAIN else load_model(spec)
 
 
 def _judged(

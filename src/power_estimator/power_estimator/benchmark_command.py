@@ -53,7 +53,8 @@ def _parser() -> argparse.ArgumentParser:
         nargs='+',
         required=True,
         metavar='MODEL',
-        help='ppn:RUN, model.yaml, proxy, or recorded: the live estimate in the recording',
+        help='ppn:RUN, model.yaml, proxy, plain (shaft + copper loss + idle, fitted), or recorded '
+        '(the live estimate in the recording)',
     )
     add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
     add('--json', type=Path, metavar='FILE', help='write the table there')

@@ -6,7 +6,8 @@ from scipy.optimize import lsq_linear
 
 Floats = NDArray[np.float64]
 
-_SWEEPS = 25
+_BLOCK_SWEEPS = 10  # that change all offending variables at once
+_SWEEPS = 90  # then the last offending one alone, which cannot cycle
 _TOLERANCE = 1e-9
 
 
@@ -17,8 +18,8 @@ def bounded_solve(
     Minimise x'·gram·x/2 − moment'·x with lower ≤ x ≤ upper for each problem of a batch.
 
     gram [B, m, m], moment [B, m], lower and upper [m] → x [B, m]. ridge [m] or [B, m] is added to
-    the diagonal (the weight of a prior around zero). Block principal pivoting on scaled columns;
-    problems that do not settle go to scipy's lsq_linear.
+    the diagonal (the weight of a prior around zero). Block principal pivoting on scaled columns,
+    then Murty's rule of one index at a time; what does not settle goes to scipy's lsq_linear.
     """
     batch, m = moment.shape
     if m == 0:
@@ -45,7 +46,7 @@ def _pivot(matrix: Floats, target: Floats, low: Floats, high: Floats) -> Floats:
     state = np.zeros((batch, m), dtype=np.int8)  # −1 at the lower bound, 1 at the upper, 0 free
     solution = np.zeros((batch, m))
     open_ = np.arange(batch)
-    for _ in range(_SWEEPS):
+    for sweep in range(_SWEEPS):
         x, gradient = _solve_free(
             matrix[open_], target[open_], low[open_], high[open_], state[open_]
         )
@@ -56,9 +57,13 @@ def _pivot(matrix: Floats, target: Floats, low: Floats, high: Floats) -> Floats:
         above = (now == 0) & (x > high[open_] + tolerance)
         leave = ((now < 0) & (gradient < -tolerance)) | ((now > 0) & (gradient > tolerance))
         outside = (below | above).any(axis=1, keepdims=True)
-        leave &= ~outside
-        worst = np.abs(gradient) * leave
-        leave &= worst >= worst.max(axis=1, keepdims=True)
+        if sweep < _BLOCK_SWEEPS:
+            leave &= ~outside
+            worst = np.abs(gradient) * leave
+            leave &= worst >= worst.max(axis=1, keepdims=True)
+        else:
+            last = _last(below | above | leave)
+            below, above, leave = below & last, above & last, leave & last
         state[open_] = np.where(below, -1, np.where(above, 1, np.where(leave, 0, now)))
         unsettled = (below | above | leave).any(axis=1)
         open_ = open_[unsettled]
@@ -67,6 +72,12 @@ def _pivot(matrix: Floats, target: Floats, low: Floats, high: Floats) -> Floats:
     for problem in open_.tolist():
         solution[problem] = _one(matrix[problem], target[problem], low[problem], high[problem])
     return solution
+
+
+def _last(offends: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The last true entry of each row alone."""
+    after = np.cumsum(offends[:, ::-1], axis=1)[:, ::-1]
+    return offends & (after == 1)
 
 
 def _solve_free(

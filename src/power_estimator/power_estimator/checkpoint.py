@@ -15,6 +15,7 @@ from safetensors.numpy import save
 
 from power_estimator.drive_types import DriveType
 from power_estimator.features import FEATURES, Scaling
+from power_estimator.intervals import Intervals
 from power_estimator.lstm import Weights
 
 Floats = NDArray[np.float32]
@@ -60,6 +61,7 @@ class Network:
     low: tuple[float, float, float]  # of each feature in the training data
     high: tuple[float, float, float]
     weights: Weights
+    intervals: Intervals | None = None  # older files have none
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ class Checkpoint:
 
 
 def _type_card(network: Network) -> dict[str, Any]:
-    return {
+    card: dict[str, Any] = {
         'patterns': list(network.type.patterns),
         'feature_mean': list(network.scaling.mean),
         'feature_scale': list(network.scaling.scale),
@@ -123,6 +125,9 @@ def _type_card(network: Network) -> dict[str, Any]:
         'low': list(network.low),
         'high': list(network.high),
     }
+    if network.intervals is not None:
+        card['intervals'] = network.intervals.content()
+    return card
 
 
 def _read(file: Path) -> tuple[dict[str, Floats], dict[str, Any]]:
@@ -169,9 +174,9 @@ def _checkpoint(tensors: dict[str, Floats], card: dict[str, Any]) -> Checkpoint:
             float(entry['power_scale_w']),
         )
         kind = DriveType(str(name), tuple(str(p) for p in entry['patterns']))
-        networks.append(
-            Network(kind, scaling, _three(entry['low']), _three(entry['high']), weights)
-        )
+        intervals = Intervals.of(entry['intervals']) if 'intervals' in entry else None
+        low, high = _three(entry['low']), _three(entry['high'])
+        networks.append(Network(kind, scaling, low, high, weights, intervals))
     if not networks:
         raise InputError('holds no network')
     return Checkpoint(

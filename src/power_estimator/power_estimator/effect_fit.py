@@ -63,6 +63,8 @@ class Normal:
     gram: Floats  # [B, D, m, m]
     moment: Floats  # [B, D, m]
     square: Floats  # W² [B, D], sum of squared targets
+    valid: NDArray[np.bool_]  # [B, D]
+    length: int  # rows of a block
 
     @classmethod
     def of(cls, columns: Floats, target: Floats, blocks: Blocks) -> 'Normal':
@@ -71,7 +73,8 @@ class Normal:
         x = columns[rows].transpose(0, 2, 3, 1)  # [B, D, m, L]
         y = np.where(blocks.valid[:, None, :], np.nan_to_num(target[rows]), 0.0).transpose(0, 2, 1)
         x = x * blocks.valid[:, :, None, None]
-        return cls(x @ x.transpose(0, 1, 3, 2), (x @ y[..., None])[..., 0], np.square(y).sum(2))
+        gram, moment = x @ x.transpose(0, 1, 3, 2), (x @ y[..., None])[..., 0]
+        return cls(gram, moment, np.square(y).sum(axis=2), blocks.valid, blocks.length)
 
     def errors(self, coefficients: Floats) -> Floats:
         """Sum of squared residuals, W² [B, D], at coefficients [D, m] or [B, D, m]."""
@@ -96,6 +99,13 @@ class Fit:
     target: Floats  # W [N, D], power with the delay taken out, less the design's constant
     mse: Floats  # W² [D]
     weights: Floats  # [B, D], low where nothing fits
+
+    @property
+    def error(self) -> float:
+        """Summed over drives: mean log of the mean squared error of the blocks."""
+        count = np.maximum(self.normal.valid.sum(axis=0), 1)
+        error = self.normal.errors(self.coefficients) / self.normal.length
+        return float(((np.log(error + 1e-4) * self.normal.valid).sum(axis=0) / count).sum())
 
     def residual(self) -> Floats:
         """Measured minus model, W [N, D]."""

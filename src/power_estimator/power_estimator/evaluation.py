@@ -98,6 +98,7 @@ def merge(parts: Sequence[Mapping[str, Evaluation]]) -> dict[str, Evaluation]:
             {k: v for part in parts for k, v in part[model].types.items()},
         )
         for model in parts[0]
+        if all(model in part for part in parts)
     }
 
 
@@ -109,7 +110,7 @@ def table(folds: Sequence[Mapping[str, Evaluation]]) -> dict[str, Any]:
     `supply`}]}.
     """
     models = []
-    for name in folds[0]:
+    for name in [name for name in folds[0] if all(name in fold for fold in folds)]:
         of = [fold[name] for fold in folds]
         models.append(
             {

@@ -29,21 +29,6 @@ def finite_runs(values: Floats, data: AlignedDataset, shortest: int = 1) -> Iter
                 yield slice(run.start + int(start), run.start + int(stop))
 
 
-def check_units(data: AlignedDataset) -> None:
-    """InputError that names recording, drive and field if a signal cannot be in SI units."""
-    where = ', '.join(data.recordings)
-    for name, unit, limit, values in zip(
-        FEATURES, UNITS, PLAUSIBLE, np.moveaxis(features(data), 2, 0), strict=True
-    ):
-        largest = np.nanmax(np.abs(values), axis=0, initial=0.0)
-        worst = int(np.argmax(largest))
-        if largest[worst] > limit:
-            raise InputError(
-                f'{where}: {name} of {data.names[worst]} reaches {largest[worst]:.4g}; '
-                f'that cannot be {unit}'
-            )
-
-
 @dataclass(frozen=True)
 class Scaling:
     """Mean and scale of features [3] and power; the network sees (x − mean) / scale."""

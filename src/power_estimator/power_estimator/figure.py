@@ -23,6 +23,7 @@ LABELS = {
     'mechanical_power': '|mechanical power|',
     'mechanical_power_positive': 'positive mechanical power',
     'acceleration_squared': 'acceleration²',
+    'plain': 'shaft + copper\nloss + idle',
 }
 _ESTIMATE = {False: '#0072B2', True: '#56B4E9'}  # by dark
 _LIGHT = {'figure.facecolor': '#ffffff', 'axes.facecolor': '#ffffff', 'text.color': '#1a1a1a'}
@@ -31,7 +32,7 @@ _DARK = {'figure.facecolor': '#1c1f24', 'axes.facecolor': '#1c1f24', 'text.color
 
 def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:
     """Three panels: proxies, network, whole robot, each against what was measured (PNG, SVG)."""
-    with _style(dark) as ink:
+    with style(dark) as ink:
         blue = _ESTIMATE[dark]
         whole = traces.supply is not None and traces.robot is not None
         figure = Figure(figsize=(9, 8 if whole else 5.6), layout='constrained')
@@ -55,7 +56,7 @@ def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:
             _panel(bottom, f'whole robot, R² = {traces.robot_r2:.3f}')
         axes[-1].set_xlabel('time [s]')
         axes[-1].set_xlim(0, float(time[-1]))
-        _save(figure, path)
+        save_figure(figure, path)
 
 
 def draw_bars(
@@ -64,7 +65,7 @@ def draw_bars(
     """R² of each model per drive type with its spread over folds, as in Fig. 4."""
     models = table['models']
     types = list(dict.fromkeys(key for model in models for key in model['types']))
-    with _style(dark) as ink:
+    with style(dark) as ink:
         blue = _ESTIMATE[dark]
         figure = Figure(figsize=(9, 4.2), layout='constrained')
         axis = figure.subplots()
@@ -107,7 +108,7 @@ def draw_bars(
         axis.set_ylabel('R² on held-out data')
         axis.legend(ncols=len(types), loc='lower right', bbox_to_anchor=(1, 1), frameon=False)
         axis.set_title(title, loc='left', fontsize=10)
-        _save(figure, path)
+        save_figure(figure, path)
 
 
 def _figure(r2: float) -> str:
@@ -123,7 +124,8 @@ def _panel(axis: Axes, title: str) -> None:
 
 
 @contextmanager
-def _style(dark: bool) -> Iterator[str]:
+def style(dark: bool) -> Iterator[str]:
+    """Colours and lines of all pictures; gives the colour of text and measurements."""
     colours = _DARK if dark else _LIGHT
     ink = colours['text.color']
     settings: Any = {
@@ -142,7 +144,8 @@ def _style(dark: bool) -> Iterator[str]:
         yield ink
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a picture whole or not at all; InputError if it cannot be written."""
     FigureCanvasAgg(figure)
     temporary = path.with_name(f'.part-{path.name}')
     try:

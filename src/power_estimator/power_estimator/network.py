@@ -73,6 +73,11 @@ class Tracks:
             np.cumsum([0, *(len(y) for _, y in tracks)]),
         )
 
+    def cut(self, length: int) -> 'Tracks':
+        """The same samples in tracks of at most `length`."""
+        edges = [np.arange(a, b, length) for a, b in pairwise(self.edges.tolist())]
+        return Tracks(self.features, self.power, np.r_[*edges, self.edges[-1]].astype(np.intp))
+
 
 class PowerLstm(nn.Module):
     """LSTM and linear output on scaled features [T, B, 3] → scaled power [T, B]."""
@@ -130,7 +135,8 @@ class Trainer:
     Each of `batch` sequences walks through the data chunk by chunk; its state goes along without
     gradient, is dropped at gaps and now and then at random, and the warm_up samples after that
     bear no loss. So the network is good soon after a reset and stays good for hours: the windowed
-    and the carried form agree.
+    and the carried form agree. With a reset before each chunk it is trained, and validated, on
+    windows of that length instead.
     """
 
     def __init__(
@@ -151,6 +157,8 @@ class Trainer:
         )
         self._training = training
         self._x, self._y = self._scaled(training)
+        windows = config.reset_probability == 1
+        validation = validation.cut(config.chunk) if windows else validation
         self._validation = validation
         self._x_validation, _ = self._scaled(validation)
         self.network = PowerLstm(hidden)

@@ -56,6 +56,21 @@ class PowerPredictionNetwork:
             high[columns[network.type.name]] = network.high
         return low, high
 
+    def interval(self, power: Floats, drives: Sequence[str]) -> tuple[Floats, Floats]:
+        """
+        Lowest and highest power in W [N, D] to be expected of estimates [N, D] at 50 Hz.
+
+        NaN for drives of no known type and for networks without intervals.
+        """
+        low = np.full(power.shape, np.nan, np.float32)
+        high = low.copy()
+        columns = assign(drives, self.types)
+        for network in self.checkpoint.networks:
+            own = columns[network.type.name]
+            if network.intervals is not None and own:
+                low[:, own], high[:, own] = network.intervals.around(power[:, own])
+        return low, high
+
     def predict(self, data: AlignedDataset) -> Floats:
         """
         Watts [T, D] with carried state.

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -12,11 +12,44 @@ from power_daq.cli import InputError
 from power_daq.recording.aligned import AlignedDataset
 from power_daq.recording.alignment import load_aligned
 from power_daq.recording.card import FILE, Card
+from power_daq.recording.reader import Recording
 
 from power_estimator.checkpoint import TrainingRecording
 from power_estimator.features import features
+from power_estimator.input_checks import check_sampling
 
 Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class TrainingSet:
+    """What networks are trained on."""
+
+    data: AlignedDataset
+    live: Floats  # features of the same samples as the live node forms them [T, D, 3]
+    recordings: tuple[TrainingRecording, ...]
+
+    def as_live(self) -> AlignedDataset:
+        """The data with the live node's features in place of the smoothed signals."""
+        error, torque, velocity = np.moveaxis(self.live, 2, 0)
+        position = np.where(np.isfinite(error), 0, np.nan).astype(np.float32)
+        return replace(
+            self.data, position=position, command=error, torque=torque, velocity=velocity
+        )
+
+
+def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingSet:
+    """
+    Several recordings as one set.
+
+    InputError for a recording that is given twice, cannot be read or is sampled otherwise.
+    """
+    known = tuple(describe(path) for path in paths)
+    if len({r.sha256 for r in known}) < len(known):
+        raise InputError(f'a recording is given twice among {", ".join(map(str, paths))}')
+    check_sampling([Recording.open(path) for path in paths])
+    data = load(paths, drives)
+    return TrainingSet(data, live_features(paths, data), known)
 
 
 def load(paths: Sequence[Path], drives: Sequence[str]) -> AlignedDataset:

@@ -98,6 +98,8 @@ class RunFolder:
         for file in self._state.glob('*.safetensors'):
             file.unlink()
         self._state.rmdir()
+        if not any(self._folds.iterdir()):
+            self._folds.rmdir()
 
     def _yaml(self, file: str, content: Any) -> None:
         plain = json.loads(json.dumps(content))

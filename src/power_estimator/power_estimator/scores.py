@@ -18,6 +18,8 @@ class Score:
     bias_w: float  # mean of estimated − measured
     energy_error: float  # see energy_error()
     samples: int
+    coverage: float = float('nan')  # share of the measured in the interval, where there is one
+    interval_w: float = float('nan')  # its mean width
 
 
 def r2(measured: ArrayLike, estimated: ArrayLike) -> float:

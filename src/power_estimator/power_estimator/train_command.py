@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from power_daq.cli import InputError, command
+from power_daq.cli import command
 from rich.console import Console
 
 from power_estimator import figure, recordings
@@ -95,18 +95,15 @@ def _prepare(
     training: TrainingConfig,
     protocol: Protocol,
 ) -> CrossValidation:
-    known = [recordings.describe(path) for path in options.bags]
-    if len({r.sha256 for r in known}) < len(known):
-        raise InputError(f'a recording is given twice among {", ".join(map(str, options.bags))}')
-    data = recordings.load(options.bags, options.drives)
+    given = recordings.training_set(options.bags, options.drives)
     return CrossValidation(
-        data,
-        parse_types(options.type) if options.type else infer_types(data.names),
+        given.data,
+        parse_types(options.type) if options.type else infer_types(given.data.names),
         network=config,
         training=training,
         protocol=protocol,
-        others=[recordings.live_features(options.bags, data)],
-        recordings=known,
+        others=[given.live],
+        recordings=given.recordings,
     )
 
 

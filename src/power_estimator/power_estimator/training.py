@@ -4,6 +4,7 @@ import threading
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 
@@ -14,11 +15,15 @@ from power_daq.cli import InputError
 from power_daq.recording.aligned import AlignedDataset
 
 from power_estimator.checkpoint import Checkpoint, Network, NetworkConfig, TrainingRecording
+from power_estimator.coverage import with_coverage
 from power_estimator.drive_types import DriveType, assign
 from power_estimator.evaluation import Comparison, Evaluation, compare, evaluate, merge, rows_of
-from power_estimator.features import check_units, features
+from power_estimator.features import features
+from power_estimator.input_checks import check_complete, check_units
+from power_estimator.intervals import Intervals
 from power_estimator.model import PowerModel
 from power_estimator.network import Tracks, Trainer, TrainingConfig
+from power_estimator.plain import PlainModel
 from power_estimator.ppn import PowerPredictionNetwork
 from power_estimator.protocol import Part, Protocol, runs
 from power_estimator.proxies import PROXIES, Proxy
@@ -48,6 +53,7 @@ class CrossValidation:
 
     data holds the smoothed signals that targets and scores are made of; `others` are other
     features [T, D, 3] of the same samples (as the live node forms them), which training mixes in.
+    targets are what the networks learn, W [T, D], if not the measured power (a teacher's output).
     """
 
     def __init__(
@@ -60,6 +66,7 @@ class CrossValidation:
         protocol: Protocol | None = None,
         others: Sequence[Floats] = (),
         recordings: Sequence[TrainingRecording] = (),
+        targets: Floats | None = None,
     ) -> None:
         network = network or NetworkConfig()
         protocol = protocol or Protocol(margin=network.history)
@@ -68,7 +75,9 @@ class CrossValidation:
         if abs(data.rate - network.rate) > 1e-3 * network.rate:
             raise InputError(f'data at {data.rate:g} Hz, the network wants {network.rate:g} Hz')
         check_units(data)
+        check_complete(data)
         self.data = data
+        self._targets = data.power if targets is None else targets
         self.config = network
         self._training = training or TrainingConfig()
         self._protocol = protocol
@@ -109,9 +118,7 @@ class CrossValidation:
                 config=replace(self._training, seed=int(seed.generate_state(1)[0]) >> 1),
             )
         except InputError as error:
-            raise InputError(
-                f'{", ".join(self.data.recordings)}: {job.type.name}: {error}'
-            ) from None
+            raise InputError(f'{self._where(job.type.name)}: {job.type.name}: {error}') from None
 
     def run(
         self,
@@ -158,20 +165,19 @@ class CrossValidation:
             if job.fold != fold:
                 continue
             labels = self.labels(job)
-            x, _ = self._pooled(job, labels == Part.TRAIN)
+            x = self._pooled(job, labels == Part.TRAIN)
             low, high = x.min(axis=0), x.max(axis=0)
             if self._training.mirror:
                 high = np.maximum(high, -low)
                 low = -high
-            networks.append(
-                Network(
-                    job.type,
-                    trainer.scaling,
-                    (float(low[0]), float(low[1]), float(low[2])),
-                    (float(high[0]), float(high[1]), float(high[2])),
-                    trainer.best,
-                )
+            network = Network(
+                job.type,
+                trainer.scaling,
+                (float(low[0]), float(low[1]), float(low[2])),
+                (float(high[0]), float(high[1]), float(high[2])),
+                trainer.best,
             )
+            networks.append(replace(network, intervals=self._intervals(network, labels)))
             held_out[job.type.name] = list(runs(labels, self.data.segment, Part.TEST))
         about = {**asdict(self._training), **asdict(self._protocol), 'fold': fold}
         recordings = tuple(
@@ -183,16 +189,21 @@ class CrossValidation:
         )
 
     def test(self, fold: int, checkpoint: Checkpoint) -> tuple[dict[str, Evaluation], Traces]:
-        """Scores of the networks and all proxies on the fold's test part, and a picture of it."""
+        """
+        Scores of the networks, all proxies and the plain model on the fold's test part.
+
+        And what a picture of it shows.
+        """
         ppn = PowerPredictionNetwork(checkpoint)
         jobs = [job for job in self.jobs if job.fold == fold]
         labels = [self.labels(job) for job in jobs]
-        scores = merge(
-            [
-                evaluate(self._compare(ppn, label, self._columns[job.type.name])[0], [job.type])
-                for job, label in zip(jobs, labels, strict=True)
-            ]
-        )
+        parts = []
+        for job, label in zip(jobs, labels, strict=True):
+            found = self._compare(ppn, label, self._columns[job.type.name])[0]
+            part = evaluate(found, [job.type])
+            part['ppn'] = with_coverage(part['ppn'], found, 'ppn', ppn, [job.type])
+            parts.append(part)
+        scores = merge(parts)
         label, robot = labels[-1], None
         columns = self._columns[jobs[-1].type.name]
         if all(np.array_equal(label, other) for other in labels):
@@ -200,8 +211,8 @@ class CrossValidation:
         comparison, models = self._compare(ppn, label, columns)
         totals = evaluate(comparison, self.types)
         if len(columns) > len(self._columns[jobs[-1].type.name]) or len(jobs) == 1:
-            parts = [rows_of(self.data, label, part) for part in (Part.TEST, Part.TRAIN)]
-            robot = whole_robot(models, parts[0], parts[1])
+            test, training = (rows_of(self.data, label, p) for p in (Part.TEST, Part.TRAIN))
+            robot = whole_robot(models, test, training)
             supplies = robot.scores() if robot else {}
             scores = {
                 m: replace(e, total=totals[m].total, supply=supplies.get(m))
@@ -214,18 +225,34 @@ class CrossValidation:
         self, ppn: PowerModel, labels: NDArray[np.int8], columns: Sequence[int]
     ) -> tuple[Comparison, list[PowerModel]]:
         drives = self.data.drives([self.data.names[c] for c in columns])
-        models = [ppn, *self._proxies(rows_of(drives, labels, Part.TRAIN))]
+        training = rows_of(drives, labels, Part.TRAIN)
+        models: list[PowerModel] = [ppn]
+        models += [Proxy(name).fit(training, self.types) for name in PROXIES]
+        with suppress(InputError):
+            models.append(PlainModel().fit(training, self.types))
         return compare(models, rows_of(drives, labels, Part.TEST)), models
 
-    def _proxies(self, training: AlignedDataset) -> list[PowerModel]:
-        return [Proxy(name).fit(training, self.types) for name in PROXIES]
+    def _intervals(self, network: Network, labels: NDArray[np.int8]) -> Intervals | None:
+        ppn = PowerPredictionNetwork(Checkpoint(self.config, (network,)))
+        names = [self.data.names[c] for c in self._columns[network.type.name]]
+        found = compare([ppn], rows_of(self.data.drives(names), labels, Part.VALIDATION))
+        return Intervals.fit(found.measured, found.estimated[ppn.name])
+
+    def _where(self, kind: str) -> str:
+        rows = self._segments[kind] >= 0
+        return ', '.join(self.data.recordings[i] for i in np.unique(self.data.recording[rows]))
 
     def _usable(self, kind: DriveType) -> NDArray[np.int32]:
         used = self._measured[:, self._columns[kind.name]].any(axis=1)
         if np.count_nonzero(used) < self._protocol.minimum():
             need = self._protocol.minimum() / self.data.rate
+            where = [
+                n
+                for i, n in enumerate(self.data.recordings)
+                if used[self.data.recording == i].any()
+            ]
             raise InputError(
-                f'{", ".join(self.data.recordings)}: {kind.name} was measured for '
+                f'{", ".join(where)}: {kind.name} was measured for '
                 f'{np.count_nonzero(used) / self.data.rate:.1f} s; training needs {need:.0f} s'
             )
         return np.where(used, self.data.segment, -1)
@@ -233,18 +260,18 @@ class CrossValidation:
     def _tracks(self, job: Job, labels: NDArray[np.int8], part: Part, shortest: int) -> Tracks:
         tracks = []
         for column in self._columns[job.type.name]:
-            there = np.where(self._measured[:, column], labels, Part.UNUSED)
+            usable = self._measured[:, column] & np.isfinite(self._targets[:, column])
+            there = np.where(usable, labels, Part.UNUSED)
             tracks += [
-                (self._views[:, run, column], self.data.power[run, column])
+                (self._views[:, run, column], self._targets[run, column])
                 for run in runs(there, self.data.segment, part, shortest)
             ]
         return Tracks.join(tracks)
 
-    def _pooled(self, job: Job, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    def _pooled(self, job: Job, rows: NDArray[np.bool_]) -> Floats:
         columns = self._columns[job.type.name]
         used = rows[:, None] & self._measured[:, columns]
-        x = self._views[:, :, columns][:, used].reshape(-1, self._views.shape[3])
-        return x, self.data.power[:, columns][used]
+        return self._views[:, :, columns][:, used].reshape(-1, self._views.shape[3])
 
     def _spans(self, stretches: Sequence[slice], recording: int) -> list[list[float]]:
         return [

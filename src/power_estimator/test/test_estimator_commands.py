@@ -40,7 +40,7 @@ def test_a_run_folder_holds_all_that_is_needed_to_judge_and_to_repeat_it(trained
 
 def test_the_table_lists_the_network_and_all_proxies_per_drive_and_type(trained):
     models = json.loads((trained / 'table.json').read_text())['models']
-    assert [m['name'] for m in models] == ['ppn', *PROXIES]
+    assert [m['name'] for m in models] == ['ppn', *PROXIES, 'plain']
     for model in models:
         assert set(model['drives']) == {'LF_HAA', 'LF_HFE'}
         assert set(model['types']) == {'HAA', 'HFE'}

@@ -27,9 +27,13 @@ NEXT_SHARE = 0.008
 """A further effect must explain this share, in watts, of what the others do."""
 NAMED_SHARE = 0.8
 """Named effects must explain this share of all that can be explained."""
-MOST_EFFECTS = 3
+MOST_EFFECTS = 8
+EARNED_SHARE = 0.6
+"""The last effect to join must explain this share of what was still to be explained."""
 _FINALISTS, _EXTRAS, _SWAPS = 6, 3, 2
+_LARGEST_SWAP, _LATE_EXTRAS = 3, 2  # sets beyond this size grow by the best candidates only
 _MOST_RIVALS = 3  # that a further effect may have
+_LEAST_FALL = 1e-3  # of the log error, for another shape
 _EVENT = 20.0  # times the median squared error
 _EVENT_SHARE = 0.05
 
@@ -111,7 +115,10 @@ class Diagnoser:
             steps.append(step)
             if better is None:
                 break
-            ladder.append(better)
+            ladder.append(self._reshaped(self._without_idlers(better)))
+            if ladder[-1].names in [rung.names for rung in ladder[:-1]]:
+                ladder.pop()
+                break
         return self._judge(ladder, singles, steps)
 
     def _base(self) -> Evidence:
@@ -177,6 +184,41 @@ class Diagnoser:
             return step, None
         return step, finalists[0]
 
+    def _reshaped(self, evidence: Evidence) -> Evidence:
+        """Choose the shapes of the added effects anew, now that others stand beside them."""
+        if len(evidence.names) < 2:
+            return evidence
+        for name in evidence.names:
+            own = tuple(a for a in evidence.fit.structure.actives if a.name in evidence.names)
+            active = next(a for a in own if a.name == name)
+            for shape in self._other_shapes(active):
+                changed = tuple(shape if a.name == name else a for a in own)
+                trial = self._full(evidence.fit, changed, 2)
+                if trial.fit.error < evidence.fit.error - _LEAST_FALL:
+                    evidence = trial
+        return evidence
+
+    def _other_shapes(self, active: Active) -> list[Active]:
+        same = [c for c in self.candidates if c.name == active.name]
+        if len(same) < 2:
+            return []
+        place = same.index(active) if active in same else 0
+        return [same[i] for i in (place - 1, place + 1) if 0 <= i < len(same)]
+
+    def _without_idlers(self, evidence: Evidence) -> Evidence:
+        """Drop effects that later ones have made superfluous."""
+        for name in evidence.names[:-1]:
+            rest = tuple(
+                active
+                for active in evidence.fit.structure.actives
+                if active.name in evidence.names and active.name != name
+            )
+            less = self._full(evidence.fit, rest)
+            gain = less.mean_mse - evidence.mean_mse
+            if len(rest) > 1 and not above_floor(gain, self.floor):
+                return self._without_idlers(less)
+        return evidence
+
     def _rivals(
         self, best: Evidence, bank: Bank, found: dict[str, Screened]
     ) -> list[tuple[Active, ...]]:
@@ -190,6 +232,8 @@ class Diagnoser:
         extras = sorted(best_shapes(beside).values(), key=lambda screened: screened.loss)
         sets = [(*own, *screened.actives) for screened in extras[:_EXTRAS]]
         names, size = list(found), len(own) + 1
+        if size > _LARGEST_SWAP:
+            return sets[:_LATE_EXTRAS]
         swaps = [
             subset
             for subset in itertools.combinations(names, size)
@@ -255,7 +299,7 @@ class Diagnoser:
     def _earned(before: Evidence, after: Evidence, leftover: Leftover) -> bool:
         """Whether the last effect explains most of what was still to be explained."""
         gain = float(np.maximum(before.mean_mse - after.mean_mse, 0.0).sum())
-        return gain >= NAMED_SHARE * (gain + float(leftover.explained.sum()))
+        return gain >= EARNED_SHARE * (gain + float(leftover.explained.sum()))
 
 
 def floors(fitter: Fitter, least: float, share: float) -> Floats:

@@ -36,11 +36,7 @@ def test_nothing_is_named_where_nothing_is_missing(motion):
     [
         ('load_friction', 'walk'),
         ('rotor_inertia', 'walk'),
-        pytest.param(
-            'spring',
-            'ladder',
-            marks=pytest.mark.xfail(reason='a second effect is left ambiguous', strict=False),
-        ),
+        ('spring', 'ladder'),
         ('regeneration_limit', 'ladder'),
         ('line_resistance', 'ladder'),
         ('idle', 'walk'),

@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+import yaml
+from power_daq.recording.reader import Recording
+from sim_bridge.robot import JOINT_NAMES
+
+from sim_bridge import record_command
+
+
+@pytest.fixture(scope='module')
+def paper(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('sets') / 'paper'
+    assert record_command.main(['paper', '-o', str(folder), '--seconds', '2']) == 0
+    return folder
+
+
+def test_the_papers_set_meters_one_drive_of_each_type_on_rough_ground_with_pushes(paper):
+    assert sorted(bag.name for bag in paper.iterdir()) == ['HAA', 'HFE', 'KFE']
+    seeds = set()
+    for kind in ('HAA', 'HFE', 'KFE'):
+        recording = Recording.open(paper / kind)
+        assert recording.drive_supply().names == (f'LF_{kind}',)
+        assert recording.joint_states().names == JOINT_NAMES
+        assert recording.duration == pytest.approx(2.0, abs=0.01)
+        assert recording.card.terrain == 'rough'
+        assert 'pushes' in recording.card.notes
+        seeds.add(recording.card.seed)
+    assert len(seeds) == 3
+
+
+def test_the_robustness_set_has_other_gaits_and_another_unit(tmp_path, capsys):
+    folder = tmp_path / 'set'
+    assert record_command.main(['robustness', '-o', str(folder), '--seconds', '1']) == 0
+    cards = {bag.name: Recording.open(bag).card for bag in folder.iterdir()}
+    assert {name: card.controller for name, card in cards.items()} == {
+        'trot_slow': 'trot_slow',
+        'trot_high': 'trot_high',
+        'unit': 'trot',
+    }
+    assert cards['unit'].unit != cards['trot_slow'].unit
+    assert all(card.drives == JOINT_NAMES for card in cards.values())
+    assert f'benchmark {folder / "trot_slow"}' in capsys.readouterr().out
+
+
+def test_finished_recordings_are_kept_and_broken_ones_are_made_anew(paper, tmp_path):
+    kept, broken = paper / 'HAA', paper / 'KFE'
+    before = {bag: (bag / f'{bag.name}_0.mcap').stat() for bag in (kept, broken)}
+    whole = (broken / f'{broken.name}_0.mcap').read_bytes()
+    (broken / 'card.yaml').unlink()
+    (broken / f'{broken.name}_0.mcap').write_bytes(whole[:5000])
+    assert record_command.main(['paper', '-o', str(paper), '--seconds', '2']) == 0
+    assert (kept / 'HAA_0.mcap').stat().st_mtime_ns == before[kept].st_mtime_ns
+    assert (broken / 'KFE_0.mcap').read_bytes() == whole
+
+
+def test_a_set_that_stopped_before_its_card_was_complete_is_made_anew(paper):
+    card = yaml.safe_load((paper / 'HFE' / 'card.yaml').read_text())
+    del card['plan']
+    (paper / 'HFE' / 'card.yaml').write_text(yaml.safe_dump(card))
+    assert record_command.main(['paper', '-o', str(paper), '--seconds', '2']) == 0
+    assert 'plan' in yaml.safe_load((paper / 'HFE' / 'card.yaml').read_text())
+
+
+@pytest.mark.parametrize(
+    ('options', 'quoted'),
+    [
+        (['--seconds', '3'], 'seconds = 2.0, not 3.0'),
+        (['--seconds', '2', '--seed', '5'], "'seed': 5"),
+        (['--seconds', '0.5'], '--seconds is 0.5'),
+        (['--seconds', '2', '--plant', 'nowhere.yaml'], 'nowhere.yaml'),
+    ],
+)
+def test_bad_input_ends_with_code_2_and_one_line(paper, capsys, options, quoted):
+    assert record_command.main(['paper', '-o', str(paper), *options]) == 2
+    error = capsys.readouterr().err.strip()
+    assert len(error.splitlines()) == 1
+    assert quoted in error
+
+
+def test_help_shows_an_example(capsys):
+    with pytest.raises(SystemExit) as end:
+        record_command.main(['--help'])
+    assert end.value.code == 0
+    assert 'ros2 run sim_bridge record paper -o' in capsys.readouterr().out
+
+
+def test_seeds_of_the_two_sets_differ():
+    seeds = [plan.seed for which in record_command.SECONDS for plan in record_command.plans(which)]
+    assert len(np.unique(seeds)) == 6
