@@ -83,7 +83,6 @@ class LearnedPolicy:
             inputs.velocity,
             inputs.gravity,
             inputs.spin,
-            torque=inputs.torque,
             acceleration=inputs.acceleration,
         )
         velocity = estimate if base_velocity is None else base_velocity

@@ -25,7 +25,7 @@ class Listener:
 
     def _on_joints(self, message: JointState) -> None:
         m = message
-        self._inputs.on_joints(_ns(m), m.name, m.position, m.velocity, self._now(), m.effort)
+        self._inputs.on_joints(_ns(m), m.name, m.position, m.velocity, self._now())
 
     def _on_imu(self, message: Imu) -> None:
         q, w, a = message.orientation, message.angular_velocity, message.linear_acceleration

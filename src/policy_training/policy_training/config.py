@@ -223,19 +223,19 @@ class TrainingConfig:
 
     def with_values(self, changes: Mapping[str, Any]) -> 'TrainingConfig':
         """Some values changed by dotted name: `{'power.weight': 8e-4, 'seed': 2}`."""
-        changed = self
+        own: dict[str, Any] = {}
+        inner: dict[str, dict[str, Any]] = {}
         for name, value in changes.items():
             section, dot, key = name.partition('.')
-            holder = getattr(changed, section, None) if dot else changed
+            kind = _SECTIONS.get(section) if dot else type(self)
             key = key if dot else section
-            known = [entry.name for entry in fields(holder)] if _is_config(holder) else []
+            known = [entry.name for entry in fields(kind)] if kind is not None else []
             if key not in known or (not dot and key in _SECTIONS):
                 raise InputError(f'a config has no {name!r}')
-            if dot:
-                changed = replace(changed, **{section: replace(holder, **{key: value})})
-            else:
-                changed = replace(changed, **{key: value})
-        return changed
+            (inner.setdefault(section, {}) if dot else own)[key] = value
+        for section, values in inner.items():
+            own[section] = replace(getattr(self, section), **values)
+        return replace(self, **own)
 
     def content(self) -> dict[str, Any]:
         """What `parse` reads."""
@@ -248,7 +248,7 @@ class TrainingConfig:
         write_whole(path, yaml.safe_dump(self.content(), sort_keys=False))
 
 
-_SECTIONS: Final[Mapping[str, type]] = {
+_SECTIONS: Final[Mapping[str, type[Any]]] = {
     'physics': PhysicsConfig,
     'random': RandomConfig,
     'commands': CommandConfig,
@@ -258,6 +258,3 @@ _SECTIONS: Final[Mapping[str, type]] = {
     'ppo': PpoConfig,
 }
 
-
-def _is_config(holder: object) -> bool:
-    return isinstance(holder, (TrainingConfig, *_SECTIONS.values()))

@@ -10,7 +10,7 @@ from sim_bridge.robot import DEFAULT_POSE
 
 from policy_training.commands import Commands
 from policy_training.config import TrainingConfig
-from policy_training.power_term import BatchPower
+from policy_training.power_term import PowerModel, predict_step
 from policy_training.rewards import FootClock, Moment, Rewards
 from policy_training.robots import Motion, Robots
 
@@ -42,7 +42,7 @@ class WalkingEnvironment:
         self,
         config: TrainingConfig,
         *,
-        power: BatchPower | None = None,
+        power: PowerModel | None = None,
         observation: Observation = STANDARD,
     ) -> None:
         self.config = config
@@ -54,7 +54,7 @@ class WalkingEnvironment:
         count = self.count = config.physics.environments
         self.commands = Commands(config.commands, count, seeds[2])
         self.power = power
-        self.watts = np.zeros((count, 12))
+        self.watts = np.zeros((count, 12), np.float32)
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
         self._last_action = np.zeros((count, 12))
@@ -114,13 +114,12 @@ class WalkingEnvironment:
         self._go_on(done)
         return Outcome(self.observe(), reward, done, timed_out, log)
 
-    def _power_term(self, model: BatchPower) -> Floats:
+    def _power_term(self, model: PowerModel) -> Floats:
         power = self.config.power
-        watts = [model.step(s.position_error, s.torque, s.velocity) for s in self.robots.substeps]
-        self.watts = np.nan_to_num(np.mean(watts, axis=0))
+        self.watts = predict_step(model, self.robots.substeps)
         counted = self.age > power.masked
         weight = power.weight_at(self.steps) * self.config.step_time
-        return np.asarray(-weight * self.watts.sum(axis=1) * counted)
+        return np.asarray(-weight * self.watts.sum(axis=1) * counted, np.float64)
 
     def _go_on(self, done: NDArray[np.bool_]) -> None:
         over = np.flatnonzero(done)
