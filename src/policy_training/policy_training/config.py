@@ -257,4 +257,3 @@ _SECTIONS: Final[Mapping[str, type[Any]]] = {
     'power': PowerConfig,
     'ppo': PpoConfig,
 }
-
