@@ -48,12 +48,12 @@ class BatchDrives:
         self._limit = p['torque_limit']
         self.inertia = vary(p['rotor_inertia'] * effects.rotor_inertia.scale, spread.inertia)
         spring = effects.spring
-        softer = 1.0
+        softer = np.ones(12)
         if spring.enabled:
             stiffness = p['spring_stiffness'] / max(spring.strength, 1e-3)
             softer = stiffness / (stiffness + POSITION_GAIN)
-        self._stiffness = vary(np.full(12, POSITION_GAIN * softer), spread.stiffness)
-        self._damping = vary(np.full(12, VELOCITY_GAIN * softer), spread.stiffness)
+        self._stiffness = vary(POSITION_GAIN * softer, spread.stiffness)
+        self._damping = vary(VELOCITY_GAIN * softer, spread.stiffness)
         self._timestep = timestep
         self._delay = np.rint(random.uniform(0.0, spread.delay, count) / timestep).astype(int)
         self.target = np.zeros((count, 12))

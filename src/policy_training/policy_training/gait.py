@@ -111,7 +111,7 @@ def cycle_of(walk: Walk, leg: str = 'LF', joint: str = 'KFE') -> Cycle | None:
     if len(steps.strides) < 3:
         return None
     raw, column = walk.raw, walk.raw.names.index(f'{leg}_{joint}')
-    signals = {
+    signals: dict[str, NDArray[np.floating]] = {
         'torque': raw.torque[:, column],
         'velocity': raw.velocity[:, column],
         'position_error': raw.position_error[:, column],
@@ -119,7 +119,9 @@ def cycle_of(walk: Walk, leg: str = 'LF', joint: str = 'KFE') -> Cycle | None:
         'foot_force': walk.foot_force[:, foot],
     }
     phase = np.linspace(0.0, 1.0, PHASES)
-    mean, low, high = {}, {}, {}
+    mean: dict[str, Floats] = {}
+    low: dict[str, Floats] = {}
+    high: dict[str, Floats] = {}
     for name, values in signals.items():
         rows = np.stack(
             [

@@ -6,7 +6,7 @@ form of the paper, which looks at a window of history anew each time, is here to
 """
 
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ class PowerModel(Protocol):
     def reset(self, ids: NDArray[np.intp]) -> None:
         """Forget the past of some robots."""
 
-    def step(self, position_error: Floats, torque: Floats, speed: Floats) -> Floats:
+    def step(self, position_error: Floats, torque: Floats, speed: Floats) -> Any:
         """The next S samples of rad, N·m and rad/s [N, S, 12] → mean W [N, 12]."""
 
 
@@ -49,7 +49,7 @@ def predict_step(model: PowerModel, substeps: list[Substep]) -> Floats:
         np.stack([getattr(substep, name) for substep in substeps], axis=1, dtype=np.float32)
         for name in ('position_error', 'torque', 'velocity')
     )
-    watts = model.step(error, torque, speed)
+    watts: Floats = model.step(error, torque, speed)
     return np.nan_to_num(watts) * model.ready[:, None]
 
 

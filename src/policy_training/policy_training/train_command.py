@@ -172,8 +172,15 @@ def _changes(options: argparse.Namespace) -> dict[str, Any]:
         key, equals, value = text.partition('=')
         if not equals:
             raise InputError(f'--set {text!r} is not KEY=VALUE, such as ppo.mirror=true')
-        try:
-            changes[key] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
-            raise InputError(f'--set {text!r}: the value cannot be read') from error
+        changes[key] = _value(text, value)
     return changes
+
+
+def _value(text: str, value: str) -> Any:
+    """A value as YAML has it, and 4e-4 as a number, which YAML takes for text."""
+    try:
+        return float(value) if 'e' in value.lower() else yaml.safe_load(value)
+    except ValueError:
+        return yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise InputError(f'--set {text!r}: the value cannot be read') from error

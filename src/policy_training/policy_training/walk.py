@@ -102,7 +102,9 @@ def _velocity(recording: Recording, time: Floats) -> Floats:
     return _at(time, seconds, np.column_stack([planar, turning]))
 
 
-def _at(time: Floats, seconds: Floats, values: NDArray[np.floating]) -> Floats:
+def _at(
+    time: Floats, seconds: NDArray[np.floating], values: NDArray[np.floating]
+) -> Floats:
     return np.column_stack([np.interp(time, seconds, column) for column in values.T])
 
 
