@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load, save_file
 
 from policy_runner.errors import InputError
 from policy_runner.kinematics import JOINT_NAMES
@@ -204,11 +204,11 @@ def read_folder(folder: Path) -> tuple[Contract, dict[str, NDArray[np.float32]]]
     try:
         text = (folder / CARD).read_text(encoding='utf-8')
         contract = Contract.parse(yaml.safe_load(text))
-        tensors = load_file(folder / WEIGHTS)
+        tensors = load((folder / WEIGHTS).read_bytes())
         contract.check(tensors)
     except OSError as error:
         raise InputError(
-            f'policy {folder}: cannot read {Path(error.filename or CARD).name} ({error.strerror})'
+            f'policy {folder}: cannot read {Path(error.filename).name} ({error.strerror})'
         ) from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         line = ' '.join(str(error).split())
