@@ -1,10 +1,14 @@
 """
-The whole loop in about five minutes: walk, measure, record, train, and check the estimate live.
+The whole loop in about six minutes, from walking to a hidden effect that is found.
+
+The robot walks and is measured, a network learns and estimates live, and a model of effects is
+completed by the one that it misses.
 
 Everything runs as a user would run it: by `ros2 run`, each node in a process of its own.
 """
 
 import argparse
+import json
 import os
 import re
 import shutil
@@ -218,18 +222,18 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
     """Record live, add offline recordings, train, then estimate live and compare."""
     live, seed = options.live, options.seed
     demo.title(
-        f'1/4  ANYmal walks for {live:.0f} s, simulated; its 12 drives are metered at 1 kHz'
+        f'1/5  ANYmal walks for {live:.0f} s, simulated; its 12 drives are metered at 1 kHz'
     )
     first = demo.live('live_1', live, seed)
 
-    demo.title('2/4  More walking, faster than real time')
+    demo.title('2/5  More walking, faster than real time')
     offline = demo.offline(['offline_1', 'offline_2'], options.offline, seed)
 
-    demo.title('3/4  A network per drive type learns watts from position error, torque and speed')
+    demo.title('3/5  A network per drive type learns watts from position error, torque and speed')
     network = demo.output / 'ppn'
     demo.run('power_estimator', 'train', first, *offline, '-o', network, '--folds', '1')
 
-    demo.title(f'4/4  The network estimates live while the robot walks for {live:.0f} s more')
+    demo.title(f'4/5  The network estimates live while the robot walks for {live:.0f} s more')
     second = demo.live('live_2', live, seed + 1, network)
     picture = demo.output / 'live.png'
     demo.run(
@@ -244,10 +248,16 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
         ),
         *('--picture', picture),
     )
+    better = hidden_effect(demo, options.challenge)
     demo.title('Done')
     demo.console.print(f'recordings  {_short(str(first))}, {_short(str(second))}')
     demo.console.print(f'network     {_short(str(network))}')
     demo.console.print(f'picture     {_short(str(picture))}')
+    demo.console.print(
+        f'reports     {_short(str(demo.output / "why.html"))}, compare.html beside it'
+    )
+    if better is not None:
+        demo.console.print(f'model       {_short(str(better))}')
     demo.console.print(
         'next, play the recording through the live estimator, or judge another model:'
     )
@@ -258,6 +268,31 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
     )
 
 
+def hidden_effect(demo: Demo, seed: int) -> Path | None:
+    """Hide an effect in the drives, find it, add it, and judge both models on another walk."""
+    demo.title('5/5  An effect is hidden in the drives of another robot: which one?')
+    riddle, other = demo.output / 'riddle', demo.output / 'riddle_again'
+    base, why = demo.output / 'base.yaml', demo.output / 'why.json'
+    may_know = demo.output / 'riddle.json'
+    demo.run('power_lab', 'challenge', '--seed', str(seed), '-o', riddle, '--json', may_know)
+    demo.run('power_lab', 'challenge', '--seed', str(seed), '--walk', '1', '-o', other)
+    known = ','.join(json.loads(may_know.read_text(encoding='utf-8'))['known'])
+    demo.run('power_lab', 'fit', riddle, '--effects', known, '-o', base)
+    pages = ('--json', why, '--report', demo.output / 'why.html')
+    demo.run('power_lab', 'diagnose', riddle, '--model', base, *pages)
+    found = json.loads(why.read_text(encoding='utf-8'))
+    better = base
+    for number, effect in enumerate(found['effects'] if found['verdict'] == 'named' else []):
+        grown = demo.output / f'better_{number + 1}.yaml'
+        demo.run('power_lab', 'add', effect, '--to', better, '--bag', riddle, '-o', grown)
+        better = grown
+    if better is not base:
+        page = ('--report', demo.output / 'compare.html')
+        demo.run('power_lab', 'compare', other, '--models', base, better, *page)
+    demo.run('power_lab', 'reveal', riddle, '--diagnosis', why)
+    return better if better is not base else None
+
+
 def parse(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, epilog='example: make demo')
@@ -265,6 +300,7 @@ def parse(args: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--live', type=float, default=35.0, help='s of live walking, twice')
     parser.add_argument('--offline', type=float, default=150.0, help='s of each offline run')
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--challenge', type=int, default=1, help='seed of the hidden effect')
     return parser.parse_args(args)
 
 

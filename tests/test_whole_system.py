@@ -117,7 +117,8 @@ def test_the_policy_damps_and_the_daq_waits_when_the_robot_goes(walking, node_pr
     seen = len(walking['daq'].lines)
 
     def measuring() -> bool:
-        return any(re.search('measuring', line) for line in walking['daq'].lines[seen:])
+        again = r'measuring|electrical at [1-9]'
+        return any(re.search(again, line) for line in walking['daq'].lines[seen:])
 
     deadline = 300
     while not measuring() and deadline:

@@ -17,9 +17,10 @@ def bounded_solve(
     """
     Minimise x'·gram·x/2 − moment'·x with lower ≤ x ≤ upper for each problem of a batch.
 
-    gram [B, m, m], moment [B, m], lower and upper [m] → x [B, m]. ridge [m] or [B, m] is added to
-    the diagonal (the weight of a prior around zero). Block principal pivoting on scaled columns,
-    then Murty's rule of one index at a time; what does not settle goes to scipy's lsq_linear.
+    gram [B, m, m], moment [B, m], lower, upper and ridge [m] or [B, m] → x [B, m]. ridge is added
+    to the diagonal (the weight of a prior around zero). Block principal pivoting on scaled
+    columns, then Murty's rule of one index at a time; what does not settle goes to scipy's
+    lsq_linear.
     """
     batch, m = moment.shape
     if m == 0:

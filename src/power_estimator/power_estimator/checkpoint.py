@@ -16,6 +16,7 @@ from safetensors.numpy import save
 from power_estimator.drive_types import DriveType
 from power_estimator.features import FEATURES, Scaling
 from power_estimator.intervals import Intervals
+from power_estimator.likeness import Likeness
 from power_estimator.lstm import Weights
 
 Floats = NDArray[np.float32]
@@ -61,7 +62,8 @@ class Network:
     low: tuple[float, float, float]  # of each feature in the training data
     high: tuple[float, float, float]
     weights: Weights
-    intervals: Intervals | None = None  # older files have none
+    intervals: Intervals | None = None  # older files have neither
+    likeness: Likeness | None = None
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,8 @@ def _type_card(network: Network) -> dict[str, Any]:
     }
     if network.intervals is not None:
         card['intervals'] = network.intervals.content()
+    if network.likeness is not None:
+        card['likeness'] = network.likeness.content()
     return card
 
 
@@ -175,8 +179,9 @@ def _checkpoint(tensors: dict[str, Floats], card: dict[str, Any]) -> Checkpoint:
         )
         kind = DriveType(str(name), tuple(str(p) for p in entry['patterns']))
         intervals = Intervals.of(entry['intervals']) if 'intervals' in entry else None
+        likeness = Likeness.of(entry['likeness']) if 'likeness' in entry else None
         low, high = _three(entry['low']), _three(entry['high'])
-        networks.append(Network(kind, scaling, low, high, weights, intervals))
+        networks.append(Network(kind, scaling, low, high, weights, intervals, likeness))
     if not networks:
         raise InputError('holds no network')
     return Checkpoint(

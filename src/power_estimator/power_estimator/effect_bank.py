@@ -112,24 +112,33 @@ class Bank:
         all_gram = np.tensordot(training, gram * weights[:, :, None, None], axes=1)
         all_moment = np.tensordot(training, moment * weights[:, :, None], axes=1)
         out = np.zeros((FOLDS, drives, m))
-        for group in self.fitter.groups:
-            out[:, group] = self._solve(
-                all_gram[:, group].sum(axis=1), all_moment[:, group].sum(axis=1), group, pick
-            )[:, None]
+        solved = self._solve(self._grouped(all_gram, 1), self._grouped(all_moment, 1), pick)
+        for index, group in enumerate(self.fitter.groups):
+            out[:, group] = solved[:, index, None]
         own = out[self.folds.test]
         bent = np.einsum('bdij,bdj->bdi', gram, own)
         error = square + (own * (bent - 2.0 * moment)).sum(axis=2)
-        mse = np.maximum(error, 0.0) / blocks.length
+        mse = np.maximum(error, 0.0) / blocks.counts
         return np.where(blocks.valid, mse, np.nan)
 
-    def _solve(
-        self, gram: Floats, moment: Floats, group: Sequence[int], pick: NDArray[np.intp]
-    ) -> Floats:
-        weight = float(self.fitter.weight[list(group)].mean())
-        ridge = weight * REDUCED_RATE / np.square(self._prior[pick])
-        lower = self._lower[group][:, pick].mean(axis=0)
-        upper = self._upper[group][:, pick].mean(axis=0)
-        return bounded_solve(gram, moment, lower, upper, ridge)
+    def _grouped(self, values: Floats, axis: int) -> Floats:
+        """Sums over the drives that share coefficients."""
+        parts = [np.take(values, group, axis).sum(axis=axis) for group in self.fitter.groups]
+        return np.stack(parts, axis=axis)
+
+    def _solve(self, gram: Floats, moment: Floats, pick: NDArray[np.intp]) -> Floats:
+        """Of all groups at once: gram [S, G, m, m] and moment [S, G, m] → [S, G, m]."""
+        lower, upper, ridge = [], [], []
+        for group in self.fitter.groups:
+            weight = float(self.fitter.weight[list(group)].mean())
+            ridge.append(weight * REDUCED_RATE / np.square(self._prior[pick]))
+            lower.append(self._lower[group][:, pick].mean(axis=0))
+            upper.append(self._upper[group][:, pick].mean(axis=0))
+        m = len(pick)
+        ends = [np.broadcast_to(np.stack(x), moment.shape).reshape(-1, m) for x in (lower, upper)]
+        prior = np.broadcast_to(np.stack(ridge), moment.shape).reshape(-1, m)
+        solved = bounded_solve(gram.reshape(-1, m, m), moment.reshape(-1, m), *ends, prior)
+        return solved.reshape(moment.shape)
 
     def _best_delay(
         self, gram: Floats, moment: Floats, pick: NDArray[np.intp], weights: Floats
@@ -151,16 +160,13 @@ class Bank:
     def _profile(
         self, gram: Floats, moment: Floats, square: Floats, pick: NDArray[np.intp]
     ) -> Floats:
-        total = np.zeros(len(moment))
-        for group in self.fitter.groups:
-            matrix = gram[group].sum(axis=0)
-            right = moment[:, group].sum(axis=1)
-            batch = np.broadcast_to(matrix, (len(right), *matrix.shape)).copy()
-            x = self._solve(batch, right, group, pick)
-            error = square[:, group].sum(axis=1) - 2 * (x * right).sum(axis=1)
-            error = error + np.einsum('si,ij,sj->s', x, matrix, x)
-            total += len(group) * np.log(np.maximum(error, 1e-9))
-        return total
+        matrix, right = self._grouped(gram, 0), self._grouped(moment, 1)
+        batch = np.broadcast_to(matrix, (len(right), *matrix.shape)).copy()
+        x = self._solve(batch, right, pick)
+        error = self._grouped(square, 1) - 2 * (x * right).sum(axis=2)
+        error = error + np.einsum('sgi,gij,sgj->sg', x, matrix, x, optimize=True)
+        size = np.array([len(group) for group in self.fitter.groups])
+        return (size * np.log(np.maximum(error, 1e-9))).sum(axis=1)
 
     @cached_property
     def _rows(self) -> NDArray[np.intp]:
@@ -169,8 +175,8 @@ class Bank:
     @cached_property
     def _gram(self) -> Floats:
         """[B, D, M, M]."""
-        valid = self.fitter.blocks.valid
-        x = self._columns[self._rows].transpose(0, 2, 3, 1) * valid[:, :, None, None]
+        mask = self.fitter.blocks.mask.transpose(0, 2, 1)[:, :, None, :]
+        x = self._columns[self._rows].transpose(0, 2, 3, 1) * mask
         return x @ x.transpose(0, 1, 3, 2)
 
     @cached_property
@@ -178,8 +184,8 @@ class Bank:
         """W [S, B, D, L]."""
         power = self.fitter.prepared.power[:, self._rows].astype(np.float64)
         less = power - self._constant[self._rows]
-        valid = self.fitter.blocks.valid[:, None, :]
-        return np.where(valid, np.nan_to_num(less), 0.0).transpose(0, 1, 3, 2)
+        mask = self.fitter.blocks.mask
+        return np.where(mask, np.nan_to_num(less), 0.0).transpose(0, 1, 3, 2)
 
     @cached_property
     def _moment(self) -> Floats:

@@ -14,6 +14,7 @@ from power_estimator.effects import Catalogue
 Floats = NDArray[np.float64]
 
 BLOCK_SECONDS = 1.0
+_LEAST_USED = 0.5  # of the rows of a block must be resolved
 _BOOTSTRAPS = 200
 _BOOTSTRAP_BLOCK = 5  # blocks drawn together
 _FINE_STEP = 0.00025  # s
@@ -30,6 +31,7 @@ class Blocks:
     recording: NDArray[np.int32]  # [B]
     time: Floats  # s [B], of the first row
     valid: NDArray[np.bool_]  # [B, D] where the power of the drive was measured throughout
+    use: NDArray[np.bool_]  # [B, length, D] rows whose signals are resolved
 
     @classmethod
     def of(cls, prepared: Prepared) -> 'Blocks':
@@ -42,18 +44,31 @@ class Blocks:
         ]
         first = np.array(starts, dtype=np.intp)
         rows = first[:, None] + np.arange(length)
+        use = prepared.resolved[rows]
+        enough = use.mean(axis=1) >= _LEAST_USED
         return cls(
             starts=first,
             length=length,
             recording=prepared.recording[first],
             time=prepared.time[first],
-            valid=prepared.measured[rows].all(axis=1),
+            valid=prepared.measured[rows].all(axis=1) & enough,
+            use=use,
         )
 
     @property
     def rows(self) -> NDArray[np.intp]:
         """[B, length] row indices."""
         return self.starts[:, None] + np.arange(self.length)
+
+    @property
+    def counts(self) -> NDArray[np.intp]:
+        """Rows that count of each block, 1 or more, [B, D]."""
+        return np.maximum(self.use.sum(axis=1), 1)
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """[B, length, D] rows that count."""
+        return self.use & self.valid[:, None, :]
 
 
 @dataclass(frozen=True)
@@ -64,17 +79,17 @@ class Normal:
     moment: Floats  # [B, D, m]
     square: Floats  # W² [B, D], sum of squared targets
     valid: NDArray[np.bool_]  # [B, D]
-    length: int  # rows of a block
+    counts: NDArray[np.intp]  # rows of a block that count [B, D]
 
     @classmethod
     def of(cls, columns: Floats, target: Floats, blocks: Blocks) -> 'Normal':
         """From columns [N, D, m] and target [N, D]."""
         rows = blocks.rows
         x = columns[rows].transpose(0, 2, 3, 1)  # [B, D, m, L]
-        y = np.where(blocks.valid[:, None, :], np.nan_to_num(target[rows]), 0.0).transpose(0, 2, 1)
-        x = x * blocks.valid[:, :, None, None]
+        y = np.where(blocks.mask, np.nan_to_num(target[rows]), 0.0).transpose(0, 2, 1)
+        x = x * blocks.mask.transpose(0, 2, 1)[:, :, None, :]
         gram, moment = x @ x.transpose(0, 1, 3, 2), (x @ y[..., None])[..., 0]
-        return cls(gram, moment, np.square(y).sum(axis=2), blocks.valid, blocks.length)
+        return cls(gram, moment, np.square(y).sum(axis=2), blocks.valid, blocks.counts)
 
     def errors(self, coefficients: Floats) -> Floats:
         """Sum of squared residuals, W² [B, D], at coefficients [D, m] or [B, D, m]."""
@@ -104,7 +119,7 @@ class Fit:
     def error(self) -> float:
         """Summed over drives: mean log of the mean squared error of the blocks."""
         count = np.maximum(self.normal.valid.sum(axis=0), 1)
-        error = self.normal.errors(self.coefficients) / self.normal.length
+        error = self.normal.errors(self.coefficients) / self.normal.counts
         return float(((np.log(error + 1e-4) * self.normal.valid).sum(axis=0) / count).sum())
 
     def residual(self) -> Floats:
@@ -164,7 +179,7 @@ class Fitter:
         normal = Normal.of(design.columns, target, self.blocks)
         for _ in range(_REWEIGHTINGS):
             coefficients = self.solve(design, normal, weights)
-            error = normal.errors(coefficients) / self.blocks.length
+            error = normal.errors(coefficients) / self.blocks.counts
             weights = robust_weights(error, self.blocks.valid)
         mse = (error * self.blocks.valid).sum(axis=0) / np.maximum(self.blocks.valid.sum(0), 1)
         return Fit(design.structure, coefficients, delay, design, normal, target, mse, weights)
@@ -237,9 +252,9 @@ class Fitter:
         moment = np.zeros((shifts, count, m))
         square, next_ = np.zeros((shifts, count)), np.zeros((shifts, count))
         for drive in range(count):
-            keep = blocks.valid[:, drive]
-            used = blocks.rows[keep].ravel()
-            root = np.sqrt(np.repeat(weights[keep, drive], blocks.length))
+            mask = blocks.mask[..., drive]
+            used = blocks.rows[mask]
+            root = np.sqrt(np.repeat(weights[:, drive], mask.sum(axis=1)))
             x = design.columns[used, drive] * root[:, None]
             y = prepared.power[window, used, drive].astype(np.float64)
             y = (y - design.constant[used, drive]) * root

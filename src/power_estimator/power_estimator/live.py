@@ -150,6 +150,7 @@ class NetworkStream:
         self.warm_up = model.checkpoint.config.warm_up
         self._bank = model.stream(drives)
         self._low, self._high = model.range_of(drives)
+        self._guard = model.guard(drives)
 
     def advance(self, samples: Sequence[Sample]) -> Floats:
         """Power in W [n, D]."""
@@ -157,10 +158,16 @@ class NetworkStream:
         return self._bank.run(_features(samples), fresh)
 
     def outside(self, samples: Sequence[Sample], margin: float) -> bool:
-        """Whether a feature leaves its range in the training data by more than margin of it."""
+        """
+        Whether the samples leave the training data.
+
+        Alone, by a feature beyond its range by more than margin of it, or together, by a
+        combination or a change that is unlike those that were seen.
+        """
         slack = margin * (self._high - self._low)
         x = _features(samples)
-        return bool(((x < self._low - slack) | (x > self._high + slack)).any())
+        beyond = (x < self._low - slack) | (x > self._high + slack)
+        return bool(beyond.any() or self._guard.unlike(x).any())
 
 
 class WindowStream:

@@ -11,6 +11,7 @@ from power_daq.recording.aligned import AlignedDataset
 from power_estimator.checkpoint import Checkpoint
 from power_estimator.drive_types import assign
 from power_estimator.features import FEATURES, features
+from power_estimator.likeness import Guard, Likeness
 from power_estimator.lstm import LstmBank
 from power_estimator.scores import block_means
 
@@ -55,6 +56,15 @@ class PowerPredictionNetwork:
             low[columns[network.type.name]] = network.low
             high[columns[network.type.name]] = network.high
         return low, high
+
+    def guard(self, drives: Sequence[str]) -> Guard:
+        """What tells whether drives move unlike their training data; never for unknown ones."""
+        known: list[Likeness | None] = [None] * len(drives)
+        columns = assign(drives, self.types)
+        for network in self.checkpoint.networks:
+            for column in columns[network.type.name]:
+                known[column] = network.likeness
+        return Guard(known)
 
     def interval(self, power: Floats, drives: Sequence[str]) -> tuple[Floats, Floats]:
         """

@@ -35,6 +35,8 @@ def main(args: Sequence[str] | None = None) -> int:
     protocol = Protocol(options.segments, options.folds, config.history)
     with progress.status('reading and aligning'):
         validation = _prepare(options, config, training, protocol)
+    for note in validation.data.notes:
+        progress.print(note, highlight=False)
     folder = RunFolder(options.output)
     about: dict[str, Any] = {
         'types': {t.name: list(t.patterns) for t in validation.types},

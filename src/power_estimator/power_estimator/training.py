@@ -21,6 +21,7 @@ from power_estimator.evaluation import Comparison, Evaluation, compare, evaluate
 from power_estimator.features import features
 from power_estimator.input_checks import check_complete, check_units
 from power_estimator.intervals import Intervals
+from power_estimator.likeness import Likeness
 from power_estimator.model import PowerModel
 from power_estimator.network import Tracks, Trainer, TrainingConfig
 from power_estimator.plain import PlainModel
@@ -110,8 +111,10 @@ class CrossValidation:
         )
         try:
             return Trainer(
-                self._tracks(job, labels, Part.TRAIN, self._training.chunk),
-                self._tracks(job, labels, Part.VALIDATION, self.config.warm_up + 8),
+                Tracks.join(self._stretches(job, labels, Part.TRAIN, self._training.chunk)),
+                Tracks.join(
+                    self._stretches(job, labels, Part.VALIDATION, self.config.warm_up + 8)
+                ),
                 hidden=self.config.hidden,
                 warm_up=self.config.warm_up,
                 block=self.config.block,
@@ -177,7 +180,9 @@ class CrossValidation:
                 (float(high[0]), float(high[1]), float(high[2])),
                 trainer.best,
             )
-            networks.append(replace(network, intervals=self._intervals(network, labels)))
+            intervals = self._intervals(network, labels)
+            likeness = self._likeness(job, labels)
+            networks.append(replace(network, intervals=intervals, likeness=likeness))
             held_out[job.type.name] = list(runs(labels, self.data.segment, Part.TEST))
         about = {**asdict(self._training), **asdict(self._protocol), 'fold': fold}
         recordings = tuple(
@@ -238,6 +243,14 @@ class CrossValidation:
         found = compare([ppn], rows_of(self.data.drives(names), labels, Part.VALIDATION))
         return Intervals.fit(found.measured, found.estimated[ppn.name])
 
+    def _likeness(self, job: Job, labels: NDArray[np.int8]) -> Likeness | None:
+        block = self.config.block
+        found = []
+        for x, _ in self._stretches(job, labels, Part.TRAIN, block):
+            count = x.shape[1] // block
+            found.append(x[:, : count * block].reshape(-1, block, x.shape[2]))
+        return Likeness.fit(np.concatenate(found), self._training.mirror) if found else None
+
     def _where(self, kind: str) -> str:
         rows = self._segments[kind] >= 0
         return ', '.join(self.data.recordings[i] for i in np.unique(self.data.recording[rows]))
@@ -257,16 +270,18 @@ class CrossValidation:
             )
         return np.where(used, self.data.segment, -1)
 
-    def _tracks(self, job: Job, labels: NDArray[np.int8], part: Part, shortest: int) -> Tracks:
-        tracks = []
+    def _stretches(
+        self, job: Job, labels: NDArray[np.int8], part: Part, shortest: int
+    ) -> list[tuple[Floats, Floats]]:
+        found = []
         for column in self._columns[job.type.name]:
             usable = self._measured[:, column] & np.isfinite(self._targets[:, column])
             there = np.where(usable, labels, Part.UNUSED)
-            tracks += [
+            found += [
                 (self._views[:, run, column], self._targets[run, column])
                 for run in runs(there, self.data.segment, part, shortest)
             ]
-        return Tracks.join(tracks)
+        return found
 
     def _pooled(self, job: Job, rows: NDArray[np.bool_]) -> Floats:
         columns = self._columns[job.type.name]

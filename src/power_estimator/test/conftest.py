@@ -81,8 +81,21 @@ def drives() -> Callable[..., AlignedDataset]:
     return make_drives
 
 
-def make_bag(folder: Path, seconds: float = 40.0, seed: int = 0, **options: object) -> Path:
-    """A bag of synthetic drives: states 400 Hz, commands 100 Hz, power 1 kHz, supply 100 Hz."""
+def make_bag(
+    folder: Path,
+    seconds: float = 40.0,
+    seed: int = 0,
+    *,
+    rate: float = 400.0,
+    commanded: tuple[str, ...] = (),
+    spoil: Callable[[dict[str, np.ndarray]], object] = lambda arrays: None,
+    **options: object,
+) -> Path:
+    """
+    A bag of synthetic drives: states at `rate`, commands 100 Hz, power 1 kHz, supply 100 Hz.
+
+    spoil may change the arrays (stamps in ns and signals by name) before they are written.
+    """
     data = make_drives(seconds + 0.1, seed=seed, **options)
     start = round(data.time[0] * 1e9)
 
@@ -95,28 +108,39 @@ def make_bag(folder: Path, seconds: float = 40.0, seed: int = 0, **options: obje
         columns = values.reshape(len(values), -1).T
         return np.stack([np.interp(times, grid, column) for column in columns], axis=1)
 
-    states, commands, supplies, drawn = (stamps(rate) for rate in (400, 100, 100, 1000))
+    commands, supplies, drawn = (stamps(rate) for rate in (100, 100, 1000))
     names = data.names
-    power = at(data.power, 1000)
+    commanded = commanded or names
+    arrays = {
+        'states': stamps(rate),
+        'position': at(data.position, rate),
+        'velocity': at(data.velocity, rate),
+        'torque': at(data.torque, rate),
+        'command': at(data.command, 100)[:, [names.index(n) for n in commanded]],
+        'current': at(data.power, 1000) / 48,
+    }
+    arrays['voltage'] = np.full(arrays['current'].shape, 48.0)
+    spoil(arrays)
+    states = arrays['states']
     total = at(data.supply, 100)[:, 0]
     messages = {
         'joint_states': (
             cdr.JOINT_STATE,
             states,
             cdr.encode_joint_states(
-                states, names, at(data.position, 400), at(data.velocity, 400), at(data.torque, 400)
+                states, names, arrays['position'], arrays['velocity'], arrays['torque']
             ),
         ),
         'joint_commands': (
             cdr.JOINT_STATE,
             commands,
-            cdr.encode_joint_states(commands, names, at(data.command, 100)),
+            cdr.encode_joint_states(commands, commanded, arrays['command']),
         ),
         'drive_supply': (
             cdr.DRIVE_SUPPLY,
             drawn,
             cdr.encode_drive_supply(
-                drawn, 0, drawn.astype(np.uint64), names, np.full(power.shape, 48.0), power / 48
+                drawn, 0, drawn.astype(np.uint64), names, arrays['voltage'], arrays['current']
             ),
         ),
         'supply': (

@@ -159,8 +159,21 @@ def test_normal_equations_give_the_squared_error():
     x = random.normal(size=(2, 3))
     found = Normal.of(columns, target, blocks).errors(x)
     residual = target - np.einsum('ndm,dm->nd', columns, x)
-    expected = np.square(residual[blocks.rows]).sum(axis=1)
+    expected = (np.square(residual[blocks.rows]) * blocks.use).sum(axis=1)
     assert found == pytest.approx(expected)
+
+
+def test_rows_around_a_shock_that_400_hz_cannot_show_do_not_count():
+    data = moving(40.0)
+    torque = data.torque.copy()
+    torque[8000:8004, 0] += 60.0
+    prepared = prepare(replace(data, torque=torque))
+    near = np.abs(prepared.time - data.time[8000]) < 0.02
+    assert not prepared.resolved[near, 0].any()
+    assert (~prepared.resolved).mean(axis=0).max() <= 1 / 7
+    blocks = Blocks.of(prepared)
+    assert blocks.counts.min() >= 25
+    assert blocks.valid.all()
 
 
 def test_folds_keep_an_embargo_between_training_and_test():

@@ -110,6 +110,40 @@ def test_benchmark_judges_on_all_of_a_recording_that_is_new(trained, bags, tmp_p
     assert models[0]['types']['HAA']['r2'] == best
 
 
+def test_benchmark_measures_the_coverage_of_intervals(trained, bag, tmp_path):
+    file = tmp_path / 'b.json'
+    spec = f'ppn:{trained}'
+    assert benchmark_command.main([str(bag), '--models', spec, 'plain', '--json', str(file)]) == 0
+    network, plain = json.loads(file.read_text())['models']
+    (kept,) = json.loads((trained / 'table.json').read_text())['models'][:1]
+    for score in (network['drives']['LF_HAA'], network['types']['HAA'], kept['types']['HAA']):
+        assert {'coverage', 'interval_w'} <= set(score)
+    assert plain['name'] == 'plain'
+    assert plain['drives']['LF_HAA']['coverage'] is None
+    assert plain['types']['HAA']['r2'] < 1
+
+
+def test_the_plain_model_is_fitted_where_no_network_tells_what_to_leave_out(bags, tmp_path):
+    file, other = tmp_path / 'b.json', bags(tmp_path / 'other', 30.0, seed=5)
+    assert benchmark_command.main([str(other), '--models', 'plain', '--json', str(file)]) == 0
+    (plain,) = json.loads(file.read_text())['models']
+    assert plain['types']['HFE']['r2'] > 0.2
+    assert abs(plain['types']['HFE']['bias_w']) < 1
+
+
+def test_an_arm_of_three_joints_trains_by_the_same_command(bags, tmp_path, capsys):
+    arm = bags(tmp_path / 'arm', 38.0, names=('shoulder', 'elbow', 'wrist'))
+    output = tmp_path / 'run'
+    assert train_command.main([str(arm), '-o', str(output), *QUICK, '--folds', '1']) == 0
+    types = [n.type.name for n in Checkpoint.load(output).networks]
+    assert types == ['shoulder', 'elbow', 'wrist']
+    (ppn, *_) = json.loads((output / 'table.json').read_text())['models']
+    assert set(ppn['drives']) == set(types)
+    estimate = tmp_path / 'estimate'
+    assert replay_command.main([str(arm), '--model', f'ppn:{output}', '-o', str(estimate)]) == 0
+    assert Recording.open(estimate).power_estimate().names == ('shoulder', 'elbow', 'wrist')
+
+
 def test_replay_writes_a_bag_of_estimates_that_plays_beside_the_original(trained, bag, tmp_path):
     output = tmp_path / 'estimate'
     assert replay_command.main([str(bag), '--model', f'ppn:{trained}', '-o', str(output)]) == 0

@@ -21,7 +21,7 @@ def feed(session, data, names, *, samples=400, start=0):
     found = []
     for index in range(start, start + samples):
         stamp, now, row = START + index * PERIOD, index * PERIOD / 1e9, index // 2
-        if index % 4 == 0:
+        if index % 2 == 0:
             session.command(Vector(stamp, names, data.command[row][None, columns]), now)
         rows = np.array([s[row, columns] for s in (data.position, data.velocity, data.torque)])
         estimate = session.joint_state(Vector(stamp, names, rows), now)

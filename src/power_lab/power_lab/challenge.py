@@ -60,6 +60,16 @@ class Challenge:
             effects[name] = self.strength
         return base.unit(self.unit).with_effects(**effects)
 
+    @classmethod
+    def of(cls, answer: Mapping[str, Any]) -> 'Challenge':
+        """From an answer that was unsealed."""
+        return cls(
+            hidden=tuple(answer['hidden']),
+            strength=float(answer['strength']),
+            known=tuple(answer['known']),
+            unit=int(answer['unit']),
+        )
+
     def content(self) -> dict[str, Any]:
         """The answer in words and numbers."""
         return {

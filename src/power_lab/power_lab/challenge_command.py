@@ -29,12 +29,15 @@ def main(args: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     add('--seed', type=int, required=True, metavar='N', help='draws what is hidden')
     add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
+    add('--walk', type=int, default=0, metavar='N', help='another walk of the same robot')
     add('--duration', type=float, default=150.0, metavar='S', help='seconds to record')
     add('--plant', default='anymal_c', metavar='FILE', help='plant to hide it in')
+    add('--json', type=Path, metavar='FILE', help='write what the model may know as JSON')
     add('--overwrite', action='store_true', help='replace a bag that is there')
     options = parser.parse_args(args)
-    if options.seed < 0:
-        raise InputError(f'--seed {options.seed}: give a number from 0')
+    for name in ('seed', 'walk'):
+        if getattr(options, name) < 0:
+            raise InputError(f'--{name} {getattr(options, name)}: give a number from 0')
     if not 30.0 <= options.duration <= 3600.0:
         raise InputError(f'--duration {options.duration:g}: it must lie in 30..3600 s')
     challenge = draw(options.seed)
@@ -42,7 +45,7 @@ def main(args: Sequence[str] | None = None) -> int:
     run_offline(
         options.output,
         duration=options.duration,
-        seed=options.seed,
+        seed=options.seed + 100_000 * options.walk,
         plant=plant,
         drives=DRIVES,
         overwrite=options.overwrite,
@@ -50,6 +53,8 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     seal(challenge, options.output)
     bag, known = options.output, ','.join(challenge.known)
+    if options.json:
+        write_whole(options.json, json.dumps({'known': list(challenge.known)}) + '\n')
     print(f'{bag}: something may be hidden in its drives. What the model may know:')
     print(f'  ros2 run power_lab fit {bag} --effects {known} -o base.yaml')
     print('Then find what it misses, and see whether you are right:')

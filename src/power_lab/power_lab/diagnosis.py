@@ -23,13 +23,19 @@ NAME_FLOOR, NAME_SHARE_OF_RMS = 0.1, 0.0015
 """W, and share of the rms power: an effect that explains less is not worth a name."""
 STRANGER_FLOOR, STRANGER_SHARE_OF_RMS = 0.15, 0.004
 """The same for structure that no effect explains; formulas are not more accurate than this."""
-NEXT_SHARE = 0.008
+NEXT_SHARE = 0.02
 """A further effect must explain this share, in watts, of what the others do."""
-NAMED_SHARE = 0.8
-"""Named effects must explain this share of all that can be explained."""
+NAMED_SHARE, NAMED_SHARE_QUIET = 0.8, 0.5
+"""
+Named effects must explain this share of all that can be explained; half of it where what is left
+is too small to be a stranger.
+"""
 MOST_EFFECTS = 8
-EARNED_SHARE = 0.6
-"""The last effect to join must explain this share of what was still to be explained."""
+EARNED_SHARE, EARNED_BESIDE_STRANGER = 0.6, 0.9
+"""
+The last effect to join must explain this share of what was still to be explained; more where
+what is left is large enough to be a stranger, which a wrong name explains in part.
+"""
 _FINALISTS, _EXTRAS, _SWAPS = 6, 3, 2
 _LARGEST_SWAP, _LATE_EXTRAS = 3, 2  # sets beyond this size grow by the best candidates only
 _MOST_RIVALS = 3  # that a further effect may have
@@ -185,18 +191,28 @@ class Diagnoser:
         return step, finalists[0]
 
     def _reshaped(self, evidence: Evidence) -> Evidence:
-        """Choose the shapes of the added effects anew, now that others stand beside them."""
-        if len(evidence.names) < 2:
-            return evidence
+        """
+        Choose the shapes of the added effects anew, from neighbour to neighbour.
+
+        Screening chose them linearised about a fit without these effects, which misleads where
+        they are large.
+        """
         for name in evidence.names:
-            own = tuple(a for a in evidence.fit.structure.actives if a.name in evidence.names)
-            active = next(a for a in own if a.name == name)
-            for shape in self._other_shapes(active):
-                changed = tuple(shape if a.name == name else a for a in own)
-                trial = self._full(evidence.fit, changed, 2)
-                if trial.fit.error < evidence.fit.error - _LEAST_FALL:
-                    evidence = trial
+            better: Evidence | None = evidence
+            while better is not None:
+                evidence = better
+                better = self._better_neighbour(evidence, name)
         return evidence
+
+    def _better_neighbour(self, evidence: Evidence, name: str) -> Evidence | None:
+        own = tuple(a for a in evidence.fit.structure.actives if a.name in evidence.names)
+        active = next(a for a in own if a.name == name)
+        for shape in self._other_shapes(active):
+            changed = tuple(shape if a.name == name else a for a in own)
+            trial = self._full(evidence.fit, changed, 2)
+            if trial.fit.error < evidence.fit.error - _LEAST_FALL:
+                return trial
+        return None
 
     def _other_shapes(self, active: Active) -> list[Active]:
         same = [c for c in self.candidates if c.name == active.name]
@@ -263,7 +279,7 @@ class Diagnoser:
         strange = above_floor(leftover.explained, self.stranger_floor)
         if not chosen:
             verdict, effects = ('none_of_the_above' if strange else 'no_evidence'), ()
-        elif share < NAMED_SHARE:
+        elif share < (NAMED_SHARE if strange else NAMED_SHARE_QUIET):
             verdict = 'none_of_the_above' if strange else 'no_evidence'
             effects = ()
         elif len(possible) > 1:
@@ -295,11 +311,12 @@ class Diagnoser:
             residual, fitter.prepared, fitter.blocks, self.examiner.folds, self.seed
         )
 
-    @staticmethod
-    def _earned(before: Evidence, after: Evidence, leftover: Leftover) -> bool:
+    def _earned(self, before: Evidence, after: Evidence, leftover: Leftover) -> bool:
         """Whether the last effect explains most of what was still to be explained."""
         gain = float(np.maximum(before.mean_mse - after.mean_mse, 0.0).sum())
-        return gain >= EARNED_SHARE * (gain + float(leftover.explained.sum()))
+        strange = above_floor(leftover.explained, self.stranger_floor)
+        least = EARNED_BESIDE_STRANGER if strange else EARNED_SHARE
+        return gain >= least * (gain + float(leftover.explained.sum()))
 
 
 def floors(fitter: Fitter, least: float, share: float) -> Floats:

@@ -51,15 +51,16 @@ class Examiner:
     def block_mse(self, normal: Normal, coefficients: Floats) -> Floats:
         """W² [B, D] of each block with its own fold's coefficients [F, D, m]."""
         blocks = self.fitter.blocks
-        error = normal.errors(coefficients[self.folds.test]) / blocks.length
+        error = normal.errors(coefficients[self.folds.test]) / blocks.counts
         return np.where(blocks.valid, error, np.nan)
 
     def residual(self, evidence: Evidence) -> Floats:
-        """Held-out residual, W [N, D]; NaN outside the blocks."""
+        """Held-out residual, W [N, D]; NaN outside the blocks and where signals are unresolved."""
         fit, blocks = evidence.fit, self.fitter.blocks
         out = np.full(fit.target.shape, np.nan)
         for fold in range(FOLDS):
             rows = blocks.rows[self.folds.test == fold].ravel()
             model = np.einsum('ndm,dm->nd', fit.design.columns[rows], evidence.coefficients[fold])
             out[rows] = fit.target[rows] - model
-        return np.where(self.fitter.prepared.measured, out, np.nan)
+        prepared = self.fitter.prepared
+        return np.where(prepared.measured & prepared.resolved, out, np.nan)

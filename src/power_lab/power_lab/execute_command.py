@@ -13,6 +13,7 @@ from sim_bridge.world import stand_world
 import sim_bridge
 from power_lab import options as common
 from power_lab.bench_motion import BenchMotion
+from power_lab.challenge import Challenge, unseal
 
 
 @command
@@ -30,6 +31,7 @@ def main(args: Sequence[str] | None = None) -> int:
     add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
     add('--drive', metavar='NAME', help='default: the first that the motion names')
     add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
+    add('--challenge', type=Path, metavar='BAG', help='the robot of a challenge, still sealed')
     add('--unit', type=int, default=0, metavar='N', help='unit of the plant')
     add('--seed', type=int, default=0, help='of the noise')
     add('--overwrite', action='store_true', help='replace a bag that is there')
@@ -38,12 +40,16 @@ def main(args: Sequence[str] | None = None) -> int:
     drive = options.drive or (motion.drives[0] if motion.drives else JOINT_NAMES[0])
     if drive not in JOINT_NAMES:
         raise InputError(f'the bench has no drive {drive!r}; it has {", ".join(JOINT_NAMES)}')
-    plant = Plant.load(options.plant).unit(options.unit)
+    plant = Plant.load(options.plant)
+    if options.challenge:
+        plant = Challenge.of(unseal(options.challenge)).plant(plant)
+    else:
+        plant = plant.unit(options.unit)
     world = stand_world(drive, motion.stand)
     run = OfflineRun(plant, world, motion, duration=motion.seconds, seed=options.seed)
     card = Card(
         robot='bench',
-        unit=str(options.unit),
+        unit=f'challenge {options.challenge.name}' if options.challenge else str(options.unit),
         drives=run.drives,
         controller=motion.name,
         notes='simulated drive with a pendulum on a stand',

@@ -21,9 +21,12 @@ from power_lab.measurement_check import Term, check_measurement
 from power_lab.next_recording import Motion, separating_motion
 from power_lab.recordings import Loaded, power_on
 from power_lab.regimes import Regime, worst_regimes
-from power_lab.verdict import sentence
+from power_lab.verdict import plain, sentence
 
 Floats = NDArray[np.float64]
+_TOO_LITTLE = 0.01  # of what the largest candidate explains, to be compared at all
+_HIDES = 3.0  # times the floor: what other terms of the model may have swallowed
+_MOST_ASKED = 3
 _TIED = 0.998
 """Correlation of what two effects explain above which they are one family here."""
 
@@ -40,6 +43,7 @@ class Row:
     unit: str
     coefficient: float
     interval: tuple[float, float]
+    could_hide_w: float  # rms that the interval's far end would put on, on the worst drive
     in_confidence_set: bool
     drive: str  # the one that coefficient and interval are of
     shape: dict[str, float]
@@ -54,6 +58,7 @@ class Row:
             'delta_rmse_w': _short(self.delta_rmse_w),
             'coefficient': _short(self.coefficient),
             'interval': [_short(bound) for bound in self.interval],
+            'could_hide_w': _short(self.could_hide_w),
             'unit': self.unit,
             'symbol': self.symbol,
             'in_confidence_set': self.in_confidence_set,
@@ -82,7 +87,14 @@ class Outcome:
     @property
     def sentence(self) -> str:
         """The verdict in words."""
-        return sentence(self.diagnosis)
+        told = sentence(self.diagnosis)
+        if self.diagnosis.verdict != 'no_evidence':
+            return told
+        hidden = _could_be_there(self.diagnosis, self.rows)
+        if not hidden:
+            return told
+        words = ', '.join(f'{plain(row.name)} ({row.could_hide_w:.1f} W)' for row in hidden)
+        return f'{told} Other terms of the model would cover up to this much of: {words}.'
 
     def json(self) -> dict[str, Any]:
         """As `diagnose --json` writes it."""
@@ -156,16 +168,17 @@ def diagnose(
     known = {entry.get('sha256') for entry in model.fitted_on}
     other = not any(entry['sha256'] in known for entry in loaded.identities)
     bank = Bank(fitter, Folds.of(fitter.blocks), diagnosis.best.fit, ())
+    rows = _rows(diagnosis, diagnoser, seed)
     return Outcome(
         model=model,
         loaded=loaded,
         diagnoser=diagnoser,
         diagnosis=diagnosis,
-        rows=_rows(diagnosis, diagnoser, seed),
+        rows=rows,
         measurement=check_measurement(diagnosis, bank, model, other_recording=other, seed=seed),
         regimes=tuple(worst_regimes(left, state, own.prepared.names, labels)),
         base_regimes=tuple(worst_regimes(before, state, own.prepared.names, labels)),
-        motion=_motion(diagnosis, catalogue, own.prepared.names),
+        motion=_motion(diagnosis, rows, catalogue, own.prepared.names),
         state=state,
         labels=labels,
     )
@@ -185,7 +198,8 @@ def _rows(diagnosis: Diagnosis, diagnoser: Diagnoser, seed: int) -> tuple[Row, .
         drive = int(np.argmax(candidate.gain / np.square(diagnosis.floor)))
         values = fit.coefficients[:, columns]
         lead = int(np.argmax(np.abs(values[drive]) * _column_size(candidate, drive, columns)))
-        bounds = fitter.intervals(fit, seed)[drive, columns[lead]]
+        intervals = fitter.intervals(fit, seed)[:, columns]
+        bounds = intervals[drive, lead]
         term = candidate.active.effect.terms[lead]
         after = np.sqrt(np.sum(candidate.evidence.mean_mse))
         out.append(
@@ -198,6 +212,7 @@ def _rows(diagnosis: Diagnosis, diagnoser: Diagnoser, seed: int) -> tuple[Row, .
                 unit=term.unit,
                 coefficient=float(values[drive, lead]),
                 interval=(float(bounds[0]), float(bounds[1])),
+                could_hide_w=_could_hide(candidate, intervals),
                 in_confidence_set=candidate.name in diagnosis.in_set,
                 drive=fitter.prepared.names[drive],
                 shape=candidate.active.parameters,
@@ -217,6 +232,14 @@ def _column_size(candidate: Candidate, drive: int, columns: Sequence[int]) -> Fl
     return size
 
 
+def _could_hide(candidate: Candidate, intervals: Floats) -> float:
+    """W rms on the drive where most of the effect may be, at the interval's end [D, n, 2]."""
+    fit = candidate.evidence.fit
+    used = fit.design.columns[..., fit.structure.columns_of(candidate.name)]
+    size = np.sqrt(np.nanmean(np.square(used), axis=0))
+    return float((size * np.abs(intervals).max(axis=2)).max())
+
+
 def _families(diagnosis: Diagnosis) -> dict[str, str]:
     """Effects that explain the same in this recording, joined by slashes."""
     names = [candidate.name for candidate in diagnosis.singles]
@@ -228,7 +251,7 @@ def _families(diagnosis: Diagnosis) -> dict[str, str]:
     tied = {name: {name} for name in names}
     for a in range(len(names)):
         for b in range(a):
-            if min(size[a], size[b]) < 1e-6 * max(size):
+            if min(size[a], size[b]) < _TOO_LITTLE * max(size):
                 continue
             dot = float(np.nansum(explained[a] * explained[b]))
             if dot / (size[a] * size[b]) > _TIED:
@@ -238,7 +261,9 @@ def _families(diagnosis: Diagnosis) -> dict[str, str]:
     return {name: '/'.join(sorted(tied[name] | ties[name])) for name in names}
 
 
-def _motion(diagnosis: Diagnosis, catalogue: Catalogue, drives: Sequence[str]) -> Motion:
+def _motion(
+    diagnosis: Diagnosis, rows: Sequence[Row], catalogue: Catalogue, drives: Sequence[str]
+) -> Motion:
     if diagnosis.verdict == 'named':
         reason = 'to confirm what was named on a motion that shows it alone'
         return separating_motion(diagnosis.effects, catalogue, drives, reason)
@@ -251,9 +276,20 @@ def _motion(diagnosis: Diagnosis, catalogue: Catalogue, drives: Sequence[str]) -
         return separating_motion(
             ['idle', 'cogging', 'viscous_friction'], catalogue, drives, reason
         )
-    unseen = [c.name for c in diagnosis.singles if float(c.gain.max()) <= 0.0][:4]
+    hidden = _could_be_there(diagnosis, rows)
+    if hidden:
+        reason = 'to show effects that could hide in this recording'
+        return separating_motion([row.name for row in hidden], catalogue, drives, reason)
+    unseen = [row.name for row in rows if row.could_hide_w <= 0.0][:_MOST_ASKED]
     reason = 'to show effects that this recording does not excite'
     return separating_motion(unseen, catalogue, drives, reason)
+
+
+def _could_be_there(diagnosis: Diagnosis, rows: Sequence[Row]) -> list[Row]:
+    """Effects that other terms may have swallowed, the largest first."""
+    least = _HIDES * float(np.max(diagnosis.floor))
+    hidden = [row for row in rows if row.could_hide_w >= least]
+    return sorted(hidden, key=lambda row: -row.could_hide_w)[:_MOST_ASKED]
 
 
 def _roots(values: Floats, names: Sequence[str]) -> dict[str, float]:

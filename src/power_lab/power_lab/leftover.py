@@ -69,10 +69,10 @@ def examine_leftover(
                 if found['cross'][drive] > 0:
                     left = left - crossed
             found['state'][drive] = max(0.0, _gain(target, trees))
-            means = left.mean(axis=1)
+            means = np.nanmean(left, axis=1)
             gaps = np.diff(blocks.starts[use]) != blocks.length
             found['slow'][drive] = _slow(means, gaps)
-            found['total'][drive] = float(np.mean(np.square(target)))
+            found['total'][drive] = float(np.nanmean(np.square(target)))
             period[drive] = _period(means)
             if len(means) > 2 * _TEST_LAGS:
                 table = acorr_ljungbox(means, lags=[_TEST_LAGS])
@@ -81,7 +81,7 @@ def examine_leftover(
 
 
 def _gain(target: Floats, predicted: Floats) -> float:
-    return float(np.mean(np.square(target)) - np.mean(np.square(target - predicted)))
+    return float(np.nanmean(np.square(target)) - np.nanmean(np.square(target - predicted)))
 
 
 def _trees(
@@ -95,8 +95,8 @@ def _trees(
         trained = folds.training[fold, use] > 0
         if not tested.any() or not trained.any():
             continue
-        x = features[trained].reshape(-1, features.shape[-1])[::step]
-        y = target[trained].ravel()[::step]
+        known = np.isfinite(target[trained])
+        x, y = features[trained][known][::step], target[trained][known][::step]
         model = HistGradientBoostingRegressor(
             max_iter=60,
             learning_rate=0.12,
@@ -119,8 +119,8 @@ def _linear(features: Floats, target: Floats, folds: Folds, use: NDArray[np.intp
     for fold in range(FOLDS):
         tested = folds.test[use] == fold
         trained = folds.training[fold, use] > 0
-        x = columns[trained].reshape(-1, columns.shape[-1])
-        weights, *_ = np.linalg.lstsq(x, target[trained].ravel(), rcond=None)
+        known = np.isfinite(target[trained])
+        weights, *_ = np.linalg.lstsq(columns[trained][known], target[trained][known], rcond=None)
         out[tested] = columns[tested] @ weights
     return out
 

@@ -81,8 +81,8 @@ def check_measurement(
     found['time_offset'] = _term(
         'time_offset',
         prepared,
-        np.full(len(prepared.names), fit.delay),
-        np.tile(delays, (len(prepared.names), 1)),
+        np.full(len(prepared.names), round(fit.delay, 9)),
+        np.tile(np.round(delays, 9), (len(prepared.names), 1)),
         np.abs(fit.delay) * slope,
         diagnosis.floor,
     )

@@ -10,6 +10,7 @@ from power_daq.cli import InputError
 from power_daq.recording.aligned import AlignedDataset
 from power_daq.recording.alignment import load_aligned
 from power_daq.recording.card import FILE, Card
+from power_daq.recording.reader import Recording
 from power_estimator.model import PowerModel
 from power_estimator.recordings import describe
 
@@ -40,7 +41,7 @@ def load(paths: Sequence[Path], drives: Sequence[str] = ()) -> Loaded:
     for path in paths:
         if not Path(path).exists():
             raise InputError(f'{path}: no such recording')
-    data = load_aligned(paths, rate=RATE, smooth=False)
+    data = load_aligned(paths, rate=RATE, smooth=False, drives=_in_common(paths))
     measured = data.measured_drives()
     if not measured:
         raise InputError(
@@ -63,6 +64,21 @@ def load(paths: Sequence[Path], drives: Sequence[str] = ()) -> Loaded:
     return Loaded(
         data.drives(chosen), tuple(map(Path, paths)), tuple(identities), tuple(controllers)
     )
+
+
+def _in_common(paths: Sequence[Path]) -> tuple[str, ...] | None:
+    """The joints that all of several recordings have, in the order of the first."""
+    if len(paths) < 2:
+        return None
+    names = [Recording.open(Path(path)).joint_states().names for path in paths]
+    common = tuple(name for name in names[0] if all(name in other for other in names))
+    if not common:
+        first, other = next((p, n) for p, n in zip(paths, names, strict=True) if n != names[0])
+        raise InputError(
+            f'{paths[0]} ({", ".join(names[0])}) and {first} ({", ".join(other)}) have no joint '
+            'in common'
+        )
+    return common
 
 
 def power_on(

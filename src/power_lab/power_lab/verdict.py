@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from power_lab.diagnosis import Diagnosis
+from power_lab.diagnosis import Diagnosis, above_floor
 
 PLAIN = {
     'shaft': 'mechanical power at the joint',
@@ -35,11 +35,17 @@ def sentence(diagnosis: Diagnosis) -> str:
     leftover = float(np.sqrt(np.mean(diagnosis.leftover.explained)))
     if diagnosis.verdict == 'named':
         are = 'is' if len(diagnosis.effects) == 1 else 'are'
-        return (
+        told = (
             f'{_joined(diagnosis.effects).capitalize()} {are} missing from the model: with '
             f'{"it" if len(diagnosis.effects) == 1 else "them"} the error on held-out data falls '
             f'from {before:.2f} to {after:.2f} W.'
         )
+        if above_floor(diagnosis.leftover.explained, diagnosis.stranger_floor):
+            told += (
+                f' {leftover:.2f} W of structure is left that no known effect explains, most in '
+                f'{_leftover_kind(diagnosis)}.'
+            )
+        return told
     if diagnosis.verdict == 'ambiguous':
         sure = [name for name in diagnosis.effects if name in diagnosis.certain]
         open_ = [name for name in diagnosis.effects if name not in diagnosis.certain]

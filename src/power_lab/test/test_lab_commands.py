@@ -80,6 +80,22 @@ def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path,
     assert effects['stribeck_friction'].scale == 0.0
 
 
+def test_where_nothing_is_missing_it_says_what_could_hide_and_how_to_see_it(bag, tmp_path):
+    model, found = tmp_path / 'whole.yaml', tmp_path / 'd.json'
+    effects = ['--effects', f'{KNOWN},load_friction', '-o', str(model)]
+    assert fit_command.main([str(bag), *effects]) == 0
+    assert diagnose_command.main([str(bag), '--model', str(model), '--json', str(found)]) == 0
+    told = json.loads(found.read_text())
+    assert told['verdict'] == 'no_evidence'
+    hidden = {row['name']: row['could_hide_w'] for row in told['candidates']}
+    assert all(watts >= 0.0 for watts in hidden.values())
+    most = max(hidden, key=lambda name: hidden[name])
+    if hidden[most] > 1.0:
+        assert most in told['next_recording']['reason']
+        assert f'({hidden[most]:.1f} W)' in told['sentence']
+    assert told['next_recording']['segments']
+
+
 def test_a_users_own_effect_is_fitted_and_kept_by_name(bag, tmp_path):
     mine, path = tmp_path / 'mine.py', tmp_path / 'own.yaml'
     mine.write_text(
@@ -273,6 +289,30 @@ def test_the_recording_that_was_asked_for_is_executed_on_the_bench(tmp_path):
     assert held.mean() == pytest.approx(10.0, rel=0.25)
     swing = data.velocity[since > 20.0]
     assert np.abs(swing).max() > 1.5
+
+
+def test_recordings_of_a_robot_and_of_one_drive_are_judged_on_what_they_share(bag, tmp_path):
+    file, one = tmp_path / 'next.yaml', tmp_path / 'next'
+    file.write_text(MOTION)
+    assert execute_command.main([str(file), '-o', str(one)]) == 0
+    both = load([bag, one])
+    assert both.data.names == ('LF_KFE',)
+    assert set(both.data.recording.tolist()) == {0, 1}
+
+
+def test_the_bench_takes_the_robot_of_a_challenge_without_opening_the_seal(tmp_path, capsys):
+    bag, file, out = (tmp_path / name for name in ('riddle', 'next.yaml', 'next'))
+    bag.mkdir()
+    file.write_text(MOTION)
+    challenge = Challenge(('idle',), 2.0, ('shaft', 'copper_loss'), 7)
+    seal(challenge, bag)
+    assert Challenge.of(unseal(bag)) == challenge
+    assert execute_command.main([str(file), '--challenge', str(bag), '-o', str(out)]) == 0
+    assert 'idle' not in capsys.readouterr().out + Card.load(out).notes
+    data = load([out]).data
+    rest = (data.time - data.time[0] > 1.0) & (data.time - data.time[0] < 2.5)
+    usual = 8.2  # W, of the plant; twice that and what holds the pendulum
+    assert data.power[rest].mean() == pytest.approx(2 * usual, rel=0.25)
 
 
 @pytest.mark.parametrize(

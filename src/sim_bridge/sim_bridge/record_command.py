@@ -18,12 +18,13 @@ _SEED = 21
 _SHORTEST, _LONGEST = 1.0, 36_000.0  # s
 _EPILOG = """\
 sets:
-  paper       HAA, HFE, KFE: ten minutes each with one drive of that type metered (Section II-A)
+  paper       HAA, HFE, KFE: ten minutes each with one drive of that type metered, on rough
+              ground (±2 cm, slopes to 2 %) and pushed (Section II-A)
   robustness  trot_slow, trot_high, unit: 150 s each of other gaits and of another unit of the
-              robot, all drives metered (Section III-B)
+              robot on level ground, all drives metered (Section III-B)
 
-All walk by random velocity commands on rough ground (±2 cm, slopes to 2 %) and are pushed.
-Recordings that are there already are kept; what was broken off is recorded anew.
+All walk by random velocity commands. Recordings that are there already are kept; what was broken
+off is recorded anew.
 
 examples:
   ros2 run sim_bridge record paper -o bags/paper
@@ -41,13 +42,18 @@ class Plan:
     drives: tuple[str, ...]
     controller: str = 'trot'
     unit: int | None = None
+    terrain: str = 'flat'
+    pushes: bool = False
 
 
 def plans(which: str, seed: int = _SEED) -> tuple[Plan, ...]:
     """The recordings of the set `paper` or `robustness`; seed counts up from recording to it."""
     if which == 'paper':
         types = ('HAA', 'HFE', 'KFE')
-        return tuple(Plan(kind, seed + i, (f'LF_{kind}',)) for i, kind in enumerate(types))
+        return tuple(
+            Plan(kind, seed + i, (f'LF_{kind}',), terrain='rough', pushes=True)
+            for i, kind in enumerate(types)
+        )
     if which == 'robustness':
         return (
             Plan('trot_slow', seed + 10, JOINT_NAMES, 'trot_slow'),
@@ -88,8 +94,8 @@ def record(plan: Plan, folder: Path, seconds: float, plant: str = 'anymal_c') ->
         seed=plan.seed,
         plant=load_plant(plant, plan.unit),
         controller=plan.controller,
-        terrain='rough',
-        pushes=True,
+        terrain=plan.terrain,
+        pushes=plan.pushes,
         drives=plan.drives,
         overwrite=True,
         progress=True,

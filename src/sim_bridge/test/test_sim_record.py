@@ -39,6 +39,7 @@ def test_the_robustness_set_has_other_gaits_and_another_unit(tmp_path, capsys):
     }
     assert cards['unit'].unit != cards['trot_slow'].unit
     assert all(card.drives == JOINT_NAMES for card in cards.values())
+    assert {card.terrain for card in cards.values()} == {'flat'}
     assert f'benchmark {folder / "trot_slow"}' in capsys.readouterr().out
 
 
