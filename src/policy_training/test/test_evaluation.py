@@ -13,7 +13,11 @@ from policy_training.verdict import verdict
 from policy_training.walk import RAW_RATE, idle_power, measure_walk
 from power_daq.cli import InputError
 from power_estimator.proxies import Proxy
+from sim_bridge.controllers import make_controller
 from sim_bridge.plant import Plant
+from sim_bridge.robot import DEFAULT_POSE
+from sim_bridge.simulation import Simulation
+from sim_bridge.world import walking_world
 
 from policy_training import trials
 
@@ -83,6 +87,18 @@ def test_strides_are_found_from_touch_down_to_touch_down():
     assert len(find_steps(flicker, np.ones(len(time), bool)).strides) == 0
     late = time > 1.2
     assert len(find_steps(force, late).strides) == 2
+
+
+def test_a_policy_folder_is_a_controller_of_the_simulation(tmp_path):
+    policy_folders = pytest.importorskip('policy_folders')
+    folder = policy_folders.save(tmp_path / 'p')
+    controller = make_controller(str(folder), 0)
+    simulation = Simulation(Plant.load('ideal'), walking_world())
+    assert controller.period == 40
+    np.testing.assert_allclose(controller.command(simulation).position, DEFAULT_POSE, atol=1e-6)
+    (folder / 'policy.yaml').write_text('{}')
+    with pytest.raises(InputError, match='lacks'):
+        make_controller(str(folder), 0)
 
 
 def test_the_command_of_a_task_ramps_up_after_a_second_of_standing():
