@@ -28,13 +28,14 @@ from policy_training.scores import score
 from policy_training.tasks import TASKS, Task, parse_tasks
 from policy_training.trials import TrialConfig, Trials, run_trials
 from policy_training.verdict import verdict
-from policy_training.walk import idle_power, measure_walk
+from policy_training.walk import Walk, idle_power, measure_walk, recorded_walk
 
 _EPILOG = """\
 A policy is a name (baseline, pmp, pmp_heavy, trot), a policy folder or a training run.
 
 examples:
   ros2 run policy_training evaluate --policies baseline pmp --report policies.html
+  ros2 run policy_training evaluate --bags baseline=bags/b1 pmp=bags/p1 --json live.json
   ros2 run policy_training evaluate --policies runs/baseline runs/pmp --models ppn:runs/ppn \\
       --tasks forward turn strafe=0,0.3,0 --unit 2 --json policies.json
 """
@@ -49,7 +50,8 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add('--policies', nargs='+', required=True, metavar='DIR', help='names, folders or runs')
+    add('--policies', nargs='+', default=[], metavar='DIR', help='names, folders or runs')
+    add('--bags', nargs='+', default=[], metavar='NAME=BAG', help='recordings of running nodes')
     add(
         '--tasks', nargs='+', default=_DEFAULT_TASKS, metavar='TASK', help='NAME or NAME=VX,VY,YAW'
     )
@@ -72,6 +74,8 @@ def main(args: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(args)
     if not 5.0 <= options.duration <= 600.0:
         raise InputError(f'--duration is {options.duration!r}; give 5..600 s')
+    if not options.policies and not options.bags:
+        raise InputError('nothing to evaluate; name policies, or recordings with --bags')
     if options.trials < 0 or options.unit < 0 or options.seed < 0:
         raise InputError('--trials, --unit and --seed must not be negative')
     tasks = parse_tasks(options.tasks)
@@ -82,7 +86,9 @@ def main(args: Sequence[str] | None = None) -> int:
         make_policy(source)
     models = {spec: load_model(spec) for spec in options.models}
     plant = Plant.load(options.plant).unit(options.unit)
-    result, cycles = evaluate(sources, tasks, models, plant, options)
+    with Console(stderr=True).status('reading'):
+        recorded = [_recorded(text) for text in options.bags]
+    result, cycles = evaluate(sources, tasks, models, plant, options, recorded)
     curves = {name: read_curves(Path(source).parent) for name, source in sources.items()}
     _print(terminal(), result)
     if options.json is not None:
@@ -105,6 +111,7 @@ def evaluate(
     models: Mapping[str, PowerModel],
     plant: Plant,
     options: argparse.Namespace,
+    recorded: Sequence[Walk] = (),
 ) -> tuple[dict[str, Any], dict[str, dict[str, Cycle]]]:
     """The JSON's content, and gait cycles by task and policy."""
     entries: list[dict[str, Any]] = []
@@ -118,9 +125,16 @@ def evaluate(
         console=Console(stderr=True),
     )
     with bar:
-        work = bar.add_task('idle', total=len(sources) * (len(tasks) + bool(options.trials)) + 1)
+        each = len(tasks) + bool(options.trials)
+        work = bar.add_task('idle', total=len(sources) * each + len(recorded) + 1)
         idle = idle_power(plant)
         bar.advance(work)
+        for walk in recorded:
+            entries.append(score(walk, idle, models))
+            cycle = cycle_of(walk)
+            if cycle is not None:
+                cycles.setdefault(walk.task.name, {})[walk.policy] = cycle
+            bar.advance(work)
         for name, source in sources.items():
             for task in tasks:
                 bar.update(work, description=f'{name}: {task.name}')
@@ -152,6 +166,13 @@ def evaluate(
     }
     result['verdict'] = verdict(entries, trials)
     return result, cycles
+
+
+def _recorded(text: str) -> Walk:
+    name, equals, path = text.partition('=')
+    if not equals or not name:
+        raise InputError(f'--bags {text!r} is not NAME=BAG, such as pmp=bags/pmp_1')
+    return recorded_walk(Path(path), name)
 
 
 def _trials(source: str, options: argparse.Namespace) -> Trials | None:

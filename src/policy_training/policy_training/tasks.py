@@ -33,11 +33,6 @@ class Task:
         most = _ACCELERATION * max(time - SETTLE, 0.0)
         return np.clip(self.command, -most, most)
 
-    @property
-    def reached(self) -> float:
-        """When the command is constant, s."""
-        return SETTLE + float((np.abs(self.command) / _ACCELERATION).max())
-
 
 TASKS: Final = (
     Task('forward', (0.6, 0.0, 0.0)),

@@ -16,10 +16,10 @@ def verdict(entries: Sequence[Mapping[str, Any]], trials: Mapping[str, Any]) -> 
     sentences = []
     for name in names[1:]:
         for entry in (e for e in entries if e['name'] == name):
-            first = next(
-                e for e in entries if e['name'] == names[0] and e['task'] == entry['task']
-            )
-            sentences.append(_compare(entry, first))
+            same = (e for e in entries if e['name'] == names[0] and e['task'] == entry['task'])
+            first = next(same, None)
+            if first is not None:
+                sentences.append(_compare(entry, first))
     for name, found in trials.items():
         how = ', '.join(f'{key} {found["mean_error"][key]:.2f}' for key in _AXES)
         says = 'follows its commands' if found['following'] else 'does not follow its commands'

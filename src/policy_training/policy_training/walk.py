@@ -1,10 +1,12 @@
 """A policy on a task, measured by the simulated hardware: power meter, supply, joints, feet."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from power_daq.cli import InputError
 from power_daq.recording.aligned import AlignedDataset
 from power_daq.recording.alignment import align
 from power_daq.recording.reader import Recording
@@ -17,7 +19,7 @@ from sim_bridge.simulation import Simulation
 from sim_bridge.terrain import FLAT, rough
 from sim_bridge.world import stand_world, walking_world
 
-from policy_training.tasks import Task
+from policy_training.tasks import TASKS, Task
 
 Floats = NDArray[np.float64]
 
@@ -25,7 +27,8 @@ JOINT_TYPES: Final = ('HAA', 'HFE', 'KFE')
 RAW_RATE: Final = 400.0  # Hz
 _SMOOTHING: Final = 1.0  # s, over which velocity is averaged to see whether it is steady
 _STEADY: Final = np.array([0.1, 0.1, 0.15])  # m/s, m/s, rad/s around the median
-_AFTER: Final = 1.5  # s after the command is reached
+_AFTER: Final = 1.5  # s for which a command must have held
+_MASS: Final = 52.135  # kg, of ANYmal C
 
 
 @dataclass(frozen=True)
@@ -75,11 +78,30 @@ def walk_of(recording: Recording, policy: str, task: Task, *, falls: int, mass: 
         raw=raw,
         velocity=velocity,
         foot_force=_at(raw.time, forces.stamp_ns * 1e-9, np.asarray(forces.force, np.float64)),
-        steady=_steady(data, velocity, task),
-        raw_steady=_steady(raw, raw_velocity, task),
+        steady=_steady(data, velocity, _held(recording, data.time, task)),
+        raw_steady=_steady(raw, raw_velocity, _held(recording, raw.time, task)),
         falls=falls,
         mass=mass,
     )
+
+
+def recorded_walk(path: Path, policy: str) -> Walk:
+    """
+    A walk from a bag of the running nodes; its task is the command that held longest.
+
+    InputError for a bag that lacks a topic, or never commands to move.
+    """
+    recording = Recording.open(path)
+    commands = np.round(np.asarray(recording.cmd_vel().velocity, np.float64), 3) + 0.0
+    rows, counts = np.unique(
+        commands[np.abs(commands).max(axis=1) > 0], axis=0, return_counts=True
+    )
+    if not len(rows):
+        raise InputError(f'{path}: cmd_vel never asks the robot to move')
+    vx, vy, yaw = (float(value) for value in rows[np.argmax(counts)])
+    known = {task.command: task.name for task in TASKS}
+    task = Task(known.get((vx, vy, yaw), f'{vx:g},{vy:g},{yaw:g}'), (vx, vy, yaw))
+    return walk_of(recording, policy, task, falls=_falls(recording), mass=_MASS)
 
 
 def idle_power(plant: Plant, duration: float = 0.5) -> float:
@@ -102,23 +124,38 @@ def _velocity(recording: Recording, time: Floats) -> Floats:
     return _at(time, seconds, np.column_stack([planar, turning]))
 
 
-def _at(
-    time: Floats, seconds: NDArray[np.floating], values: NDArray[np.floating]
-) -> Floats:
+def _at(time: Floats, seconds: NDArray[np.floating], values: NDArray[np.floating]) -> Floats:
     return np.column_stack([np.interp(time, seconds, column) for column in values.T])
 
 
-def _steady(data: AlignedDataset, velocity: Floats, task: Task) -> NDArray[np.bool_]:
-    since = data.time - data.time[0]
-    late = since > task.reached + _AFTER
+def _held(recording: Recording, time: Floats, task: Task) -> NDArray[np.bool_]:
+    """Where the task's command has been in force for long enough [T]."""
+    commands = recording.cmd_vel()
+    seconds = commands.stamp_ns * 1e-9
+    same = np.isclose(commands.velocity, task.command, atol=1e-3).all(axis=1)
+    broken = seconds[~same]
+    latest = np.searchsorted(broken, time, side='right') - 1
+    since = np.where(latest >= 0, broken[np.maximum(latest, 0)], seconds[0])
+    given = np.searchsorted(seconds, time, side='right') > 0
+    return np.asarray(given & (time - since > _AFTER))
+
+
+def _steady(data: AlignedDataset, velocity: Floats, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
     width = max(1, round(_SMOOTHING * data.rate))
     kernel = np.ones(width) / width
     smooth = np.column_stack([np.convolve(v, kernel, mode='same') for v in velocity.T])
     inner = np.zeros(len(velocity), bool)
     inner[width // 2 : len(velocity) - width // 2] = True
-    usable = late & inner
+    usable = held & inner
     if not usable.any():
         return usable
     middle = np.median(smooth[usable], axis=0)
     steady: NDArray[np.bool_] = usable & (np.abs(smooth - middle) < _STEADY).all(axis=1)
     return steady
+
+
+def _falls(recording: Recording) -> int:
+    """How often the base tips over by more than a radian."""
+    x, y, _, _ = recording.odom().orientation.T.astype(np.float64)
+    down = 1.0 - 2.0 * (x * x + y * y) < np.cos(1.0)
+    return int((np.diff(down.astype(np.int8)) == 1).sum())

@@ -10,10 +10,12 @@ from policy_training.scores import score
 from policy_training.tasks import TASKS, Task, parse_tasks
 from policy_training.trials import TrialConfig
 from policy_training.verdict import verdict
-from policy_training.walk import RAW_RATE, idle_power, measure_walk
+from policy_training.walk import RAW_RATE, idle_power, measure_walk, recorded_walk
 from power_daq.cli import InputError
+from power_daq.recording.card import Card
 from power_estimator.proxies import Proxy
-from sim_bridge.controllers import make_controller
+from sim_bridge.controllers import PolicyWalk, make_controller, make_policy
+from sim_bridge.offline import OfflineRun, write_bag
 from sim_bridge.plant import Plant
 from sim_bridge.robot import DEFAULT_POSE
 from sim_bridge.simulation import Simulation
@@ -106,7 +108,6 @@ def test_the_command_of_a_task_ramps_up_after_a_second_of_standing():
     assert task(0.5).tolist() == [0.0, 0.0, 0.0]
     assert task(1.2) == pytest.approx([0.2, 0.0, -0.4])
     assert task(5.0) == pytest.approx([1.0, 0.0, -0.8])
-    assert task.reached == 2.0
 
 
 @pytest.mark.parametrize('text', ['backwards', 'x=1,2', 'x=a,b,c', 'x=9,0,0', 'x=nan,0,0'])
@@ -193,9 +194,32 @@ def test_the_command_writes_json_and_a_page_that_needs_no_network(tmp_path, netw
     assert 'trot' in capsys.readouterr().out
 
 
+def test_a_bag_of_running_nodes_is_evaluated_by_the_command_that_it_holds(tmp_path):
+    bag = tmp_path / 'walk'
+    world = walking_world()
+    controller = PolicyWalk('trot', make_policy('trot'), Task('x', (0.3, 0.0, 0.5)))
+    run = OfflineRun(Plant.load('anymal_c'), world, controller, duration=6.0, seed=2)
+    write_bag(bag, run, Card(robot='anymal_c', drives=world.joints, controller='trot'))
+    walk = recorded_walk(bag, 'mine')
+    assert walk.task.command == (0.3, 0.0, 0.5)
+    assert walk.task.name == '0.3,0,0.5'
+    assert walk.falls == 0
+    assert walk.steady.any()
+    since = walk.data.time - walk.data.time[0]
+    assert not walk.steady[since < 2.7].any()
+    figures = tmp_path / 'e.json'
+    assert main(['--bags', f'mine={bag}', '--json', str(figures)]) == 0
+    (found,) = json.loads(figures.read_text())['policies']
+    assert found['name'] == 'mine'
+    assert found['power_w']['supply'] == pytest.approx(walk.data.supply[walk.steady].mean())
+
+
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
+        ([], 'nothing to evaluate'),
+        (['--bags', 'walk'], 'NAME=BAG'),
+        (['--bags', 'a=nowhere'], 'nowhere'),
         (['--policies', 'gallop'], "'gallop'"),
         (['--policies', 'trot', 'trot'], 'called the same'),
         (['--policies', 'trot', '--duration', '1'], '5..600'),
