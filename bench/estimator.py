@@ -4,6 +4,7 @@ What the Power Prediction Network costs: training, live estimate, replay.
 Signals and weights are random numbers; the cost does not depend on them.
 
     python bench/estimator.py [--seconds 20] [--epochs N]
+    python bench/estimator.py --long BAG… --model ppn:RUN   (carried state over all of the bags)
 """
 
 import argparse
@@ -30,19 +31,19 @@ HIDDEN = 100
 START = 1_700_000_000_000_000_000
 
 
-def network() -> Checkpoint:
-    """Random networks of 100 units for the three drive types of a leg."""
+def network(hidden: int = HIDDEN) -> Checkpoint:
+    """Random networks for the three drive types of a leg."""
     random = np.random.default_rng(0)
 
     def weights() -> Weights:
-        shapes = ((4 * HIDDEN, 3), (4 * HIDDEN, HIDDEN), (4 * HIDDEN,), (HIDDEN,), (1,))
+        shapes = ((4 * hidden, 3), (4 * hidden, hidden), (4 * hidden,), (hidden,), (1,))
         return Weights(*(random.normal(0, 0.1, s).astype(np.float32) for s in shapes))
 
     scaling = Scaling((0.0, 0.0, 0.0), (0.1, 15.0, 3.0), 40.0, 50.0)
     types = [DriveType(name, (f'*_{name}',)) for name in ('HAA', 'HFE', 'KFE')]
     bounds = ((-9.0, -900.0, -90.0), (9.0, 900.0, 90.0))
     return Checkpoint(
-        NetworkConfig(), tuple(Network(t, scaling, *bounds, weights()) for t in types)
+        NetworkConfig(hidden=hidden), tuple(Network(t, scaling, *bounds, weights()) for t in types)
     )
 
 
@@ -103,6 +104,45 @@ def bench_arithmetic(checkpoint: Checkpoint) -> None:
     windowed = (time.perf_counter() - started) / 50
     row('an estimate, windowed (60 steps)', f'{1e3 * windowed:.2f} ms', '')
     row('an estimate, carried state (4 steps)', f'{4e-3 * step:.2f} ms', '')
+
+
+def bench_batch() -> None:
+    """A policy step of 20 ms (four samples) of many robots with twelve drives each."""
+    import torch
+    from power_estimator.cost import policy_step_cost
+
+    torch.set_num_threads(1)
+    for hidden, sizes in ((32, (64, 512, 4096)), (HIDDEN, (64, 512))):
+        model = PowerPredictionNetwork(network(hidden))
+        for robots in sizes:
+            cost = policy_step_cost(model, JOINTS, robots)
+            row(f'policy step of a robot, LSTM{hidden}, {robots} at once', f'{cost:.1f} µs', '')
+
+
+def bench_long(spec: str, bags: list[Path]) -> None:
+    """State carried through all bags as if they were one: against 64 bit, and begun anew."""
+    from power_estimator.model import load_model
+
+    from power_estimator import recordings
+
+    model = load_model(spec)
+    assert isinstance(model, PowerPredictionNetwork)
+    given = recordings.training_set(bags)
+    x = np.nan_to_num(given.live)
+    names = given.data.names
+    long = model.stream(names).run(x)
+    row('carried state', f'{len(x) / 12_000:.1f} min', '')
+    late = x[-6000:]
+    apart = np.abs(long[-6000:] - model.stream(names).run(late))
+    for seconds in (0.3, 1.0, 5.0):
+        label = f'  off from a state begun anew, {seconds:g} s later'
+        row(label, f'{np.nanmax(apart[round(200 * seconds) :]):.6f} W', '')
+    double = model.stream(names)
+    for name in ('_input', '_recurrent', '_bias', '_output', '_offset', '_h', '_c'):
+        setattr(double, name, getattr(double, name).astype(np.float64))
+    apart = np.abs(long - double.run(x.astype(np.float64)))
+    row('  off from 64 bit, first minute', f'{np.nanmax(apart[:12_000]):.6f} W', '')
+    row('  off from 64 bit, last minute', f'{np.nanmax(apart[-12_000:]):.6f} W', '')
 
 
 def bench_stream(checkpoint: Checkpoint) -> None:
@@ -208,10 +248,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--seconds', type=float, default=20.0, help='of the live node')
     parser.add_argument('--epochs', type=int, default=20, help='of training')
+    parser.add_argument(
+        '--long', nargs='+', type=Path, metavar='BAG', help='carry a state through'
+    )
+    parser.add_argument('--model', default='ppn:bags/ppn_small', help='for --long')
     options = parser.parse_args()
+    if options.long:
+        bench_long(options.model, options.long)
+        return
     checkpoint = network()
     print(f'{"":<46}{"reached":>18}{"target":>14}{"ratio":>8}')
     bench_arithmetic(checkpoint)
+    bench_batch()
     bench_stream(checkpoint)
     bench_node(checkpoint, options.seconds)
     bench_training(options.epochs)

@@ -130,7 +130,7 @@ def _simulated(scenario: Scenario, effects: Mapping[str, float], seed: int) -> A
     if scenario.motion == 'walk':
         run = walking_run(plant, duration=scenario.seconds, seed=seed, drives=LEG)
         return align(simulate_recording(run), rate=400.0, smooth=False, drives=LEG)
-    drive = LEG[seed % 3]
+    drive = LEG[scenario.seed % 3]
     world = stand_world(drive, Stand(0.05, 5.0, 0.45))
     motion = Motion('ladder', 'velocity', 5.0)
     offline = OfflineRun(plant, world, motion, duration=scenario.seconds, seed=seed)

@@ -67,7 +67,7 @@ def draw_bars(
     types = list(dict.fromkeys(key for model in models for key in model['types']))
     with style(dark) as ink:
         blue = _ESTIMATE[dark]
-        figure = Figure(figsize=(9, 4.2), layout='constrained')
+        figure = Figure(figsize=(max(9, 1.5 * len(models)), 4.4), layout='constrained')
         axis = figure.subplots()
         width = 0.8 / max(1, len(types))
         lowest = 0.0
@@ -92,15 +92,15 @@ def draw_bars(
                 if np.isfinite(value):
                     place = (bar.get_x() + bar.get_width() / 2, max(value + std, 0) + 0.02)
                     axis.annotate(
-                        _figure(value), place, ha='center', va='bottom', fontsize=7, color=ink
+                        _figure(value), place, ha='center', va='bottom', fontsize=6, color=ink
                     )
         axis.axhline(0, color=ink, lw=0.8)
         axis.set_xticks(
             np.arange(len(models)),
             [
                 LABELS.get(m['name'], m['name'])
-                .replace(' mechanical ', ' mechanical\n')
-                .replace('|mechanical ', '|mechanical\n')
+                .replace('positive ', 'positive\n')
+                .replace('mechanical ', 'mechanical\n')
                 for m in models
             ],
         )

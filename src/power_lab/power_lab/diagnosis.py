@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from power_estimator.effect_bank import Bank, Screened, shaped
 from power_estimator.effect_design import Active, Structure
 from power_estimator.effect_fit import Fit, Fitter
-from power_estimator.effects import Catalogue, Effect, Signals, Term
+from power_estimator.effects import Catalogue
 
+from power_lab.candidates import best_shapes, candidates
 from power_lab.confidence_set import confidence_set
 from power_lab.evidence import Evidence, Examiner
 from power_lab.leftover import Leftover, examine_leftover
@@ -31,7 +32,7 @@ Named effects must explain this share of all that can be explained; half of it w
 is too small to be a stranger.
 """
 MOST_EFFECTS = 8
-EARNED_SHARE, EARNED_BESIDE_STRANGER = 0.6, 0.9
+EARNED_SHARE, EARNED_BESIDE_STRANGER = 0.6, 0.8
 """
 The last effect to join must explain this share of what was still to be explained; more where
 what is left is large enough to be a stranger, which a wrong name explains in part.
@@ -179,6 +180,7 @@ class Diagnoser:
         if chosen:
             worth = worth and gain.sum() >= NEXT_SHARE**2 * first.sum()
             worth = worth and sum(i > 0 for i in members) <= _MOST_RIVALS
+            worth = worth and shared(gain, self.floor)
         step = Step(
             chosen,
             tuple(finalists[i - 1].names for i in members if i > 0),
@@ -334,47 +336,15 @@ def above_floor(gain: Floats, floor: Floats) -> bool:
     return bool(ratio.mean() >= 1.0 or ratio.max() >= 4.0)
 
 
-class Freed(Effect):
-    """An effect whose coefficient physics fixes, free enough to compete for a place."""
+def shared(gain: Floats, floor: Floats) -> bool:
+    """
+    Whether squared watts [D] come from more than one drive, or from one by far.
 
-    def __init__(self, of: Effect) -> None:
-        self._of = of
-        self.name = of.name  # type: ignore[misc]
-        self.physics, self.formula = of.physics, of.formula  # type: ignore[misc]
-        self.acts_on, self.follows = of.acts_on, of.follows  # type: ignore[misc]
-        self.excitation = of.excitation  # type: ignore[misc]
-        self.terms = (Term(of.terms[0].symbol, of.terms[0].unit, 0.0, 1.5),)  # type: ignore[misc]
-
-    def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """As the effect's own."""
-        return self._of.regressors(signals, **shape)
-
-
-def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Active]:
-    """Physical effects that the base has not, in every usable shape."""
-    signals = fitter.prepared.signals
-    effects = [
-        effect if effect.fixed is None else Freed(effect)
-        for effect in catalogue.physics()
-        if effect.name not in base.names and (effect.fixed is None or fitter.builder.base is None)
-    ]
-    return [
-        Active.of(effect, shape)
-        for effect in effects
-        for shape in effect.shapes
-        if effect.usable(signals, **shape)
-    ]
-
-
-def best_shapes(bank: Bank) -> dict[str, Screened]:
-    """For each effect the screening of its best shape."""
-    best: dict[str, Screened] = {}
-    for active in bank.candidates:
-        screened = bank.screen([active])
-        known = best.get(active.name)
-        if known is None or screened.training_error < known.training_error:
-            best[active.name] = screened
-    return best
+    Drives of one robot are built alike: a small further effect in one of them alone is more often
+    a formula that does not quite fit than physics.
+    """
+    ratio = np.maximum(gain, 0.0) / np.square(floor)
+    return len(ratio) < 2 or int((ratio >= 0.25).sum()) > 1 or bool(ratio.max() >= 16.0)
 
 
 def _negligible(evidence: Evidence) -> bool:

@@ -6,7 +6,7 @@ from power_estimator.effect_design import Active, Structure
 from power_estimator.effect_fit import Fitter, measurement_terms
 from power_estimator.effect_signals import prepare
 from power_estimator.effects import builtin_catalogue
-from power_lab.diagnosis import Diagnoser, above_floor
+from power_lab.diagnosis import Diagnoser, above_floor, shared
 from power_lab.verdict import sentence
 from truth_circuit import Faults, Truth, record
 
@@ -93,3 +93,11 @@ def test_the_floor_is_reached_by_all_drives_together_or_by_far_by_one():
     assert above_floor(np.array([0.012, 0.012]), floor)
     assert not above_floor(np.array([0.015, 0.0]), floor)
     assert above_floor(np.array([0.05, 0.0]), floor)
+
+
+def test_a_further_effect_must_show_on_two_drives_or_by_far_on_one():
+    floor = np.array([0.1, 0.1, 0.1])
+    assert shared(np.array([0.0, 0.004, 0.06]), floor)
+    assert not shared(np.array([0.0, 0.001, 0.06]), floor)
+    assert shared(np.array([0.0, 0.0, 0.17]), floor)
+    assert shared(np.array([0.06]), floor[:1])
