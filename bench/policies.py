@@ -125,9 +125,8 @@ def main() -> int:
         costlier = np.median(np.array(variant.cpu) / np.array(base.cpu))
         first = variant is base
         goal = f'{RATE:,.0f}/s' if first else f'≤ {SLOWER} ×'
-        print(
-            f'{variant.name:<34}{variant.rate():>10,.0f}{slower:>9.2f}{costlier:>9.2f}{goal:>12}'
-        )
+        each = 1e6 * float(np.median(variant.cpu)) / variant.steps
+        row(variant.name, variant.rate(), each, float(slower), float(costlier), goal)
     alone = np.median(base.wall) / config.ppo.steps, np.median(base.cpu) / config.ppo.steps
     wall, cpu = (float(a + w) for a, w in zip(alone, window, strict=True))
     ratios = wall / alone[0], cpu / alone[1]
