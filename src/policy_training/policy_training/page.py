@@ -21,7 +21,7 @@ _SECURITY: Final = (
 )
 _SCRIPT: Final = """
 for (const [id, figure] of Object.entries(JSON.parse(document.getElementById('data').textContent)))
-  Plotly.newPlot(id, figure.data, figure.layout, {responsive: true, displaylogo: false});
+  Plotly.newPlot(id, figure.data, figure.layout, {responsive: true, displaylogo: false, displayModeBar: false});
 document.body.dataset.ready = 'yes';
 """
 
@@ -148,9 +148,9 @@ def write_page(
     )
     for task, found in cycles.items():
         if found:
-            page.text(f'Mean gait cycle of the LF leg on {task}; shaded: on the ground.')
+            page.text(f'Mean gait cycle of LF_KFE on {task}; shaded: the foot is on the ground.')
             label = f'gait cycle of LF_KFE on {task}'
-            page.figure(pictures.gait_cycles(found, 'LF_KFE'), label, height=820)
+            page.figure(pictures.gait_cycles(found), label, height=820)
     if any(curves.values()):
         page.heading('Training')
         page.figure(pictures.learning_curves(curves), 'learning curves', height=520)

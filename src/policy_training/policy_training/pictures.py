@@ -16,11 +16,11 @@ PARTS: Final = ('electronics', 'idle', 'HAA', 'HFE', 'KFE')
 _PART_COLORS: Final = ('#8a949e', '#bcc4cc', '#56b4e9', '#009e73', '#d55e00')
 _COLORS: Final = ('#d55e00', '#0072b2', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
 _SIGNALS: Final = {
-    'torque': 'torque in N·m',
-    'velocity': 'speed in rad/s',
-    'position_error': 'position error in rad',
-    'power': 'power in W',
-    'foot_force': 'foot force in N',
+    'torque': 'torque N·m',
+    'velocity': 'speed rad/s',
+    'position_error': 'error rad',
+    'power': 'power W',
+    'foot_force': 'foot force N',
 }
 
 
@@ -50,7 +50,7 @@ def power_bars(entries: Sequence[Mapping[str, Any]]) -> Figure:
     return _finished(figure)
 
 
-def gait_cycles(cycles: Mapping[str, Cycle], joint: str) -> Figure:
+def gait_cycles(cycles: Mapping[str, Cycle]) -> Figure:
     """One drive over the mean gait cycle of each policy; what is shaded stands on the ground."""
     names = list(cycles)
     figure = make_subplots(
@@ -101,8 +101,7 @@ def gait_cycles(cycles: Mapping[str, Cycle], joint: str) -> Figure:
                 line_width=0,
             )
             if column == 1:
-                label = title if key == 'foot_force' else f'{joint} {title}'
-                figure.update_yaxes(title_text=label, row=row, col=1)
+                figure.update_yaxes(title_text=title, row=row, col=1)
     figure.update_xaxes(title_text='gait cycle', row=len(_SIGNALS))
     return _finished(figure)
 
