@@ -21,7 +21,7 @@ _SECURITY: Final = (
 )
 _SCRIPT: Final = """
 for (const [id, figure] of Object.entries(JSON.parse(document.getElementById('data').textContent)))
-  Plotly.newPlot(id, figure.data, figure.layout, {responsive: true, displaylogo: false, displayModeBar: false});
+  Plotly.newPlot(id, figure.data, figure.layout, {responsive: true, displayModeBar: false});
 document.body.dataset.ready = 'yes';
 """
 
