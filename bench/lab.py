@@ -45,9 +45,11 @@ def judge(scenario: Scenario) -> dict[str, Any]:
         data = scenario.record()
         with threadpool_limits(limits=1):
             start = time.monotonic()
-            diagnosis = diagnosed(data, scenario.known)
+            diagnoser = examined(data, scenario.known)
+            diagnosis = diagnoser.run()
             row['seconds_taken'] = round(time.monotonic() - start, 1)
-            row |= told(diagnosis, scenario)
+            row |= told(diagnosis)
+            row['put_on_w'] = put_on(diagnoser, diagnosis, scenario.truth)
             if scenario.followed_up and diagnosis.verdict == 'named':
                 row['fall'] = fall(scenario, data, diagnosis.effects)
     except Exception as error:  # one broken scenario must not end the benchmark
@@ -55,27 +57,36 @@ def judge(scenario: Scenario) -> dict[str, Any]:
     return row
 
 
-def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Diagnosis:
-    """What the lab says of a model with the known effects."""
+def examined(data: AlignedDataset, known: Sequence[str]) -> Diagnoser:
+    """The lab, ready to judge a model with the known effects."""
     structure = Structure(tuple(Active.of(CATALOGUE[name]) for name in known))
     terms = measurement_terms(CATALOGUE, shaft=True)
-    return Diagnoser(Fitter(prepare(data)), structure.plus(*terms), CATALOGUE).run()
+    return Diagnoser(Fitter(prepare(data)), structure.plus(*terms), CATALOGUE)
 
 
-def told(diagnosis: Diagnosis, scenario: Scenario) -> dict[str, Any]:
+def put_on(diagnoser: Diagnoser, diagnosis: Diagnosis, truth: Iterable[str]) -> float:
+    """W rms over the drives that the smaller of the hidden effects puts on, beside the others."""
+    actives = {c.name: c.active for c in diagnosis.singles if c.name in truth}
+    if not actives:
+        return 0.0
+    start = diagnosis.base.fit
+    whole = diagnoser.added(start, tuple(actives.values())).mean_mse
+    gains = []
+    for name in actives:
+        rest = tuple(active for other, active in actives.items() if other != name)
+        without = diagnoser.added(start, rest) if rest else diagnosis.base
+        gains.append(float(np.sqrt(max((without.mean_mse - whole).mean(), 0.0))))
+    return round(min(gains), 4)
+
+
+def told(diagnosis: Diagnosis) -> dict[str, Any]:
     """The parts of a diagnosis that are scored."""
-    gains = [
-        float(np.sqrt(max(candidate.gain.mean(), 0.0)))
-        for candidate in diagnosis.singles
-        if candidate.name in scenario.truth
-    ]
     left = float(np.sqrt(diagnosis.leftover.explained.mean()))
     return {
         'verdict': diagnosis.verdict,
         'effects': list(diagnosis.effects),
         'certain': sorted(diagnosis.certain),
         'chosen': list(diagnosis.chosen),
-        'put_on_w': round(min(gains), 4) if gains else 0.0,
         'leftover_w': round(left, 4),
         'share': round(diagnosis.share, 4),
         'rmse_w': np.round(diagnosis.base.rmse, 3).tolist(),

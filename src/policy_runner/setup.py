@@ -22,6 +22,7 @@ setup(
     entry_points={
         'console_scripts': [
             'run = policy_runner.run_node:main',
+            'excite = policy_runner.excite_node:main',
         ],
     },
 )

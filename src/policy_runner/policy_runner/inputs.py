@@ -36,6 +36,7 @@ class Inputs:
     command_time: float = NEVER
     command: Floats = field(default_factory=lambda: np.zeros(3))  # m/s, m/s, rad/s
     complaints: dict[str, str] = field(default_factory=dict)
+    needed: tuple[str, ...] = ('joint_states', 'imu')  # topics that must not fall silent
     _stamps: dict[str, int] = field(default_factory=dict)
     _order: tuple[tuple[str, ...], NDArray[np.intp]] | None = None
 
@@ -112,6 +113,10 @@ class Inputs:
         """Take cmd_vel: vx, vy in m/s and yaw rate in rad/s."""
         self.command = np.array(command, dtype=np.float64)
         self.command_time = now
+
+    def heard(self, topic: str) -> float:
+        """When a topic of needed last brought something new, s."""
+        return {'joint_states': self.joint_time, 'imu': self.imu_time}[topic]
 
     def _is_newer(self, topic: str, stamp: int) -> bool:
         newer = stamp > self._stamps.get(topic, -1)

@@ -59,17 +59,16 @@ def parse(arguments: Sequence[str]) -> Options:
 
 
 def command(
-    body: Callable[[Sequence[str]], None],
+    body: Callable[[Sequence[str]], int | None],
 ) -> Callable[[Sequence[str] | None], int]:
     """Turn a function of the arguments into an entry point: 2 and one line for InputError."""
 
     @wraps(body)
     def main(args: Sequence[str] | None = None) -> int:
         try:
-            body(sys.argv[1:] if args is None else args)
+            return body(sys.argv[1:] if args is None else args) or 0
         except InputError as error:
             print(f'policy_runner: {error}', file=sys.stderr)
             return 2
-        return 0
 
     return main

@@ -5,9 +5,8 @@ from collections.abc import Sequence
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -22,6 +21,7 @@ from policy_runner.commands import RandomCommands
 from policy_runner.kinematics import JOINT_NAMES
 from policy_runner.listening import Listener
 from policy_runner.options import InputError, Options, command, parse
+from policy_runner.parameters import real_parameter
 from policy_runner.policies import Policy, load_policy
 from policy_runner.safety import FaultKind, SafetyConfig
 from policy_runner.supervisor import Output, State, Supervisor
@@ -99,18 +99,7 @@ class PolicyRunner(Node):
     def _parameter(
         self, name: str, default: float, low: float, high: float, description: str
     ) -> float:
-        descriptor = ParameterDescriptor(
-            description=description,
-            read_only=True,
-            floating_point_range=[FloatingPointRange(from_value=low, to_value=high, step=0.0)],
-        )
-        try:
-            return float(self.declare_parameter(name, default, descriptor).value)
-        except ParameterException as error:
-            raise InputError(
-                f'parameter {name}: {error}; expected a number with a decimal point '
-                f'from {low:g} to {high:g}'
-            ) from error
+        return real_parameter(self, name, default, low, high, description)
 
     def _now(self) -> float:
         return float(self._time.now().nanoseconds) * 1e-9

@@ -1,6 +1,6 @@
 """When a robot must not go on, and how far its targets may move: pure checks."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 
@@ -69,9 +69,17 @@ class SafetyConfig:
 class SafetyMonitor:
     """Looks at inputs and targets for anything that calls for damping."""
 
-    def __init__(self, config: SafetyConfig, limits: Floats = LIMITS) -> None:
+    def __init__(
+        self,
+        config: SafetyConfig,
+        limits: Floats = LIMITS,
+        target_limits: Floats = TARGET_LIMITS,
+        names: Sequence[str] = JOINT_NAMES,
+    ) -> None:
+        """Limits of what is measured and of what is sent, rad [D, 2] for D joints by name."""
         self._config = config
         self._low, self._high = limits.T
+        self._target_limits, self._names = target_limits, tuple(names)
 
     def inputs(self, inputs: Inputs, now: float) -> Fault | None:
         """Name the first fault in what was measured or commanded, None if all is well."""
@@ -81,8 +89,8 @@ class SafetyMonitor:
         cfg = self._config
         for complaint in inputs.complaints.values():
             yield Fault(FaultKind.MALFORMED, complaint)
-        for topic, time in (('joint_states', inputs.joint_time), ('imu', inputs.imu_time)):
-            age = now - time
+        for topic in inputs.needed:
+            age = now - inputs.heard(topic)
             if age > cfg.stale_after:
                 told = f'is {age * 1e3:.0f} ms old' if np.isfinite(age) else 'never came'
                 yield Fault(
@@ -116,15 +124,15 @@ class SafetyMonitor:
 
     def targets(self, targets: Floats) -> Fault | None:
         """Name the fault in what a policy wants, None if it may be limited and sent."""
-        if np.shape(targets) != (12,) or not np.isfinite(targets).all():
+        if np.shape(targets) != self._low.shape or not np.isfinite(targets).all():
             return Fault(FaultKind.NOT_FINITE, f'joint targets {np.asarray(targets).tolist()}')
-        low, high = TARGET_LIMITS.T
+        low, high = self._target_limits.T
         beyond = np.maximum(low - targets, targets - high)
         worst = int(np.argmax(beyond))
         if beyond[worst] > self._config.target_excess:
             return Fault(
                 FaultKind.TARGET_RANGE,
-                f'{JOINT_NAMES[worst]} wanted at {targets[worst]:.2f} rad, '
+                f'{self._names[worst]} wanted at {targets[worst]:.2f} rad, '
                 f'limits {low[worst]:.2f}..{high[worst]:.2f} rad',
             )
         return None
@@ -133,17 +141,18 @@ class SafetyMonitor:
 class TargetLimiter:
     """Keeps targets within range and within a rate of change."""
 
-    def __init__(self, rate: float) -> None:
-        self._rate = rate
+    def __init__(self, rate: float, limits: Floats = TARGET_LIMITS) -> None:
+        """Limits: rad/s of change, and rad [D, 2]."""
+        self._rate, self._limits = rate, limits
         self._last: Floats | None = None
 
     def reset(self, position: Floats) -> None:
-        """Start from a measured pose, rad [12]."""
+        """Start from a measured pose, rad [D]."""
         self._last = np.array(position, dtype=np.float64)
 
     def __call__(self, targets: Floats, dt: float) -> Floats:
-        """Limited targets, rad [12], dt s after the ones before."""
-        limited = np.clip(targets, TARGET_LIMITS[:, 0], TARGET_LIMITS[:, 1])
+        """Limited targets, rad [D], dt s after the ones before."""
+        limited = np.clip(targets, self._limits[:, 0], self._limits[:, 1])
         if self._last is not None:
             most = self._rate * dt
             limited = np.clip(limited, self._last - most, self._last + most)

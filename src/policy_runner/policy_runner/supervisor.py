@@ -26,7 +26,7 @@ class State(Enum):
 
 @dataclass(frozen=True)
 class Output:
-    """What to send to the drives: targets, rad [12], or damping if there are none."""
+    """What to send to the drives: targets, rad [D], or damping if there are none."""
 
     targets: Floats | None
 
@@ -37,7 +37,8 @@ class Supervisor:
 
     restart_after: s of sound inputs after which it starts again by itself, 0 for never; an
     emergency stop always waits for stop() and then start(). source: velocity commands by time
-    walked, s, in place of those of the inputs.
+    walked, s, in place of those of the inputs. inputs, monitor and limiter: for other joints than
+    the twelve of the robot.
     """
 
     def __init__(
@@ -47,17 +48,20 @@ class Supervisor:
         *,
         restart_after: float = 0.0,
         source: Callable[[float], Floats] | None = None,
+        inputs: Inputs | None = None,
+        monitor: SafetyMonitor | None = None,
+        limiter: TargetLimiter | None = None,
     ) -> None:
         if not restart_after >= 0.0:
             raise ValueError(f'restart_after is {restart_after!r} s; it must be 0 or more')
         self.state = State.IDLE
         self.fault: Fault | None = None
-        self.inputs = Inputs()
+        self.inputs = inputs or Inputs()
         self.faults = 0
         self._policy = policy
         self._config = config = config or SafetyConfig()
-        self._monitor = SafetyMonitor(config)
-        self._limiter = TargetLimiter(config.target_rate)
+        self._monitor = monitor or SafetyMonitor(config)
+        self._limiter = limiter or TargetLimiter(config.target_rate)
         self._restart_after = restart_after
         self._source = source
         self._since = 0.0

@@ -133,6 +133,22 @@ class Prepared:
         limit = np.maximum(limit, np.quantile(size, 1.0 - _MOST_UNRESOLVED, axis=0))
         return np.asarray(size <= limit)
 
+    def unseen(self, copper: Floats) -> Floats:
+        """
+        Power that passes between the samples of the joint signals unseen, W rms [D].
+
+        What torque·w and copper·torque² (copper in W/(N·m)² [D]) have near half the sampling rate,
+        folded down: as much again, or less, folds down from the sampling rate itself, where
+        nobody sees it.
+        """
+        s = self.signals
+        sign = np.where(np.arange(len(s.torque)) % 2 == 0, 1.0, -1.0)[:, None]
+        parts = [s.torque * s.velocity, copper * np.square(s.torque)]
+        folded = [np.square(self.reduced(part * sign)) for part in parts]
+        used = np.where(self.resolved, folded[0] + folded[1], np.nan)
+        size: Floats = np.sqrt(np.nanmean(used, axis=0))
+        return size
+
     def _bend(self, values: Floats) -> Floats:
         out = np.zeros_like(values)
         for part in self.signals.stretches():

@@ -117,6 +117,18 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say():
     assert np.mean(inside) > 0.8
 
 
+def test_power_between_the_samples_shows_at_half_the_sampling_rate():
+    data = moving(40.0)
+    calm = prepare(data).unseen(np.zeros(2))
+    assert calm.max() < 0.05
+    half = 1e-2 * np.where(np.arange(len(data.time)) % 2 == 0, 1.0, -1.0).astype(np.float32)
+    torque = data.torque + np.stack([100.0 * half, 0.0 * half], axis=1)
+    found = prepare(replace(data, torque=torque))
+    expected = np.sqrt(np.mean(np.square(found.state()['velocity'][:, 0])))  # W, of 1 N·m
+    assert found.unseen(np.zeros(2))[0] == pytest.approx(expected, rel=0.2)
+    assert found.unseen(np.zeros(2))[1] == pytest.approx(calm[1])
+
+
 def test_drives_of_a_group_share_their_coefficients():
     prepared = prepare(moving())
     shared = Fitter(prepared, groups=[[0, 1]]).fit(structure())

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from power_estimator.effect_bank import Bank, Screened, shaped
 from power_estimator.effect_design import Active, Structure
 from power_estimator.effect_fit import Fit, Fitter
+from power_estimator.effect_signals import Prepared
 from power_estimator.effects import Catalogue
 
 from power_lab.candidates import best_shapes, candidates
@@ -32,7 +33,7 @@ Named effects must explain this share of all that can be explained; half of it w
 is too small to be a stranger.
 """
 MOST_EFFECTS = 8
-EARNED_SHARE, EARNED_BESIDE_STRANGER = 0.6, 0.8
+EARNED_SHARE, EARNED_BESIDE_STRANGER = 0.4, 0.8
 """
 The last effect to join must explain this share of what was still to be explained; more where
 what is left is large enough to be a stranger, which a wrong name explains in part.
@@ -115,6 +116,9 @@ class Diagnoser:
             none = self.examiner.examine(self.fitter.fit(self.base, none.fit, iterations=2))
             bank = Bank(self.fitter, self.examiner.folds, none.fit, self.candidates)
             found = best_shapes(bank)
+        self.stranger_floor = np.maximum(
+            self.stranger_floor, unseen(self.fitter.prepared, none.fit)
+        )
         singles = self._singles(none, bank, found)
         ladder, steps = [none], []
         while len(ladder) <= min(MOST_EFFECTS, len(found)):
@@ -154,11 +158,12 @@ class Diagnoser:
         out = []
         for rank, screened in enumerate(order):
             active = screened.actives[0]
-            evidence = self._full(none.fit, (active,), 3 if rank < _FINALISTS else 1)
+            evidence = self.added(none.fit, (active,), 3 if rank < _FINALISTS else 1)
             out.append(Candidate(active.name, active, evidence, none.mean_mse - evidence.mean_mse))
         return tuple(sorted(out, key=lambda c: float(c.evidence.loss.mean())))
 
-    def _full(self, start: Fit, actives: Sequence[Active], iterations: int = 3) -> Evidence:
+    def added(self, start: Fit, actives: Sequence[Active], iterations: int = 3) -> Evidence:
+        """The base with effects added, all fitted anew from a start."""
         structure = self.base.plus(*actives)
         fit = self.fitter.fit(structure.bent(), start, iterations=iterations)
         return self.examiner.examine(fit, [active.name for active in actives])
@@ -169,7 +174,7 @@ class Diagnoser:
         """The best set with one effect more, if it is worth it."""
         chosen = best.names
         sets = self._rivals(best, bank, found)
-        finalists = [self._full(best.fit if chosen else none.fit, actives) for actives in sets]
+        finalists = [self.added(best.fit if chosen else none.fit, actives) for actives in sets]
         finalists = [e for e in finalists if not _negligible(e)] or finalists[:1]
         finalists.sort(key=lambda e: float(e.loss.mean()))
         losses = [best.loss, *(e.loss for e in finalists)]
@@ -211,7 +216,7 @@ class Diagnoser:
         active = next(a for a in own if a.name == name)
         for shape in self._other_shapes(active):
             changed = tuple(shape if a.name == name else a for a in own)
-            trial = self._full(evidence.fit, changed, 2)
+            trial = self.added(evidence.fit, changed, 2)
             if trial.fit.error < evidence.fit.error - _LEAST_FALL:
                 return trial
         return None
@@ -231,7 +236,7 @@ class Diagnoser:
                 for active in evidence.fit.structure.actives
                 if active.name in evidence.names and active.name != name
             )
-            less = self._full(evidence.fit, rest)
+            less = self.added(evidence.fit, rest)
             gain = less.mean_mse - evidence.mean_mse
             if len(rest) > 1 and not above_floor(gain, self.floor):
                 return self._without_idlers(less)
@@ -328,6 +333,13 @@ def floors(fitter: Fitter, least: float, share: float) -> Floats:
     rms = np.sqrt(np.nanmean(np.square(power), axis=0))
     half = 0.5 * np.nan_to_num(prepared.noise)
     return np.maximum(np.maximum(least, half), share * rms)
+
+
+def unseen(prepared: Prepared, fit: Fit) -> Floats:
+    """W [D]: structure that the sampling of the joint signals alone may put on."""
+    columns = fit.structure.columns_of('copper_loss')
+    copper = fit.coefficients[:, columns[0]] if columns else np.zeros(len(prepared.names))
+    return prepared.unseen(copper)
 
 
 def above_floor(gain: Floats, floor: Floats) -> bool:

@@ -127,6 +127,7 @@ class Outcome:
                     'rmse_after_w': _short(float(d.best.rmse[i])),
                     'sensor_noise_w': _short(float(self.diagnoser.fitter.prepared.noise[i])),
                     'floor_w': _short(float(d.floor[i])),
+                    'stranger_floor_w': _short(float(d.stranger_floor[i])),
                 }
                 for i, name in enumerate(names)
             },

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from policy_runner.excitation import FORMAT
 from power_daq.recording.files import write_whole
 from power_estimator.effects import Catalogue, Excitation
 
-FORMAT = 'motion/1'
 _LONGEST = 1800.0  # s
 _RANGE = 6.0  # rad, that a joint turns one way
 

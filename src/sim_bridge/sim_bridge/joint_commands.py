@@ -1,6 +1,6 @@
 """A JointState on `joint_commands` as a command to the drives."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,19 +16,25 @@ def joint_command(
     position: Sequence[float],
     velocity: Sequence[float],
     effort: Sequence[float],
+    absent: Collection[str] = (),
 ) -> JointCommand:
     """
     The command that a message's fields give, in the order of joints.
 
     An empty field commands nothing; a joint that is not named, or whose value is not finite,
-    is damped. ValueError for unknown or repeated names and fields of another length.
+    is damped; joints that are absent may be named, to no effect, as on a bus where their drives
+    are missing. ValueError for unknown or repeated names and fields of another length.
     """
-    places = []
+    places: list[int | None] = []
     for name in names:
+        if name in absent and name not in joints:
+            places.append(None)
+            continue
         if name not in joints:
             raise ValueError(f'no joint {name!r}; there are {", ".join(joints)}')
         places.append(joints.index(name))
-    if len(set(places)) != len(places):
+    there = [place for place in places if place is not None]
+    if len(set(there)) != len(there):
         raise ValueError('a joint is named twice')
     return JointCommand(
         *(
@@ -43,12 +49,14 @@ def joint_command(
 
 
 def _placed(
-    field: str, values: Sequence[float], places: Sequence[int], count: int
+    field: str, values: Sequence[float], places: Sequence[int | None], count: int
 ) -> Floats | None:
     if len(values) == 0:
         return None
     if len(values) != len(places):
         raise ValueError(f'{field} has {len(values)} values for {len(places)} names')
     result: Floats = np.full(count, np.nan)
-    result[list(places)] = values
+    for place, value in zip(places, values, strict=True):
+        if place is not None:
+            result[place] = value
     return result

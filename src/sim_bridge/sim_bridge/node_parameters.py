@@ -15,7 +15,7 @@ from rclpy.node import Node
 from sim_bridge.plant import Plant
 from sim_bridge.robot import JOINT_NAMES
 from sim_bridge.terrain import FLAT, rough
-from sim_bridge.world import World, stand_world, walking_world
+from sim_bridge.world import Stand, World, stand_world, walking_world
 
 Floats = NDArray[np.float64]
 WORLDS = ('anymal_c', 'bench')
@@ -35,6 +35,7 @@ class NodeParameters:
     terrain: str
     world: str
     joint: str
+    stand: Stand
     seed: int
     interface: str
     channel: str
@@ -60,6 +61,11 @@ class NodeParameters:
             terrain=read.text('terrain', 'flat', 'flat or rough'),
             world=read.text('world', 'anymal_c', 'anymal_c (walking) or bench (one drive)'),
             joint=read.text('joint', 'LF_KFE', 'drive on the bench'),
+            stand=Stand(
+                read.real('inertia', 0.02, 'kg·m², of the disc on the bench', 0.0, 100.0),
+                read.real('mass', 0.0, 'kg, of the pendulum on the bench; 0: none', 0.0, 100.0),
+                read.real('length', 0.3, 'm, of the pendulum on the bench', 0.0, 100.0),
+            ),
             seed=read.whole('seed', 0, 'of noise, terrain and random pushes', 0, _MOST),
             interface=read.text('interface', 'unixsocket', 'unixsocket, virtual or socketcan'),
             channel=read.text('channel', DEFAULT_CHANNEL, 'socket path, or name of the bus'),
@@ -85,7 +91,7 @@ class NodeParameters:
     def make_world(self) -> World:
         """The world that the parameters ask for."""
         if self.world == 'bench':
-            return stand_world(self.joint)
+            return stand_world(self.joint, self.stand)
         return walking_world(rough(self.seed) if self.terrain == 'rough' else FLAT)
 
     def push(self, node: Node) -> Floats | None:

@@ -12,7 +12,8 @@ from sim_bridge.plant import Plant
 
 _EPILOG = """\
 Without --offline this is the node `sim_bridge`: the plant in real time behind a CAN bus. Its
-settings are ROS parameters: plant, unit, terrain, seed, world (anymal_c or bench), joint,
+settings are ROS parameters: plant, unit, terrain, seed, world (anymal_c or bench), joint, inertia,
+mass and length of the pendulum that the bench's drive swings,
 interface (unixsocket, virtual, socketcan), channel, dbc, mapping, publish_clock, reset_after_fall,
 push_velocity, push_direction. Services: push, reset.
 

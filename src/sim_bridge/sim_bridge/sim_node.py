@@ -44,6 +44,7 @@ class SimNode(Node):
         bus = BusDescription.load(settings.dbc, settings.mapping)
         encoder = FrameEncoder(bus, simulation.joints, instruments.clock)
         self._joints = simulation.joints
+        self._absent = frozenset(bus.drives) - set(simulation.joints)
         self._device_clock = instruments.clock
         self._publisher = SamplePublisher(self, instruments.clock, settings.publish_clock)
         self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
@@ -90,7 +91,12 @@ class SimNode(Node):
         try:
             self.plant.command(
                 joint_command(
-                    self._joints, message.name, message.position, message.velocity, message.effort
+                    self._joints,
+                    message.name,
+                    message.position,
+                    message.velocity,
+                    message.effort,
+                    self._absent,
                 )
             )
         except ValueError as error:
