@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 TORCH ?= torch==2.13.0
-PACKAGES := power_daq power_estimator power_lab sim_bridge policy_runner
+PACKAGES := power_daq power_estimator power_lab sim_bridge policy_runner policy_training
 STAMP := $(VENV)/.installed
 ROS := .ros
 ROS_VENV ?= $(ROS)/venv

@@ -17,6 +17,7 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     'embedded_cost': (),
     'real_runtime': (),
     'estimator': (),
+    'policies': (),
     'acquisition': (),
 }
 QUICK: dict[str, tuple[str, ...]] = {'acquisition': ('--seconds', '30')}

@@ -30,6 +30,7 @@ class Inputs:
     imu_time: float = NEVER
     gravity: Floats = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))  # unit vector
     spin: Floats = field(default_factory=lambda: np.zeros(3))  # rad/s
+    acceleration: Floats | None = None  # m/s², as an IMU feels it, None where it is not reported
     odom_time: float = NEVER
     base_velocity: Floats = field(default_factory=lambda: np.zeros(3))  # m/s
     command_time: float = NEVER
@@ -40,7 +41,12 @@ class Inputs:
     _order: tuple[tuple[str, ...], NDArray[np.intp]] | None = None
 
     def on_joints(
-        self, stamp: int, names: Sequence[str], position: Any, velocity: Any, now: float
+        self,
+        stamp: int,
+        names: Sequence[str],
+        position: Any,
+        velocity: Any,
+        now: float,
     ) -> None:
         """Take joint_states: stamp in ns, rad and rad/s in the order of names."""
         key = tuple(names)
@@ -66,9 +72,18 @@ class Inputs:
             self.joint_time = now
 
     def on_imu(
-        self, stamp: int, orientation: Sequence[float], spin: Sequence[float], now: float
+        self,
+        stamp: int,
+        orientation: Sequence[float],
+        spin: Sequence[float],
+        now: float,
+        acceleration: Sequence[float] | None = None,
     ) -> None:
-        """Take imu: quaternion x, y, z, w of the base and its angular velocity, rad/s."""
+        """
+        Take imu: quaternion x, y, z, w of the base and its angular velocity, rad/s.
+
+        acceleration: m/s², with gravity. A robot that feels none at all does not report it.
+        """
         x, y, z, w = orientation
         norm = x * x + y * y + z * z + w * w
         if not 0.9 < norm < 1.1:
@@ -82,6 +97,9 @@ class Inputs:
         )
         self.gravity /= np.linalg.norm(self.gravity)
         self.spin = np.array(spin, dtype=np.float64)
+        felt = np.zeros(3) if acceleration is None else np.array(acceleration, dtype=np.float64)
+        known = bool(np.isfinite(felt).all()) and bool(felt.any())
+        self.acceleration = felt if known else None
         if self._is_newer('imu', stamp):
             self.imu_time = now
 

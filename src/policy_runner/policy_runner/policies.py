@@ -1,14 +1,21 @@
-"""Policies by name, behind one interface."""
+"""Policies by name or by folder, behind one interface."""
 
+from pathlib import Path
 from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from policy_runner.errors import InputError
 from policy_runner.inputs import Inputs
+from policy_runner.learned import LearnedPolicy
+from policy_runner.policy_folder import CARD
 from policy_runner.trot import TROTS, ScriptedTrot
 
 Floats = NDArray[np.float64]
+
+SHIPPED: Final = Path(__file__).parent / 'shipped'
+"""Folder of the learned policies that come with this package."""
 
 
 class Policy(Protocol):
@@ -24,6 +31,9 @@ class Policy(Protocol):
 
     def reset(self) -> None:
         """Forget the past, before activation."""
+
+    def take_over(self) -> float:
+        """Forget the past, to go on from a standing robot; s for which it takes no commands."""
 
     def step(
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
@@ -44,6 +54,11 @@ class TrotPolicy:
         """Forget the past."""
         self._trot.reset()
 
+    def take_over(self) -> float:
+        """Forget the past; it ramps in from any pose."""
+        self._trot.reset()
+        return self.ramp
+
     def step(
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
     ) -> Floats:
@@ -53,12 +68,33 @@ class TrotPolicy:
         )
 
 
-POLICIES: Final = tuple(TROTS)
+def shipped() -> tuple[str, ...]:
+    """Names of the learned policies that come with this package."""
+    return tuple(sorted(card.parent.name for card in SHIPPED.glob(f'*/{CARD}')))
+
+
+POLICIES: Final = (*TROTS, *shipped())
 """Names of the policies there are."""
 
 
-def load_policy(name: str) -> Policy:
-    """Make the policy of a name; KeyError, with those there are, if there is none."""
-    if name not in POLICIES:
-        raise KeyError(f'no policy {name!r}; there are {", ".join(POLICIES)}')
-    return TrotPolicy(ScriptedTrot(TROTS[name]))
+def load_policy(source: str) -> Policy:
+    """
+    The policy of a name, of a folder, or of a TorchScript file.
+
+    InputError, with those there are, if there is none, and with what is wrong in a bad one.
+    """
+    if source in TROTS:
+        return TrotPolicy(ScriptedTrot(TROTS[source]))
+    if source in POLICIES:
+        return LearnedPolicy.load(SHIPPED / source)
+    path = Path(source)
+    if path.is_dir():
+        return LearnedPolicy.load(path)
+    if path.is_file():
+        from policy_runner.torchscript import SUFFIXES, load_torchscript
+
+        if path.suffix in SUFFIXES:
+            return load_torchscript(path)
+    raise InputError(
+        f'no policy {source!r}; there are {", ".join(POLICIES)}, or give a policy folder'
+    )

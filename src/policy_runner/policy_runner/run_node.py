@@ -5,26 +5,27 @@ from collections.abc import Sequence
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import TwistStamped
-from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from policy_runner.commands import RandomCommands
 from policy_runner.kinematics import JOINT_NAMES
-from policy_runner.options import Options, command, parse
+from policy_runner.listening import Listener
+from policy_runner.options import InputError, Options, command, parse
 from policy_runner.parameters import real_parameter
-from policy_runner.policies import load_policy
+from policy_runner.policies import Policy, load_policy
 from policy_runner.safety import FaultKind, SafetyConfig
 from policy_runner.supervisor import Output, State, Supervisor
 
-_SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -33,14 +34,19 @@ class PolicyRunner(Node):
 
     def __init__(self, options: Options) -> None:
         super().__init__('policy_runner')
-        policy = load_policy(options.policy)
-        rate = self._parameter('rate', policy.rate, 10.0, 400.0, 'Hz at which the policy runs')
+        text = 'name of the policy that runs, or its folder; may be set at any time'
+        named = self.declare_parameter(
+            'policy', options.policy, ParameterDescriptor(description=text)
+        )
+        self._policy = str(named.value)
+        policy = load_policy(self._policy)
+        asked = self._parameter('rate', policy.rate, 10.0, 400.0, 'Hz at which it is asked')
+        self._rate = None if asked == policy.rate else asked
         safety = SafetyConfig()
         stale = self._parameter(
             'stale_after', safety.stale_after, 0.01, 1.0, 's; older joint_states or imu: damping'
         )
         tilt = self._parameter('tilt', safety.tilt, 0.1, 1.5, 'rad; more from level: damping')
-        self._policy = options.policy
         self._start_wanted = options.start
         source = RandomCommands(options.seed) if options.random_commands else None
         self._supervisor = Supervisor(
@@ -53,16 +59,7 @@ class PolicyRunner(Node):
         self._time = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
         self._told: tuple[State, str] | None = None
 
-        inputs = self._supervisor.inputs
-        self.create_subscription(
-            JointState,
-            'joint_states',
-            lambda m: inputs.on_joints(_ns(m), m.name, m.position, m.velocity, self._now()),
-            _SENSORS,
-        )
-        self.create_subscription(Imu, 'imu', self._on_imu, _SENSORS)
-        self.create_subscription(Odometry, 'odom', self._on_odom, _SENSORS)
-        self.create_subscription(TwistStamped, 'cmd_vel', self._on_command, _SENSORS)
+        Listener(self, self._supervisor.inputs, self._now)
         self._commands = self.create_publisher(JointState, 'joint_commands', _COMMANDS)
         self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
         self.create_service(Trigger, 'start', lambda q, a: self._serve(a, self._supervisor.start))
@@ -70,8 +67,29 @@ class PolicyRunner(Node):
         self.create_service(
             Trigger, 'estop', lambda q, a: self._serve(a, self._supervisor.emergency_stop)
         )
-        self.create_timer(1.0 / rate, self._step, clock=self._time)
+        self._timer = self._make_timer(policy)
+        self.add_on_set_parameters_callback(self._on_parameters)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _make_timer(self, policy: Policy) -> Timer:
+        return self.create_timer(1.0 / (self._rate or policy.rate), self._step, clock=self._time)
+
+    def _on_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name != 'policy':
+                continue
+            try:
+                policy = load_policy(str(parameter.value))
+            except InputError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+            done, message = self._supervisor.change(policy, self._now())
+            if not done:
+                return SetParametersResult(successful=False, reason=message)
+            self._policy = str(parameter.value)
+            self.get_logger().info(f'{self._policy}: {message}')
+            self.destroy_timer(self._timer)
+            self._timer = self._make_timer(policy)
+        return SetParametersResult(successful=True)
 
     def damp(self) -> None:
         """Send a last damping command, if any was sent before."""
@@ -85,22 +103,6 @@ class PolicyRunner(Node):
 
     def _now(self) -> float:
         return float(self._time.now().nanoseconds) * 1e-9
-
-    def _on_imu(self, message: Imu) -> None:
-        q, w = message.orientation, message.angular_velocity
-        self._supervisor.inputs.on_imu(
-            _ns(message), (q.x, q.y, q.z, q.w), (w.x, w.y, w.z), self._now()
-        )
-
-    def _on_odom(self, message: Odometry) -> None:
-        v = message.twist.twist.linear
-        self._supervisor.inputs.on_odom(_ns(message), (v.x, v.y, v.z), self._now())
-
-    def _on_command(self, message: TwistStamped) -> None:
-        twist = message.twist
-        self._supervisor.inputs.on_command(
-            (twist.linear.x, twist.linear.y, twist.angular.z), self._now()
-        )
 
     def _serve(self, answer, action):  # type: ignore[no-untyped-def]
         self._start_wanted = False
@@ -152,11 +154,6 @@ class PolicyRunner(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
-
-
-def _ns(message: JointState | Imu | Odometry) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 @command

@@ -7,6 +7,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from policy_runner.handover import Handover
 from policy_runner.inputs import Inputs
 from policy_runner.policies import Policy
 from policy_runner.safety import Fault, FaultKind, SafetyConfig, SafetyMonitor, TargetLimiter
@@ -69,6 +70,7 @@ class Supervisor:
         self._walked = 0.0
         self._updated = -np.inf
         self._excused = False
+        self._handover: Handover | None = None
 
     @property
     def reason(self) -> str:
@@ -101,6 +103,20 @@ class Supervisor:
         self._damp(Fault(FaultKind.EMERGENCY_STOP, 'asked for'), now)
         return True, 'damping'
 
+    def change(self, policy: Policy, now: float) -> tuple[bool, str]:
+        """
+        Run another policy from now on, or from the next start; tells what happens.
+
+        A robot that walks comes to a stand first, and takes no commands until the new one runs.
+        """
+        if self._handover is not None:
+            return False, 'a change of policy is under way; try again in some seconds'
+        if self.state in (State.STANDING_UP, State.RUNNING):
+            self._handover = Handover(self._policy, policy, max(now, self._ready()))
+            return True, 'the robot comes to a stand, then the policy changes'
+        self._policy = policy
+        return True, 'the policy is changed'
+
     def update(self, now: float) -> Output | None:
         """
         Take one step at time now, s; None while there is nothing to send.
@@ -126,7 +142,7 @@ class Supervisor:
 
     def command(self, now: float) -> Floats:
         """Velocity command in force: vx, vy in m/s, yaw rate in rad/s [3]."""
-        if self.state is not State.RUNNING:
+        if self.state is not State.RUNNING or self._handover is not None:
             return np.zeros(3)
         if self._source is not None:
             return self._source(self._walked)
@@ -153,7 +169,7 @@ class Supervisor:
         fresh = now - self.inputs.odom_time <= self._config.stale_after
         velocity = self.inputs.base_velocity
         known = velocity if fresh and np.isfinite(velocity).all() else None
-        targets = self._policy.step(now, self.command(now), self.inputs, known)
+        targets = self._act(now, known)
         fault = self._monitor.targets(targets)
         if fault is not None:
             self._damp(fault, now)
@@ -165,7 +181,22 @@ class Supervisor:
         self._last = now
         return Output(limited)
 
+    def _act(self, now: float, velocity: Floats | None) -> Floats:
+        handover = self._handover
+        if handover is None:
+            return self._policy.step(now, self.command(now), self.inputs, velocity)
+        targets = handover.step(now, self.inputs, velocity)
+        if handover.done(now):
+            self._policy, self._handover = handover.new, None
+        return targets
+
+    def _ready(self) -> float:
+        """When standing up is over, s."""
+        return self._since + self._policy.ramp if self.state is State.STANDING_UP else self._since
+
     def _damp(self, fault: Fault, now: float) -> None:
+        if self._handover is not None:
+            self._policy, self._handover = self._handover.new, None
         if fault.kind is FaultKind.STOP and self.state is State.IDLE:
             return
         self.state = State.DAMPING

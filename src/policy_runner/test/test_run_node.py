@@ -3,6 +3,7 @@ import time
 from contextlib import suppress
 
 import numpy as np
+import policy_folders
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -142,6 +143,35 @@ def test_a_velocity_command_makes_it_step(robot, node_process):
         return len(knees) > 0 and np.ptp(knees[:, 2]) > 0.5
 
     wait_until(lifted, 'a lifted foot')
+
+
+def test_the_policy_is_changed_by_its_parameter_while_the_robot_stands(
+    robot, node_process, tmp_path
+):
+    folder = policy_folders.save(tmp_path / 'standing')
+    node = node_process('policy_runner', 'run', '--policy', 'trot', '--start', *PATIENT)
+    wait_until(lambda: 'running' in robot.reasons, 'running')
+    bad = node_process.ros2('param', 'set', '/policy_runner', 'policy', 'gallop')
+    bad.wait_for_output("(?i)failed.*no policy 'gallop'")
+    good = node_process.ros2('param', 'set', '/policy_runner', 'policy', str(folder))
+    good.wait_for_output('(?i)successful')
+    node.wait_for_output('standing: the robot comes to a stand')
+
+    def stands():
+        last = robot.commands[-1].position
+        return len(last) == 12 and np.allclose(last, DEFAULT_POSE, atol=1e-6)
+
+    wait_until(stands, 'the default pose')
+
+
+def test_a_bad_policy_folder_ends_with_one_line_and_code_2(node_process, tmp_path):
+    folder = policy_folders.save(tmp_path / 'p')
+    (folder / 'weights.safetensors').unlink()
+    node = node_process('policy_runner', 'run', '--policy', str(folder))
+    assert node.wait() == 2
+    assert 'cannot read' in node.output
+    assert 'weights.safetensors' in node.output
+    assert 'Traceback' not in node.output
 
 
 def test_ctrl_c_leaves_the_drives_damped(robot, node_process):

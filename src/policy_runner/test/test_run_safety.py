@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from policy_runner.errors import InputError
 from policy_runner.inputs import Inputs
 from policy_runner.kinematics import DEFAULT_POSE, JOINT_NAMES
 from policy_runner.policies import load_policy
@@ -381,7 +382,7 @@ def test_limits_that_would_switch_safety_off_are_refused(field, value):
 
 
 def test_unknown_policies_are_refused_with_those_there_are():
-    with pytest.raises(KeyError, match="no policy 'gallop'; there are trot, trot_slow"):
+    with pytest.raises(InputError, match="no policy 'gallop'; there are trot, trot_slow"):
         load_policy('gallop')
 
 

@@ -1,10 +1,15 @@
 """Who commands the joints in an offline run."""
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from policy_runner.commands import RandomCommands
+from policy_runner.errors import InputError as PolicyError
+from policy_runner.inputs import Inputs
+from policy_runner.policies import POLICIES, Policy, load_policy
 from policy_runner.trot import TROTS, ScriptedTrot
 from power_daq.cli import InputError
 
@@ -15,7 +20,8 @@ from sim_bridge.simulation import STEP, Simulation
 
 Floats = NDArray[np.float64]
 _DOWN = np.array([0.0, 0.0, -1.0])
-CONTROLLERS = (*TROTS, 'stand')
+CONTROLLERS = (*POLICIES, 'stand')
+"""Names of the controllers there are; the folder of a learned policy is one, too."""
 
 
 class Controller(Protocol):
@@ -66,6 +72,39 @@ class Trot:
         self._trot.reset()
 
 
+class PolicyWalk:
+    """
+    A policy of the runner, fed with the true state, walking by commands over time.
+
+    The robot stands already, so the policy takes over at once.
+    """
+
+    def __init__(self, name: str, policy: Policy, commands: Callable[[float], Floats]) -> None:
+        """commands: vx, vy in m/s and yaw rate in rad/s [3] at a time, s."""
+        self.name = name
+        self.period = round(1.0 / policy.rate / STEP)
+        self.velocity: Floats | None = np.zeros(3)
+        self._commands = commands
+        self._policy = policy
+        self._inputs = Inputs()
+        policy.take_over()
+
+    def command(self, simulation: Simulation) -> JointCommand:
+        """Targets for the joints from the robot's state, rad."""
+        base = simulation.base[None]
+        gravity, velocity = into_base(base[:, 3:7], np.vstack((_DOWN, base[:, 7:10])))
+        inputs, time = self._inputs, simulation.time
+        inputs.position, inputs.velocity = simulation.joint_position, simulation.joint_velocity
+        inputs.gravity, inputs.spin = gravity, base[0, 10:13]
+        self.velocity = self._commands(time)
+        targets = self._policy.step(time, self.velocity, inputs, velocity)
+        return JointCommand(position=targets)
+
+    def reset(self) -> None:
+        """Take over again, after a fall."""
+        self._policy.take_over()
+
+
 class Stand:
     """Holds the default pose."""
 
@@ -82,5 +121,21 @@ class Stand:
 
 
 def make_controller(name: str, seed: int) -> Controller:
-    """A controller by name; InputError for one that is not there."""
-    return Stand() if name == 'stand' else Trot(name, seed)
+    """A controller by name, or by a policy's folder; InputError for one that is not there."""
+    if name == 'stand':
+        return Stand()
+    if name in TROTS:
+        return Trot(name, seed)
+    if name not in CONTROLLERS and not Path(name).exists():
+        raise InputError(
+            f'no controller {name!r}; there are {", ".join(CONTROLLERS)}, or give a policy folder'
+        )
+    return PolicyWalk(name, make_policy(name), RandomCommands(seed))
+
+
+def make_policy(name: str) -> Policy:
+    """A policy by name or folder; InputError for one that is not there, or is bad."""
+    try:
+        return load_policy(name)
+    except PolicyError as error:
+        raise InputError(str(error)) from None

@@ -42,6 +42,7 @@ LIMITS: Final = np.array(
 """Lowest and highest joint angle, rad [12, 2]."""
 STANDING_HEIGHT: Final = 0.5487  # m, base over the soles in DEFAULT_POSE
 
+_NET_FORCE: Final = 3  # how a contact sensor sums: all contacts, in the world's frame
 _SHANK_IN_THIGH: Final = (0.0, 0.1003, -0.285)
 _FOOT_IN_SHANK: Final = (0.0880, 0.0131, -0.3155)
 
@@ -53,6 +54,7 @@ def build_model(
     payload: float = 0.0,
     friction: float = 0.8,
     timestep: float = TIMESTEP,
+    contact_sensors: bool = False,
 ) -> mujoco.MjModel:
     """
     Build ANYmal C standing on a terrain, with a torque actuator per joint in JOINT_NAMES' order.
@@ -60,6 +62,8 @@ def build_model(
     armature: inertia of rotor and gears at the joint, kg·m². payload: kg added at the base's
     origin. friction: sliding friction of the ground. Actuators neither limit nor dampen; the
     keyframe `default` stands in DEFAULT_POSE. Qpos [19] is base position, quaternion, joints.
+    contact_sensors: add, by name of the geom, a sensor of what touches the ground: the force on
+    each foot, N [3], and the number of contacts of base, hips, thighs and shanks.
     ValueError for a negative armature or timestep, or a payload below −10 kg.
     """
     if armature < 0.0 or timestep <= 0.0 or payload < -10.0 or friction < 0.0:
@@ -80,6 +84,8 @@ def build_model(
         motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
         motor.set_to_motor()
     _add_sensors(spec)
+    if contact_sensors:
+        _add_contact_sensors(spec)
     spec.add_key(
         name='default', qpos=[0.0, 0.0, STANDING_HEIGHT, 1.0, 0.0, 0.0, 0.0, *DEFAULT_POSE]
     )
@@ -266,3 +272,19 @@ def _add_sensors(spec: mujoco.MjSpec) -> None:
         ('base_velocity', mujoco.mjtSensor.mjSENS_VELOCIMETER),
     ):
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname='imu')
+
+
+def _add_contact_sensors(spec: mujoco.MjSpec) -> None:
+    kinds = mujoco.mjtConDataField
+    shells = ('base', *(f'{leg}_{part}' for leg in LEGS for part in ('HIP', 'THIGH', 'SHANK')))
+    for name, kind in (
+        *((foot, kinds.mjCONDATA_FORCE) for foot in FOOT_NAMES),
+        *((shell, kinds.mjCONDATA_FOUND) for shell in shells),
+    ):
+        spec.add_sensor(
+            name=name,
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_GEOM,
+            objname=name,
+            intprm=[1 << kind.value, _NET_FORCE if name in FOOT_NAMES else 0, 1],
+        )

@@ -41,7 +41,7 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
     add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
     add('--unit', type=int, metavar='N', help='draw the spread of another unit of the robot')
     add('--terrain', choices=TERRAINS, default='flat')
-    add('--controller', choices=CONTROLLERS, default='trot')
+    add('--controller', default='trot', help=f'{", ".join(CONTROLLERS)}, or a policy folder')
     add('--pushes', action='store_true', help='push the robot every few seconds')
     add('--drives', metavar='A,B', help='meter only these drives, such as LF_KFE,RF_KFE')
     add('--overwrite', action='store_true', help='replace a bag that is there')

@@ -1,0 +1,138 @@
+"""
+What predicted power costs in training: policy steps a second without it, with it, as the paper.
+
+Rounds of the variants take turns in one process, so that whatever else the machine does hits
+them alike. Networks have random weights of the size asked; the cost does not depend on them.
+
+    python bench/policies.py [--environments 512] [--rounds 6] [--units 32] [--threads 0]
+"""
+
+import argparse
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+from policy_training.config import TrainingConfig
+from policy_training.environment import WalkingEnvironment
+from policy_training.learner import Learner
+from policy_training.power_term import PowerModel, WindowedNetwork, load_power
+from power_estimator.checkpoint import FILE, Checkpoint, Network, NetworkConfig
+from power_estimator.drive_types import DriveType
+from power_estimator.features import Scaling
+from power_estimator.lstm import Weights
+
+RATE = 12_000.0  # policy steps a second
+SLOWER = 1.1
+WINDOWED = 64  # robots whose windows are timed; the cost is proportional to their number
+
+
+def save_network(folder: Path, hidden: int) -> Path:
+    """A Power Prediction Network with random weights."""
+    random = np.random.default_rng(0)
+
+    def weights() -> Weights:
+        shapes = ((4 * hidden, 3), (4 * hidden, hidden), (4 * hidden,), (hidden,), (1,))
+        return Weights(*(random.normal(0, 0.1, shape).astype(np.float32) for shape in shapes))
+
+    scaling = Scaling((0.0, 0.0, 0.0), (0.1, 15.0, 3.0), 40.0, 50.0)
+    bounds = ((-9.0, -900.0, -90.0), (9.0, 900.0, 90.0))
+    networks = tuple(
+        Network(DriveType(name, (f'*_{name}',)), scaling, *bounds, weights())
+        for name in ('HAA', 'HFE', 'KFE')
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    Checkpoint(NetworkConfig(hidden=hidden), networks).save(folder / FILE)
+    return folder
+
+
+class Variant:
+    """One way to train; the seconds of its rounds, of the wall's clock and of the CPU's."""
+
+    def __init__(self, name: str, power: PowerModel | None, config: TrainingConfig) -> None:
+        self.name = name
+        self.steps = config.physics.environments * config.ppo.steps
+        self.learner = Learner(config, WalkingEnvironment(config, power=power))
+        self.wall: list[float] = []
+        self.cpu: list[float] = []
+
+    def round(self) -> None:
+        """Collect and learn once."""
+        wall, cpu = time.perf_counter(), time.process_time()
+        self.learner.run(self.learner.iteration + 1, lambda done: None)
+        self.wall.append(time.perf_counter() - wall)
+        self.cpu.append(time.process_time() - cpu)
+
+    def rate(self) -> float:
+        """Policy steps a second of the median round."""
+        return self.steps / float(np.median(self.wall))
+
+
+def row(name: str, rate: float, each: float, slower: float, costlier: float, goal: str) -> None:
+    """Print a line of the table; each: CPU time of a policy step, µs."""
+    print(f'{name:<34}{rate:>10,.0f}{each:>8.0f}{slower:>8.2f}{costlier:>8.2f}{goal:>11}')
+
+
+def seconds_of(call: Callable[[], object]) -> tuple[float, float]:
+    """How long a call takes, by the wall's clock and by the CPU's."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    call()
+    return time.perf_counter() - wall, time.process_time() - cpu
+
+
+def main() -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--environments', type=int, default=512)
+    parser.add_argument('--rounds', type=int, default=6)
+    parser.add_argument('--units', type=int, default=32, help='of the network in the reward')
+    parser.add_argument('--threads', type=int, default=0, help='0: one per core')
+    options = parser.parse_args()
+    cores = options.threads or os.cpu_count() or 1
+    torch.set_num_threads(cores)
+    count = options.environments
+    config = TrainingConfig.load('baseline').with_values(
+        {'physics.environments': count, 'physics.threads': cores}
+    )
+    with tempfile.TemporaryDirectory() as temporary:
+        small = save_network(Path(temporary) / 'small', options.units)
+        large = save_network(Path(temporary) / 'large', 100)
+        spec, teacher = f'ppn:{small}', f'ppn:{large}'
+        variants = [
+            Variant('without power', None, config),
+            Variant(f'power by LSTM{options.units}, carried', load_power(spec, count), config),
+            Variant('power by LSTM100, carried', load_power(teacher, count), config),
+        ]
+        for _ in range(options.rounds):
+            for variant in variants:
+                variant.round()
+        some = min(count, WINDOWED)
+        paper = WindowedNetwork(large, some)
+        samples = np.zeros((some, 4, 12), np.float32)
+        part = seconds_of(lambda: paper.step(samples, samples, samples))
+        window = tuple(seconds * count / some for seconds in part)
+    base = variants[0]
+    print(
+        f'{count} robots, {cores} threads, load {os.getloadavg()[0]:.1f}, {options.rounds} rounds'
+    )
+    print(f'{"":<34}{"steps/s":>10}{"CPU µs":>8}{"wall ×":>8}{"CPU ×":>8}{"goal":>11}')
+    for variant in variants:
+        # rounds run in turns, so ratios are taken round by round
+        slower = np.median(np.array(variant.wall) / np.array(base.wall))
+        costlier = np.median(np.array(variant.cpu) / np.array(base.cpu))
+        first = variant is base
+        goal = f'{RATE:,.0f}/s' if first else f'≤ {SLOWER} ×'
+        each = 1e6 * float(np.median(variant.cpu)) / variant.steps
+        row(variant.name, variant.rate(), each, float(slower), float(costlier), goal)
+    alone = np.median(base.wall) / config.ppo.steps, np.median(base.cpu) / config.ppo.steps
+    wall, cpu = (float(a + w) for a, w in zip(alone, window, strict=True))
+    ratios = wall / alone[0], cpu / alone[1]
+    row('as in the paper: 0.3 s windows', count / wall, 1e6 * cpu / count, *ratios, '(5 ×)')
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

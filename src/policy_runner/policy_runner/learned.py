@@ -1,0 +1,120 @@
+"""A learned policy on the robot: from measurements to joint targets, by the policy's contract."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policy_runner.base_velocity import BaseVelocity
+from policy_runner.errors import InputError
+from policy_runner.inputs import Inputs
+from policy_runner.kinematics import JOINT_NAMES
+from policy_runner.network import Perceptron
+from policy_runner.policy_folder import Contract, read_folder
+
+Floats = NDArray[np.float64]
+Network = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+
+DRIVE_GAINS: Final = (80.0, 2.0)
+"""Stiffness in N·m/rad and damping in N·m·s/rad that the drives have in position mode."""
+_STAND_UP: Final = 1.5  # s
+_EARLY: Final = 0.25  # share of a period by which a step may come early
+
+
+class LearnedPolicy:
+    """
+    Stands up in the policy's default pose, then acts at the policy's own rate.
+
+    Asked more often than that, it holds its targets. Where the velocity of the base is not
+    measured, it is estimated from legs and IMU.
+    """
+
+    def __init__(self, contract: Contract, network: Network) -> None:
+        """network: observation [size] to action [12]. InputError for gains the drives lack."""
+        for joint, *gains in zip(
+            contract.joints, contract.stiffness, contract.damping, strict=True
+        ):
+            if not np.allclose(gains, DRIVE_GAINS, rtol=0.01):
+                raise InputError(
+                    f'policy {contract.name!r} was made for gains {gains} of {joint}; '
+                    f'the drives have {list(DRIVE_GAINS)}'
+                )
+        self.contract = contract
+        self.rate = contract.rate
+        self.ramp = _STAND_UP
+        self._network = network
+        self._order = np.array([JOINT_NAMES.index(joint) for joint in contract.joints])
+        self._pose = np.array(contract.default_pose)
+        self._scale = np.array(contract.action.scale)
+        self._velocity = BaseVelocity()
+        self.reset()
+
+    @classmethod
+    def load(cls, path: Path) -> 'LearnedPolicy':
+        """From a folder; InputError says what is wrong with it."""
+        contract, tensors = read_folder(path)
+        return cls(contract, Perceptron(tensors, contract.network.activation))
+
+    def reset(self) -> None:
+        """Forget the past; the next step starts to stand up from where the joints are."""
+        self._began: float | None = None
+        self._first: Floats | None = None
+        self._due = -np.inf
+        self._targets = np.zeros(12)
+        self._action = np.zeros(12)
+        self._velocity.reset()
+        self._standing_up = True
+
+    def take_over(self) -> float:
+        """Forget the past; the next step acts at once, on a robot that stands or walks."""
+        self.reset()
+        self._standing_up = False
+        return 0.0
+
+    def step(
+        self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
+    ) -> Floats:
+        """Joint targets, rad [12]; command: m/s, m/s, rad/s [3]; velocity None if not known."""
+        estimate = self._velocity.update(
+            time,
+            inputs.position,
+            inputs.velocity,
+            inputs.gravity,
+            inputs.spin,
+            acceleration=inputs.acceleration,
+        )
+        velocity = estimate if base_velocity is None else base_velocity
+        if self._began is None or self._first is None:
+            self._began, self._first = time, inputs.position.copy()
+        elapsed = time - self._began
+        if self._standing_up and elapsed < self.ramp:
+            share = 0.5 - 0.5 * np.cos(np.pi * min(elapsed / (0.8 * self.ramp), 1.0))
+            return self._first + share * (self._in_robot_order(self._pose) - self._first)
+        if time >= self._due - _EARLY / self.rate:
+            late = time - self._due > 1.0 / self.rate
+            self._due = time + 1.0 / self.rate if late else self._due + 1.0 / self.rate
+            self._targets = self._act(command, inputs, velocity)
+        return self._targets
+
+    def _act(self, command: Floats, inputs: Inputs, velocity: Floats) -> Floats:
+        observation = self.contract.observation.assemble(
+            {
+                'base_velocity': velocity,
+                'angular_velocity': inputs.spin,
+                'gravity': inputs.gravity,
+                'command': command,
+                'joint_position': inputs.position[self._order] - self._pose,
+                'joint_velocity': inputs.velocity[self._order],
+                'last_action': self._action,
+            }
+        )
+        clip = self.contract.action.clip
+        self._action = np.clip(self._network(observation), -clip, clip).astype(np.float64)
+        return self._in_robot_order(self._pose + self._scale * self._action)
+
+    def _in_robot_order(self, values: Floats) -> Floats:
+        ordered = np.empty(12)
+        ordered[self._order] = values
+        return ordered

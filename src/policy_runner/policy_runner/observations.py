@@ -1,0 +1,146 @@
+"""What a learned policy sees: one definition for training and for the robot."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policy_runner.errors import InputError
+
+Floats = NDArray[np.float64]
+
+SIZES: Final = MappingProxyType(
+    {
+        'base_velocity': 3,
+        'angular_velocity': 3,
+        'gravity': 3,
+        'command': 3,
+        'joint_position': 12,
+        'joint_velocity': 12,
+        'last_action': 12,
+    }
+)
+"""
+Numbers per term. base_velocity m/s, angular_velocity rad/s and gravity (unit vector) are in the
+base's frame; command is vx, vy in m/s and yaw rate in rad/s; joint_position is relative to the
+policy's default pose, rad; joint_velocity rad/s; last_action is what the network said before, as
+it said it. Joints come in the policy's own order.
+"""
+
+
+@dataclass(frozen=True)
+class Term:
+    """One part of an observation; scale is one number, or one per entry."""
+
+    name: str
+    scale: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        size = SIZES.get(self.name)
+        if size is None:
+            raise InputError(f'no observation {self.name!r}; there are {", ".join(SIZES)}')
+        if len(self.scale) not in (1, size) or not np.isfinite(self.scale).all():
+            raise InputError(
+                f'scale of observation {self.name} is {list(self.scale)}; '
+                f'give one finite number, or {size}'
+            )
+
+    @property
+    def size(self) -> int:
+        """Numbers in this term."""
+        return SIZES[self.name]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """
+    Terms in the order in which the network takes them, scaled, then clipped to ±clip.
+
+    InputError for no terms, a term twice, or a clip that is not positive.
+    """
+
+    terms: tuple[Term, ...]
+    clip: float = 100.0
+
+    def __post_init__(self) -> None:
+        names = [term.name for term in self.terms]
+        if not names or len(set(names)) != len(names):
+            raise InputError(f'observation terms are {names}; name each once, and at least one')
+        if not (np.isfinite(self.clip) and self.clip > 0.0):
+            raise InputError(f'observation clip is {self.clip!r}; it must be more than 0')
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Terms in order."""
+        return tuple(term.name for term in self.terms)
+
+    @property
+    def size(self) -> int:
+        """Numbers in all."""
+        return sum(term.size for term in self.terms)
+
+    def part(self, name: str) -> slice:
+        """Where a term stands in the observation; KeyError if it has none of that name."""
+        start = 0
+        for term in self.terms:
+            if term.name == name:
+                return slice(start, start + term.size)
+            start += term.size
+        raise KeyError(name)
+
+    def scales(self) -> Floats:
+        """Factor of each number, [size]."""
+        return np.concatenate([np.broadcast_to(term.scale, term.size) for term in self.terms])
+
+    def assemble(self, values: Mapping[str, Floats]) -> NDArray[np.float32]:
+        """Terms by name, [..., size of the term] in SI units, as an observation [..., size]."""
+        joined = np.concatenate([values[name] for name in self.names], axis=-1) * self.scales()
+        return np.clip(joined, -self.clip, self.clip).astype(np.float32)
+
+    @classmethod
+    def parse(cls, content: Any) -> 'Observation':
+        """From `{clip, terms: [{name, scale}]}`; InputError says what is wrong."""
+        if not isinstance(content, Mapping) or not isinstance(content.get('terms'), Sequence):
+            raise InputError(f'observation must be a mapping with terms, not {content!r}')
+        terms = []
+        for entry in content['terms']:
+            if not isinstance(entry, Mapping) or 'name' not in entry:
+                raise InputError(f'an observation term needs a name and a scale, not {entry!r}')
+            terms.append(Term(str(entry['name']), _numbers(entry.get('scale', 1.0))))
+        return cls(tuple(terms), *_numbers(content.get('clip', 100.0)))
+
+    def content(self) -> dict[str, Any]:
+        """What `parse` reads."""
+        terms = [
+            {
+                'name': term.name,
+                'scale': term.scale[0] if len(term.scale) == 1 else list(term.scale),
+            }
+            for term in self.terms
+        ]
+        return {'clip': self.clip, 'terms': terms}
+
+
+def _numbers(value: Any) -> tuple[float, ...]:
+    values = value if isinstance(value, list | tuple) else [value]
+    try:
+        return tuple(float(item) for item in values)
+    except (TypeError, ValueError):
+        raise InputError(f'{value!r} is not a number or a list of numbers') from None
+
+
+STANDARD: Final = Observation(
+    (
+        Term('base_velocity', (2.0,)),
+        Term('angular_velocity', (0.25,)),
+        Term('gravity', (1.0,)),
+        Term('command', (2.0, 2.0, 0.25)),
+        Term('joint_position', (1.0,)),
+        Term('joint_velocity', (0.05,)),
+        Term('last_action', (1.0,)),
+    )
+)
+"""The 48 numbers of legged_gym's flat ANYmal, which the paper's baseline takes [14]."""

@@ -1,0 +1,170 @@
+"""Policies behind the supervisor, on the simulated robot."""
+
+import numpy as np
+import policy_folders
+import pytest
+from policy_runner.base_velocity import BaseVelocity
+from policy_runner.kinematics import DEFAULT_POSE, JOINT_NAMES
+from policy_runner.policies import load_policy
+from policy_runner.safety import FaultKind
+from policy_runner.supervisor import Output, State, Supervisor
+from policy_runner.trot import TROTS, ScriptedTrot
+
+mujoco = pytest.importorskip('mujoco')
+robot = pytest.importorskip('sim_bridge.robot')
+
+
+class Robot:
+    """Ideal drives with friction; a supervisor is asked every 5 ms, as by the node."""
+
+    def __init__(self, policy):
+        self.model = robot.build_model()
+        self.model.dof_damping[6:] = 5.0
+        self.model.dof_frictionloss[6:] = 2.0
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
+        mujoco.mj_forward(self.model, self.data)
+        self.supervisor = Supervisor(policy)
+        self.odometry = True
+        self.felt = np.zeros(3)
+        self.poison = None
+
+    def run(self, seconds, command=(0.0, 0.0, 0.0)):
+        """Rows of vx, vy, yaw rate, height and the command in force."""
+        rows = []
+        for _ in range(round(seconds / 0.005)):
+            self.tell(command)
+            output = self.supervisor.update(self.data.time)
+            self.move(output)
+            base = self.velocity()
+            in_force = self.supervisor.command(self.data.time)
+            rows.append([*base[:2], self.data.qvel[5], self.data.qpos[2], *in_force])
+        return np.array(rows)
+
+    def down(self):
+        return -self.data.xmat[1].reshape(3, 3)[2]
+
+    def velocity(self):
+        return self.data.xmat[1].reshape(3, 3).T @ self.data.qvel[:3]
+
+    def tell(self, command):
+        data, inputs = self.data, self.supervisor.inputs
+        now, stamp = data.time, round(data.time * 1e9) + 1
+        w, x, y, z = data.qpos[3:7]
+        position = data.qpos[7:].copy()
+        if self.poison is not None:
+            position[self.poison] = np.nan
+        inputs.on_joints(stamp, JOINT_NAMES, position, data.qvel[6:], now)
+        inputs.on_imu(
+            stamp, (x, y, z, w), data.qvel[3:6], now, data.sensor('imu_acceleration').data
+        )
+        if self.odometry:
+            inputs.on_odom(stamp, self.velocity(), now)
+        inputs.on_command(command, now)
+
+    def move(self, output):
+        data = self.data
+        for _ in range(10):
+            torque = -2.0 * data.qvel[6:]
+            if output is not None and output.targets is not None:
+                torque += 80.0 * (output.targets - data.qpos[7:])
+            elif output is None:
+                torque += 80.0 * (DEFAULT_POSE - data.qpos[7:])
+            data.ctrl = np.clip(torque, -80.0, 80.0)
+            mujoco.mj_step(self.model, data)
+
+
+def start(machine):
+    machine.tell((0.0, 0.0, 0.0))
+    assert machine.supervisor.start(machine.data.time)[0]
+    machine.run(2.0)
+    assert machine.supervisor.state is State.RUNNING
+
+
+def test_a_policy_folder_stands_up_and_stands(tmp_path):
+    machine = Robot(load_policy(str(policy_folders.save(tmp_path / 'stand'))))
+    start(machine)
+    rows = machine.run(1.0)
+    assert rows[:, 3].min() > 0.4
+    assert np.abs(rows[:, :2]).max() < 0.1
+
+
+def test_policies_change_while_it_walks_without_a_fall(tmp_path):
+    machine = Robot(load_policy('trot'))
+    start(machine)
+    walking = machine.run(3.0, (0.4, 0.0, 0.0))
+    assert walking[-200:, 0].mean() == pytest.approx(0.4, abs=0.1)
+    standing = load_policy(str(policy_folders.save(tmp_path / 'stand')))
+    assert machine.supervisor.change(standing, machine.data.time)[0]
+    changing = machine.run(3.0, (0.4, 0.0, 0.0))
+    assert machine.supervisor.state is State.RUNNING
+    assert changing[:, 3].min() > 0.4
+    assert np.abs(changing[-100:, :2]).max() < 0.05
+    np.testing.assert_array_equal(changing[:300, 4], 0.0)
+    assert machine.supervisor.change(load_policy('trot_high'), machine.data.time)[0]
+    machine.run(3.5, (0.4, 0.0, 0.0))
+    again = machine.run(2.0, (0.4, 0.0, 0.0))
+    assert again[-200:, 0].mean() == pytest.approx(0.4, abs=0.1)
+    assert again[:, 3].min() > 0.4
+
+
+def test_one_change_at_a_time(tmp_path):
+    machine = Robot(load_policy('trot'))
+    start(machine)
+    assert machine.supervisor.change(load_policy('trot_slow'), machine.data.time)[0]
+    done, why = machine.supervisor.change(load_policy('trot_high'), machine.data.time)
+    assert not done
+    assert 'under way' in why
+
+
+def test_a_fault_during_a_change_damps_and_the_next_start_runs_the_new_policy(tmp_path):
+    machine = Robot(load_policy('trot'))
+    start(machine)
+    new = load_policy(str(policy_folders.save(tmp_path / 'stand')))
+    machine.supervisor.change(new, machine.data.time)
+    machine.run(1.3)
+    machine.poison = 4
+    machine.run(0.02)
+    assert machine.supervisor.state is State.DAMPING
+    assert machine.supervisor.fault.kind is FaultKind.NOT_FINITE
+    machine.poison = None
+    machine.tell((0.0, 0.0, 0.0))
+    assert machine.supervisor.start(machine.data.time)[0]
+    assert machine.supervisor._policy is new
+
+
+def test_a_policy_that_goes_wild_ends_in_damping(tmp_path):
+    machine = Robot(load_policy(str(policy_folders.save(tmp_path / 'wild', scale=50.0))))
+    machine.tell((0.0, 0.0, 0.0))
+    machine.supervisor.start(machine.data.time)
+    machine.run(2.5)
+    assert machine.supervisor.state is State.DAMPING
+    assert machine.supervisor.fault.kind is FaultKind.TARGET_RANGE
+
+
+@pytest.mark.parametrize(('feels', 'limit'), [(True, 0.05), (False, 0.1)])
+def test_the_velocity_of_the_base_is_known_from_legs_and_imu(feels, limit):
+    machine = Robot(load_policy('trot'))
+    estimator, trot = BaseVelocity(), ScriptedTrot(TROTS['trot'])
+    data, errors = machine.data, []
+    for index in range(1000):
+        spin = data.qvel[3:6].copy()
+        command = np.array([0.4, 0.1, 0.3]) if data.time > 2.0 else np.zeros(3)
+        targets = trot.step(
+            data.time, command, data.qpos[7:], machine.down(), spin, machine.velocity()
+        )
+        machine.move(Output(targets))
+        felt = data.sensor('imu_acceleration').data.copy()
+        estimate = estimator.update(
+            data.time,
+            data.qpos[7:].copy(),
+            data.qvel[6:].copy(),
+            machine.down(),
+            data.qvel[3:6].copy(),
+            acceleration=felt if feels else None,
+        )
+        if index > 600:
+            errors.append(estimate - machine.velocity())
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert rms[:2].max() < limit
+    assert np.abs(np.mean(errors, axis=0))[:2].max() < 0.04

@@ -1,0 +1,164 @@
+"""Walking by velocity command as a task to learn: N robots, observations, rewards, new starts."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from policy_runner.observations import STANDARD, Observation
+from sim_bridge.robot import DEFAULT_POSE
+
+from policy_training.commands import Commands
+from policy_training.config import TrainingConfig
+from policy_training.power_term import PowerModel, predict_step
+from policy_training.rewards import FootClock, Moment, Rewards
+from policy_training.robots import Motion, Robots
+
+Floats = NDArray[np.float64]
+
+ACTION_CLIP: Final = 100.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of an action: N robots."""
+
+    observation: NDArray[np.float32]  # [N, size]
+    reward: Floats  # [N]
+    done: NDArray[np.bool_]  # [N], started anew
+    timed_out: NDArray[np.bool_]  # [N], of those done, not by falling
+    log: dict[str, float]  # means over the robots
+
+
+class WalkingEnvironment:
+    """
+    N robots that are rewarded for following velocity commands.
+
+    power: predicts watts per drive for the power term, or None. The weights of the power term
+    and the range of commands follow `steps`, the number of policy steps done so far.
+    """
+
+    def __init__(
+        self,
+        config: TrainingConfig,
+        *,
+        power: PowerModel | None = None,
+        observation: Observation = STANDARD,
+    ) -> None:
+        self.config = config
+        self.observation = observation
+        self.steps = 0
+        seeds = np.random.default_rng(config.seed).spawn(3)
+        self._random = seeds[0]
+        self.robots = Robots(config.physics, config.random, seeds[1])
+        count = self.count = config.physics.environments
+        self.commands = Commands(config.commands, count, seeds[2])
+        self.power = power
+        self.watts = np.zeros((count, 12), np.float32)
+        self._rewards = Rewards(config.rewards, config.step_time)
+        self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
+        self._last_action = np.zeros((count, 12))
+        self._last_velocity = np.zeros((count, 12))
+        self.age = np.zeros(count, np.int64)
+        self.longest = round(config.physics.episode / config.step_time)
+        self._new_command = round(config.commands.period / config.step_time)
+        self._new_push = round(config.random.push_period / config.step_time)
+        self._noise = self._noise_levels()
+        self.motion: Motion = self._start(np.arange(count))
+        self.age[:] = self._random.integers(0, self.longest, count)
+
+    def observe(self) -> NDArray[np.float32]:
+        """Noisy observation of each robot [N, size]."""
+        motion = self.motion
+        clean = self.observation.assemble(
+            {
+                'base_velocity': motion.velocity,
+                'angular_velocity': motion.rate,
+                'gravity': motion.gravity,
+                'command': self.commands.values,
+                'joint_position': motion.position - DEFAULT_POSE,
+                'joint_velocity': motion.joint_velocity,
+                'last_action': self._last_action,
+            }
+        )
+        shake = self._random.random(clean.shape, np.float32)
+        shake *= 2.0
+        shake -= 1.0
+        shake *= self._noise
+        return clean + shake
+
+    def step(self, actions: NDArray[np.floating]) -> Outcome:
+        """Act for one step: targets are the default pose plus scaled actions [N, 12]."""
+        action = np.clip(np.asarray(actions, np.float64), -ACTION_CLIP, ACTION_CLIP)
+        motion = self.robots.step(DEFAULT_POSE + self.config.action_scale * action)
+        self.age += 1
+        moment = Moment(
+            command=self.commands.values,
+            asked=self.commands.asked(),
+            action=action,
+            last_action=self._last_action,
+            acceleration=(motion.joint_velocity - self._last_velocity) / self.config.step_time,
+            flight=self._feet.land(motion.foot_force),
+        )
+        terms = self._rewards.terms(motion, moment)
+        if self.power is not None:
+            terms['power'] = self._power_term(self.power)
+        reward = np.nan_to_num(self._rewards.total(terms), nan=0.0)
+        timed_out = (self.age >= self.longest) & ~motion.fallen
+        done = motion.fallen | timed_out
+        log = self._log(terms, motion, reward)
+        self._last_action = action
+        self._last_velocity = motion.joint_velocity
+        self.motion = motion
+        self.steps += self.count
+        self._go_on(done)
+        return Outcome(self.observe(), reward, done, timed_out, log)
+
+    def _power_term(self, model: PowerModel) -> Floats:
+        power = self.config.power
+        self.watts = predict_step(model, self.robots.substeps)
+        counted = self.age > power.masked
+        weight = power.weight_at(self.steps) * self.config.step_time
+        return np.asarray(-weight * self.watts.sum(axis=1) * counted, np.float64)
+
+    def _go_on(self, done: NDArray[np.bool_]) -> None:
+        over = np.flatnonzero(done)
+        if len(over):
+            self.motion = self._start(over)
+        fresh = (self.age % self._new_command == 0) & ~done
+        if fresh.any():
+            self.commands.draw(np.flatnonzero(fresh), self.steps)
+        pushed = (self.age % self._new_push == 0) & ~done
+        if pushed.any() and self.config.random.push:
+            self.robots.push(np.flatnonzero(pushed))
+
+    def _start(self, ids: NDArray[np.intp]) -> Motion:
+        self.robots.start(ids)
+        self._feet.start(ids)
+        self.commands.draw(ids, self.steps)
+        if self.power is not None:
+            self.power.reset(ids)
+        self._last_action[ids] = 0.0
+        self._last_velocity[ids] = 0.0
+        self.age[ids] = 0
+        return self.robots.motion()
+
+    def _noise_levels(self) -> NDArray[np.float32]:
+        noise = self.config.noise
+        levels = np.zeros(self.observation.size)
+        for name in self.observation.names:
+            if name not in ('command', 'last_action'):
+                levels[self.observation.part(name)] = getattr(noise, name)
+        return (levels * np.abs(self.observation.scales())).astype(np.float32)
+
+    def _log(self, terms: dict[str, Floats], motion: Motion, reward: Floats) -> dict[str, float]:
+        away = self.commands.values - np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])
+        means = np.abs(away).mean(axis=0)
+        log = {f'term/{name}': float(values.mean()) for name, values in terms.items()}
+        log['reward'] = float(reward.mean())
+        log['error/velocity'] = float(np.hypot(away[:, 0], away[:, 1]).mean())
+        log['error/vx'], log['error/vy'], log['error/yaw'] = (float(v) for v in means)
+        log['falls'] = float(motion.fallen.mean())
+        if self.power is not None:
+            log['power/watts'] = float(self.watts.sum(axis=1).mean())
+        return log

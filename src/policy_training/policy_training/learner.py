@@ -1,0 +1,151 @@
+"""PPO of rsl-rl on the walking environment: rounds of collecting and learning."""
+
+import contextlib
+import io
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from rsl_rl.algorithms import PPO
+
+from policy_training.config import TrainingConfig
+from policy_training.environment import WalkingEnvironment
+from policy_training.vec_env import GROUP, Mirror, TorchEnvironment
+
+
+@dataclass
+class Round:
+    """What one iteration did."""
+
+    iteration: int
+    steps: int  # policy steps so far
+    values: dict[str, float] = field(default_factory=dict)  # means over the round
+
+
+class Learner:
+    """
+    Seeded PPO; a checkpoint is a dict of tensors and numbers that `restore` takes back.
+
+    device: of the network and its learning, `cpu` or `cuda`; the robots stay on the CPU.
+    """
+
+    def __init__(
+        self, config: TrainingConfig, environment: WalkingEnvironment, device: str = 'cpu'
+    ) -> None:
+        torch.manual_seed(config.seed)
+        self.config = config
+        self.environment = environment
+        self.device = device
+        self.iteration = 0
+        self._torch_environment = TorchEnvironment(environment, device)
+        self._observations = self._torch_environment.get_observations()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.ppo: PPO = PPO.construct_algorithm(
+                self._observations,
+                self._torch_environment,
+                algorithm_settings(config, environment),
+                device,
+            )
+
+    def run(
+        self, iterations: int, report: Callable[[Round], None], *, seconds: float | None = None
+    ) -> None:
+        """Go on until a number of iterations is done, or for so many seconds."""
+        start = time.monotonic()
+        self.ppo.train_mode()
+        while self.iteration < iterations:
+            report(self._round())
+            if seconds is not None and time.monotonic() - start >= seconds:
+                return
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Networks, optimiser, counters and the state of the random numbers."""
+        return {
+            **self.ppo.save(),
+            'iteration': self.iteration,
+            'steps': self.environment.steps,
+            'random': torch.get_rng_state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint; the robots start anew."""
+        self.ppo.load(state, None, True)
+        self.iteration = int(state['iteration'])
+        self.environment.steps = int(state['steps'])
+        torch.set_rng_state(state['random'].cpu())
+        self._observations = self._torch_environment.get_observations()
+
+    def take_networks(self, state: dict[str, Any]) -> None:
+        """Start from the networks of another run."""
+        self.ppo.load(state, {'actor': True, 'critic': True}, True)
+
+    def actor_layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        """Weight [out, in] and bias [out] of each layer of the policy."""
+        return [
+            (module.weight.detach().cpu(), module.bias.detach().cpu())
+            for module in self.ppo.get_policy().mlp
+            if isinstance(module, torch.nn.Linear)
+        ]
+
+    def _round(self) -> Round:
+        config = self.config
+        began = time.perf_counter()
+        logs: list[dict[str, float]] = []
+        with torch.inference_mode():
+            for _ in range(config.ppo.steps):
+                actions = self.ppo.act(self._observations)
+                self._observations, rewards, dones, extras = self._torch_environment.step(actions)
+                self.ppo.process_env_step(self._observations, rewards, dones, extras)
+                logs.append(self._torch_environment.log)
+            collected = time.perf_counter()
+            self.ppo.compute_returns(self._observations)
+        losses = self.ppo.update()
+        ended = time.perf_counter()
+        self.iteration += 1
+        values = {name: float(np.mean([log[name] for log in logs])) for name in logs[0]}
+        values.update({f'loss/{name}': value for name, value in losses.items()})
+        values['learning_rate'] = self.ppo.learning_rate
+        values['action_std'] = float(self.ppo.get_policy().output_std.detach().mean())
+        values['rate/collect'] = config.ppo.steps * self.environment.count / (collected - began)
+        values['rate/all'] = config.ppo.steps * self.environment.count / (ended - began)
+        return Round(self.iteration, self.environment.steps, values)
+
+
+def algorithm_settings(config: TrainingConfig, environment: WalkingEnvironment) -> dict[str, Any]:
+    """A config in rsl-rl's words."""
+    ppo = config.ppo
+    network = {'class_name': 'MLPModel', 'hidden_dims': list(ppo.hidden), 'activation': 'elu'}
+    mirror = None
+    if ppo.mirror:
+        mirror = {
+            'data_augmentation_func': Mirror(environment.observation),
+            'use_data_augmentation': True,
+        }
+    return {
+        'num_steps_per_env': ppo.steps,
+        'obs_groups': {'actor': [GROUP], 'critic': [GROUP]},
+        'multi_gpu': None,
+        'torch_compile_mode': None,
+        'actor': {
+            **network,
+            'distribution_cfg': {'class_name': 'GaussianDistribution', 'init_std': ppo.std},
+        },
+        'critic': network,
+        'algorithm': {
+            'class_name': 'PPO',
+            'num_learning_epochs': ppo.epochs,
+            'num_mini_batches': ppo.minibatches,
+            'clip_param': ppo.clip,
+            'gamma': ppo.gamma,
+            'lam': ppo.lambda_,
+            'entropy_coef': ppo.entropy,
+            'learning_rate': ppo.learning_rate,
+            'desired_kl': ppo.desired_kl,
+            'schedule': 'adaptive',
+            'max_grad_norm': ppo.gradient_norm,
+            'symmetry_cfg': mirror,
+        },
+    }

@@ -1,0 +1,235 @@
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from policy_training.evaluate_command import main
+from policy_training.gait import find_steps
+from policy_training.scores import score
+from policy_training.tasks import TASKS, Task, parse_tasks
+from policy_training.trials import TrialConfig
+from policy_training.verdict import verdict
+from policy_training.walk import RAW_RATE, idle_power, measure_walk, recorded_walk
+from power_daq.cli import InputError
+from power_daq.recording.card import Card
+from power_estimator.proxies import Proxy
+from sim_bridge.controllers import PolicyWalk, make_controller, make_policy
+from sim_bridge.offline import OfflineRun, write_bag
+from sim_bridge.plant import Plant
+from sim_bridge.robot import DEFAULT_POSE
+from sim_bridge.simulation import Simulation
+from sim_bridge.world import walking_world
+
+from policy_training import trials
+
+
+@pytest.fixture(scope='module')
+def walk():
+    return measure_walk('trot', TASKS[0], Plant.load('anymal_c'), duration=7.0, seed=1)
+
+
+def test_power_adds_up_from_its_parts_to_the_supply(walk):
+    entry = score(walk, 98.0, {})
+    power = entry['power_w']
+    assert sum(power[p] for p in ('electronics', 'idle', 'HAA', 'HFE', 'KFE')) == pytest.approx(
+        power['supply']
+    )
+    # 192 W of computers, and what the supply's own resistance takes
+    assert 185.0 < power['electronics'] < 205.0
+    assert entry['cost_of_transport'] == pytest.approx(
+        power['supply'] / (52.135 * 9.81 * (0.6 - entry['tracking']['vx'])), rel=0.03
+    )
+    assert entry['falls'] == 0
+    json.dumps(entry, allow_nan=False)
+
+
+def test_only_steady_walking_counts(walk):
+    since = walk.data.time - walk.data.time[0]
+    assert not walk.steady[since < 3.0].any()
+    assert walk.steady.sum() / walk.data.rate > 1.0
+
+
+def test_an_estimate_by_joint_type_stands_beside_the_measured_power(walk):
+    entry = score(walk, 98.0, {'mechanical_power': Proxy('mechanical_power')})
+    found = entry['estimates']['mechanical_power']
+    assert found['drives'] == pytest.approx(found['HAA'] + found['HFE'] + found['KFE'])
+    assert entry['estimated_w'] == pytest.approx(found['drives'] + entry['power_w']['electronics'])
+
+
+def test_the_gait_is_that_of_the_trot(walk):
+    entry = score(walk, 98.0, {})
+    assert entry['gait']['stride_s'] == pytest.approx(1.0 / 1.9, rel=0.03)
+    share = entry['gait']['stance_s'] / entry['gait']['stride_s']
+    assert share == pytest.approx(0.58, abs=0.06)
+    assert entry['gait']['strides'] >= 4
+
+
+def test_a_walk_that_never_gets_steady_has_no_power(walk):
+    nothing = np.zeros_like(walk.steady)
+    entry = score(replace(walk, steady=nothing), 98.0, {})
+    assert entry['power_w'] is None
+    assert entry['tracking'] == {'vx': None, 'vy': None, 'yaw': None}
+
+
+def test_idle_drives_draw_their_electronics():
+    assert idle_power(Plant.load('anymal_c')) == pytest.approx(12 * 8.2, rel=0.03)
+    assert idle_power(Plant.load('ideal')) == pytest.approx(0.0, abs=0.5)
+
+
+def test_strides_are_found_from_touch_down_to_touch_down():
+    time = np.arange(0.0, 3.0, 1.0 / RAW_RATE)
+    force = np.where(time % 0.5 < 0.3, 150.0, 0.0)
+    found = find_steps(force, np.ones(len(time), bool))
+    lengths = [(stop - start) / RAW_RATE for start, _, stop in found.strides]
+    swings = [(stop - up) / RAW_RATE for _, up, stop in found.strides]
+    assert lengths == pytest.approx([0.5] * 4)
+    assert swings == pytest.approx([0.2] * 4)
+    flicker = force + np.where(time % 0.5 < 0.3, 0.0, 20.0)
+    assert len(find_steps(flicker, np.ones(len(time), bool)).strides) == 0
+    late = time > 1.2
+    assert len(find_steps(force, late).strides) == 2
+
+
+def test_a_policy_folder_is_a_controller_of_the_simulation(tmp_path):
+    policy_folders = pytest.importorskip('policy_folders')
+    folder = policy_folders.save(tmp_path / 'p')
+    controller = make_controller(str(folder), 0)
+    simulation = Simulation(Plant.load('ideal'), walking_world())
+    assert controller.period == 40
+    np.testing.assert_allclose(controller.command(simulation).position, DEFAULT_POSE, atol=1e-6)
+    (folder / 'policy.yaml').write_text('{}')
+    with pytest.raises(InputError, match='lacks'):
+        make_controller(str(folder), 0)
+
+
+def test_the_command_of_a_task_ramps_up_after_a_second_of_standing():
+    task = Task('fast', (1.0, 0.0, -0.8))
+    assert task(0.5).tolist() == [0.0, 0.0, 0.0]
+    assert task(1.2) == pytest.approx([0.2, 0.0, -0.4])
+    assert task(5.0) == pytest.approx([1.0, 0.0, -0.8])
+
+
+@pytest.mark.parametrize('text', ['backwards', 'x=1,2', 'x=a,b,c', 'x=9,0,0', 'x=nan,0,0'])
+def test_tasks_that_are_none_are_refused(text):
+    with pytest.raises(InputError, match='task'):
+        parse_tasks([text])
+
+
+def test_tasks_of_ones_own_are_read():
+    assert parse_tasks(['turn', 'arc=0.5,0,-0.4'])[1] == Task('arc', (0.5, 0.0, -0.4))
+
+
+def judged(reached_error, fell_at=None, pushed_at=None, kick=0.0):
+    count, step = 400, 0.02
+    commands = np.zeros((count, 2, 3))
+    commands[200:] = (0.5, 0.1, 0.3)
+    reached = commands - np.asarray(reached_error)
+    fell = np.zeros((count, 2), bool)
+    pushed = np.zeros((count, 2), bool)
+    if fell_at is not None:
+        fell[fell_at, 0] = True
+    if pushed_at is not None:
+        pushed[pushed_at] = True
+        reached[pushed_at : pushed_at + 90] += kick
+    return trials._judge(TrialConfig(robots=2, seconds=8.0), commands, reached, fell, pushed, step)
+
+
+def test_errors_of_trials_are_those_of_settled_walking():
+    found = judged((0.1, -0.05, 0.2))
+    assert found.mean_error == pytest.approx({'vx': 0.1, 'vy': 0.05, 'yaw': 0.2})
+    assert found.following
+    assert judged((0.0, 0.0, 0.0), pushed_at=300, kick=1.0).mean_error['vx'] < 1e-9
+
+
+def test_a_fall_or_a_large_error_is_not_following():
+    assert not judged((0.0, 0.0, 0.0), fell_at=100).following
+    assert judged((0.0, 0.0, 0.0), fell_at=100).falls == 1
+    assert not judged((0.2, 0.0, 0.0)).following
+    assert not judged((0.0, 0.0, 0.25)).following
+
+
+def entry(name, supply, kfe, away=0.0):
+    return {
+        'name': name,
+        'task': 'forward',
+        'power_w': {'supply': supply, 'KFE': kfe, 'HFE': 50.0, 'HAA': 20.0},
+        'tracking': {'vx': away, 'vy': 0.0, 'yaw': 0.0},
+    }
+
+
+def test_the_verdict_compares_with_the_first_policy():
+    (sentence,) = verdict([entry('baseline', 800.0, 200.0), entry('pmp', 600.0, 100.0)], {})
+    assert '-25 % at the supply' in sentence
+    assert 'KFE -50 %' in sentence
+    assert 'misses' not in sentence
+
+
+def test_power_saved_by_not_walking_is_called_so():
+    (sentence,) = verdict([entry('a', 800.0, 200.0), entry('b', 300.0, 50.0, away=0.5)], {})
+    assert 'misses the command in vx' in sentence
+
+
+def test_the_command_writes_json_and_a_page_that_needs_no_network(tmp_path, network_run, capsys):
+    page, figures = tmp_path / 'e.html', tmp_path / 'e.json'
+    arguments = ['--policies', 'trot', '--tasks', 'turn', '--duration', '6', '--trials', '0']
+    models = ['--models', f'ppn:{network_run}']
+    assert main([*arguments, *models, '--json', str(figures), '--report', str(page)]) == 0
+    (found,) = json.loads(figures.read_text())['policies']
+    assert {
+        'name',
+        'task',
+        'power_w',
+        'estimated_w',
+        'tracking',
+        'falls',
+        'cost_of_transport',
+    } <= (found.keys())
+    assert set(found['power_w']) == {'supply', 'electronics', 'idle', 'HAA', 'HFE', 'KFE'}
+    assert found['cost_of_transport'] is None
+    assert set(found['tracking']) == {'vx', 'vy', 'yaw'}
+    text = re.sub(r'<script.*?</script>', '', page.read_text(), flags=re.DOTALL)
+    assert not re.search(r'(src|href)="https?:', text)
+    assert 'Content-Security-Policy' in text
+    assert 'trot' in capsys.readouterr().out
+
+
+def test_a_bag_of_running_nodes_is_evaluated_by_the_command_that_it_holds(tmp_path):
+    bag = tmp_path / 'walk'
+    world = walking_world()
+    controller = PolicyWalk('trot', make_policy('trot'), Task('x', (0.3, 0.0, 0.5)))
+    run = OfflineRun(Plant.load('anymal_c'), world, controller, duration=6.0, seed=2)
+    write_bag(bag, run, Card(robot='anymal_c', drives=world.joints, controller='trot'))
+    walk = recorded_walk(bag, 'mine')
+    assert walk.task.command == (0.3, 0.0, 0.5)
+    assert walk.task.name == '0.3,0,0.5'
+    assert walk.falls == 0
+    assert walk.steady.any()
+    since = walk.data.time - walk.data.time[0]
+    assert not walk.steady[since < 2.7].any()
+    figures = tmp_path / 'e.json'
+    assert main(['--bags', f'mine={bag}', '--json', str(figures)]) == 0
+    (found,) = json.loads(figures.read_text())['policies']
+    assert found['name'] == 'mine'
+    assert found['power_w']['supply'] == pytest.approx(walk.data.supply[walk.steady].mean())
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        ([], 'nothing to evaluate'),
+        (['--bags', 'walk'], 'NAME=BAG'),
+        (['--bags', 'a=nowhere'], 'nowhere'),
+        (['--policies', 'gallop'], "'gallop'"),
+        (['--policies', 'trot', 'trot'], 'called the same'),
+        (['--policies', 'trot', '--duration', '1'], '5..600'),
+        (['--policies', 'trot', '--tasks', 'fly'], "'fly'"),
+        (['--policies', 'trot', '--models', 'ppn:nowhere'], 'nowhere'),
+        (['--policies', 'trot', '--plant', 'nowhere'], 'nowhere'),
+    ],
+)
+def test_bad_input_ends_with_one_line_and_code_2(capsys, arguments, words):
+    assert main(arguments) == 2
+    error = capsys.readouterr().err.strip()
+    assert words in error
+    assert '\n' not in error

@@ -1,0 +1,69 @@
+import pytest
+from policy_training.config import CONFIGS, PowerConfig, TrainingConfig
+from power_daq.cli import InputError
+
+
+@pytest.mark.parametrize('path', sorted(CONFIGS.glob('*.yaml')), ids=lambda path: path.stem)
+def test_shipped_configs_load_by_name(path):
+    config = TrainingConfig.load(path.stem)
+    assert config.name == path.stem
+
+
+def test_the_pmp_is_the_baseline_without_torque_and_with_power():
+    baseline, pmp = TrainingConfig.load('baseline'), TrainingConfig.load('pmp')
+    assert baseline.rewards.torque == -2.5e-5
+    assert baseline.power.weight == 0.0
+    assert pmp.power.weight == 4e-4
+    same = pmp.with_values({'rewards.torque': -2.5e-5, 'name': 'baseline'})
+    assert same.rewards == baseline.rewards
+    assert (same.physics, same.random, same.ppo) == (
+        baseline.physics,
+        baseline.random,
+        baseline.ppo,
+    )
+
+
+def test_a_config_is_read_back_as_it_was_saved(tmp_path, tiny):
+    tiny.save(tmp_path / 'c.yaml')
+    assert TrainingConfig.load(tmp_path / 'c.yaml') == tiny
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('ppo: {clip: 9}', 'ppo.clip is 9; it must lie in 0.01..1'),
+        ('physics: {timestep: 1}', 'physics.timestep is 1'),
+        ('physics: {speed: 1}', "no 'speed'"),
+        ('rewards: 5', 'rewards is 5'),
+        ('power: {weight: 0.1}', 'without power.model'),
+        ('random: {friction_low: 2.0}', 'friction_low is 2.0'),
+        ('ppo: {hidden: [0]}', r'\[0\]'),
+        ('nonsense: 1', "no 'nonsense'"),
+        ('seed: -3', 'seed is -3'),
+        ('- a list', 'must be a mapping'),
+        ('a: [', 'no YAML'),
+    ],
+)
+def test_a_bad_config_is_refused_with_its_value_in_one_line(tmp_path, text, words):
+    (tmp_path / 'c.yaml').write_text(text)
+    with pytest.raises(InputError, match=words) as error:
+        TrainingConfig.load(tmp_path / 'c.yaml')
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize('name', ['ppo', 'ppo.nothing', 'nothing.clip', 'nothing'])
+def test_changes_name_what_there_is(tiny, name):
+    with pytest.raises(InputError, match=f"no '{name}'"):
+        tiny.with_values({name: 1})
+
+
+def test_values_that_only_fit_together_may_be_changed_together():
+    config = TrainingConfig.load('pmp').with_values({'power.ramp_to': 2.0, 'power.ramp_from': 1.0})
+    assert (config.power.ramp_from, config.power.ramp_to) == (1.0, 2.0)
+
+
+def test_the_power_weight_ramps_in_over_policy_steps():
+    power = PowerConfig(model='x', weight=4e-4, ramp_from=1e6, ramp_to=3e6)
+    weights = [power.weight_at(steps) for steps in (0, 1e6, 2e6, 3e6, 9e6)]
+    assert weights == pytest.approx([0.0, 0.0, 2e-4, 4e-4, 4e-4])
+    assert PowerConfig(model='x', weight=4e-4).weight_at(0) == 4e-4

@@ -1,0 +1,196 @@
+import numpy as np
+import pytest
+import torch
+from policy_runner.inputs import Inputs
+from policy_runner.learned import LearnedPolicy
+from policy_runner.observations import STANDARD
+from policy_training.environment import WalkingEnvironment
+from policy_training.export import export_policy
+from policy_training.power_term import WindowedNetwork, load_power, predict_step
+from policy_training.vec_env import Mirror
+from sim_bridge.robot import JOINT_NAMES
+
+QUIET = {
+    'noise.base_velocity': 0.0,
+    'noise.angular_velocity': 0.0,
+    'noise.gravity': 0.0,
+    'noise.joint_position': 0.0,
+    'noise.joint_velocity': 0.0,
+}
+
+
+class Meter:
+    """A power model that counts what it is asked and draws 10 W a drive."""
+
+    def __init__(self, robots):
+        self.ready = np.ones(robots, bool)
+        self.forgotten = []
+        self.shapes = []
+
+    def reset(self, ids):
+        self.forgotten.append(ids.tolist())
+
+    def step(self, position_error, torque, speed):
+        self.shapes.append(position_error.shape)
+        return np.full((len(speed), 12), 10.0, np.float32)
+
+
+def test_training_and_the_robot_see_and_do_the_same(tiny, tmp_path):
+    environment = WalkingEnvironment(tiny.with_values(QUIET))
+    random = np.random.default_rng(0)
+    layers = [
+        (torch.from_numpy(random.normal(0, 0.1, shape).astype(np.float32)), torch.zeros(shape[0]))
+        for shape in ((16, 48), (12, 16))
+    ]
+    export_policy(tmp_path / 'p', layers, tiny, environment.observation, {})
+    policy = LearnedPolicy.load(tmp_path / 'p')
+    policy.take_over()
+    (first, _), (last, _) = layers
+    for index in range(4):
+        observation = torch.from_numpy(environment.observe())
+        action = (torch.nn.functional.elu(observation @ first.T) @ last.T).numpy()
+        motion, inputs = environment.motion, Inputs()
+        inputs.position, inputs.velocity = motion.position[2], motion.joint_velocity[2]
+        inputs.gravity, inputs.spin = motion.gravity[2], motion.rate[2]
+        command = environment.commands.values[2].copy()
+        targets = policy.step(0.02 * index, command, inputs, motion.velocity[2])
+        environment.step(action)
+        aimed = environment.robots.drives._next[2]
+        np.testing.assert_allclose(targets, aimed, atol=1e-5)
+
+
+def test_noise_stays_within_its_levels(tiny):
+    environment = WalkingEnvironment(tiny)
+    seen = np.stack([environment.observe() for _ in range(200)])
+    spread = np.abs(seen - seen.mean(axis=0)).max(axis=(0, 1))
+    levels = {'base_velocity': 0.1 * 2.0, 'joint_velocity': 1.5 * 0.05, 'command': 0.0}
+    for name, level in levels.items():
+        assert spread[STANDARD.part(name)].max() <= 1.1 * level + 1e-5
+        assert spread[STANDARD.part(name)].max() >= 0.8 * level
+
+
+def test_the_power_term_is_weight_times_watts_after_the_mask(tiny):
+    meter = Meter(4)
+    config = tiny.with_values({'power.model': 'x', 'power.weight': 1e-3, 'power.masked': 3})
+    environment = WalkingEnvironment(config, power=meter)
+    environment.age[:] = 0
+    found = [environment.step(np.zeros((4, 12))).log['term/power'] for _ in range(5)]
+    assert found[:3] == [0.0, 0.0, 0.0]
+    assert found[3:] == pytest.approx([-1e-3 * 120.0 * 0.02] * 2)
+    assert meter.shapes == [(4, 4, 12)] * 5
+    assert meter.forgotten[0] == [0, 1, 2, 3]
+
+
+def test_a_start_makes_the_power_model_forget_that_robot_alone(tiny):
+    meter = Meter(4)
+    config = tiny.with_values({'power.model': 'x', 'power.weight': 1e-3})
+    environment = WalkingEnvironment(config, power=meter)
+    environment.age[:] = 0
+    environment.age[2] = environment.longest - 1
+    outcome = environment.step(np.zeros((4, 12)))
+    assert outcome.done.tolist() == [False, False, True, False]
+    assert outcome.timed_out.tolist() == [False, False, True, False]
+    assert meter.forgotten[1:] == [[2]]
+    assert environment.age.tolist() == [1, 1, 0, 1]
+
+
+def test_a_fall_ends_the_episode_without_a_time_out(tiny):
+    environment = WalkingEnvironment(tiny.with_values({'random.velocity': 0.0}))
+    environment.age[:] = 0
+    limp = np.tile(np.array([0.0, 2.0, -4.0] * 2 + [0.0, -2.0, 4.0] * 2), (4, 1))
+    done = np.zeros(4, bool)
+    for _ in range(80):
+        outcome = environment.step(limp)
+        assert not outcome.timed_out.any()
+        done |= outcome.done
+    assert done.all()
+
+
+def test_commands_grow_over_training_and_some_stand(tiny):
+    config = tiny.with_values({'physics.environments': 400, 'commands.ramp_steps': 1e6})
+    environment = WalkingEnvironment(config)
+    environment.commands.draw(np.arange(400), 0)
+    early = environment.commands.values.copy()
+    environment.commands.draw(np.arange(400), 1e6)
+    late = environment.commands.values
+    assert np.abs(early).max(axis=0) == pytest.approx([0.5, 0.5, 0.75], rel=0.05)
+    assert np.abs(late).max(axis=0) == pytest.approx([1.0, 1.0, 1.5], rel=0.05)
+    standing = (late == 0.0).all(axis=1).mean()
+    assert standing == pytest.approx(0.1, abs=0.05)
+    assert environment.commands.asked().mean() == pytest.approx(1.0 - standing)
+
+
+@pytest.mark.parametrize('model', ['carried', 'windowed'])
+def test_a_network_predicts_watts_for_every_drive(tiny, network_run, model):
+    power = load_power(f'ppn:{network_run}', 4)
+    if model == 'windowed':
+        power = WindowedNetwork(network_run, 4)
+    environment = WalkingEnvironment(tiny)
+    environment.robots.step(np.zeros((4, 12)))
+    for _ in range(6):
+        environment.step(np.zeros((4, 12)))
+        watts = predict_step(power, environment.robots.substeps)
+    assert watts.shape == (4, 12)
+    assert (watts != 0.0).all()
+
+
+def test_carried_and_windowed_forms_agree_on_motion_without_a_start(tiny, network_run):
+    environment = WalkingEnvironment(tiny.with_values({'random.velocity': 0.0}))
+    carried, windowed = load_power(f'ppn:{network_run}', 4), WindowedNetwork(network_run, 4)
+    rest = np.zeros((4, 80, 12), np.float32)
+    carried.step(rest, rest, rest)
+    for _ in range(10):
+        environment.robots.step(np.zeros((4, 12)))
+        one = predict_step(carried, environment.robots.substeps)
+        other = predict_step(windowed, environment.robots.substeps)
+    np.testing.assert_allclose(one, other, atol=0.05 * np.abs(one).max())
+
+
+def test_the_mirror_image_of_a_mirror_image_is_the_thing_itself():
+    mirror = Mirror(STANDARD)
+    seen, done = torch.randn(5, 48), torch.randn(5, 12)
+    torch.testing.assert_close(mirror.observations(mirror.observations(seen)), seen)
+    torch.testing.assert_close(mirror.actions(mirror.actions(done)), done)
+
+
+def test_the_mirror_swaps_left_and_right():
+    mirror = Mirror(STANDARD)
+    action = torch.zeros(1, 12)
+    action[0, JOINT_NAMES.index('LF_HAA')] = 1.0
+    action[0, JOINT_NAMES.index('LH_KFE')] = 2.0
+    image = mirror.actions(action)[0]
+    assert image[JOINT_NAMES.index('RF_HAA')] == -1.0
+    assert image[JOINT_NAMES.index('RH_KFE')] == 2.0
+    seen = torch.zeros(1, 48)
+    seen[0, STANDARD.part('command')] = torch.tensor([1.0, 2.0, 3.0])
+    seen[0, STANDARD.part('angular_velocity')] = torch.tensor([1.0, 2.0, 3.0])
+    image = mirror.observations(seen)[0]
+    assert image[STANDARD.part('command')].tolist() == [1.0, -2.0, -3.0]
+    assert image[STANDARD.part('angular_velocity')].tolist() == [-1.0, 2.0, -3.0]
+
+
+def test_mirrored_robots_under_mirrored_actions_stay_mirror_images(tiny):
+    calm = {
+        f'random.{name}': 0.0
+        for name in (
+            'payload',
+            'delay',
+            'stiffness',
+            'drive_friction',
+            'inertia',
+            'velocity',
+            'pose',
+        )
+    }
+    flat = {'physics.noise': 0.0, 'physics.slope': 0.0, 'random.friction_high': 0.5}
+    environment = WalkingEnvironment(tiny.with_values({**QUIET, **calm, **flat}))
+    environment.commands.values[:] = 0.0
+    mirror, random = Mirror(STANDARD), np.random.default_rng(2)
+    for _ in range(8):
+        action = torch.from_numpy(random.normal(0, 0.3, (1, 12)))
+        image = mirror.actions(action)
+        environment.step(np.concatenate([action, image, action, image]))
+    seen = torch.from_numpy(environment.observe())
+    # the base's mass and the legs' products of inertia are not quite symmetric
+    torch.testing.assert_close(mirror.observations(seen[:1])[0], seen[1], atol=0.05, rtol=0.0)
+    assert (seen[0, 12:24] - seen[1, 12:24]).abs().max() > 0.05

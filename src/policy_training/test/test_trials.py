@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+from policy_runner.network import Perceptron
+from policy_runner.policy_folder import read_folder
+from policy_training.trials import TrialConfig, run_trials
+from power_daq.cli import InputError
+
+policy_folders = pytest.importorskip('policy_folders')
+
+
+def test_a_policy_that_only_stands_does_not_follow(tmp_path):
+    contract, tensors = read_folder(policy_folders.save(tmp_path / 'p'))
+    shares = []
+    found = run_trials(
+        contract,
+        Perceptron(tensors, 'elu'),
+        TrialConfig(robots=6, seconds=8.0),
+        threads=1,
+        progress=shares.append,
+    )
+    assert not found.following
+    assert found.mean_error['yaw'] > 0.1
+    assert shares[-1] == 1.0
+    assert np.all(np.diff(shares) > 0)
+
+
+def test_a_policy_of_another_joint_order_cannot_be_tried(tmp_path):
+    joints = policy_folders.JOINT_NAMES[::-1]
+    contract, tensors = read_folder(policy_folders.save(tmp_path / 'p', joints=joints))
+    with pytest.raises(InputError, match='order of joints'):
+        run_trials(contract, Perceptron(tensors, 'elu'), TrialConfig(robots=1, seconds=4.0))
+
+
+def test_trials_are_of_some_robots_for_some_seconds():
+    with pytest.raises(InputError, match='0 robots'):
+        TrialConfig(robots=0)
