@@ -59,7 +59,7 @@ def test_a_motion_is_executed_and_recorded_as_asked(bench, node_process, tmp_pat
     for speed in (2.0, -2.0):
         assert 1.2 < step * np.count_nonzero(np.abs(velocity - speed) < 0.25) < 2.5
     still = np.abs(velocity) < 0.1
-    assert 2.0 < step * np.count_nonzero(still & (np.abs(torque - 5.0) < 0.5)) < 4.5
+    assert 4.0 < step * np.count_nonzero(still & (np.abs(torque - 5.0) < 0.5)) < 6.0
     assert np.abs(velocity).max() < 3.0
     assert abs(joints.position[-1, drive]) < 0.1, 'it is led back before the drive is damped'
 
