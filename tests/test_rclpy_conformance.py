@@ -75,7 +75,6 @@ CALLS = {
     'rclpy.node:Node.create_timer': [('self', 1.0, 'callback', {'clock': None})],
     'rclpy.node:Node.create_service': [('self', 'type', 'name', 'callback')],
     'rclpy.node:Node.count_publishers': [('self', 'topic')],
-    'rclpy.node:Node.count_publishers': [('self', 'topic')],
     'rclpy.node:Node.resolve_topic_name': [('self', 'topic')],
     'rclpy.node:Node.get_name': [('self',)],
     'rclpy.node:Node.get_clock': [('self',)],
