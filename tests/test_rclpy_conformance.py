@@ -19,7 +19,12 @@ import rclpy
 from contents import MESSAGES
 from diagnostic_msgs.msg import DiagnosticStatus
 from power_daq.recording import cdr
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.clock import Clock, ClockType
 from rclpy.clock_type import ClockType as ClockTypeOfItsModule
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -37,6 +42,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
@@ -74,6 +80,8 @@ CALLS = {
     'rclpy.node:Node.destroy_subscription': [('self', 'subscription')],
     'rclpy.node:Node.create_timer': [('self', 1.0, 'callback', {'clock': None})],
     'rclpy.node:Node.create_service': [('self', 'type', 'name', 'callback')],
+    'rclpy.node:Node.destroy_timer': [('self', 'timer')],
+    'rclpy.node:Node.add_on_set_parameters_callback': [('self', 'callback')],
     'rclpy.node:Node.count_publishers': [('self', 'topic')],
     'rclpy.node:Node.resolve_topic_name': [('self', 'topic')],
     'rclpy.node:Node.get_name': [('self',)],
@@ -318,6 +326,31 @@ def test_timers_run_on_the_clock_that_they_are_given(node, spin_until, kind):
     calls = []
     node.create_timer(0.01, lambda: calls.append(None), clock=Clock(clock_type=kind))
     spin_until(lambda: len(calls) == 3)
+
+
+def test_a_timer_that_is_destroyed_calls_no_more(node, spin_until):
+    calls, others = [], []
+    timer = node.create_timer(0.01, lambda: calls.append(None))
+    assert isinstance(timer, Timer)
+    spin_until(lambda: calls)
+    assert node.destroy_timer(timer)
+    so_far = len(calls)
+    node.create_timer(0.01, lambda: others.append(None))
+    spin_until(lambda: len(others) == 5)
+    assert len(calls) == so_far
+
+
+def test_a_callback_may_refuse_parameters_with_a_reason(node):
+    def check(parameters):
+        too_high = any(parameter.value > 5 for parameter in parameters)
+        return SetParametersResult(successful=not too_high, reason='at most 5')
+
+    node.declare_parameter('gain', 1)
+    node.add_on_set_parameters_callback(check)
+    assert node.set_parameters([Parameter('gain', value=4)])[0].successful
+    refused = node.set_parameters([Parameter('gain', value=6)])[0]
+    assert (refused.successful, refused.reason) == (False, 'at most 5')
+    assert node.get_parameter('gain').value == 4
 
 
 def test_time_is_whole_nanoseconds_and_becomes_a_stamp(node):
