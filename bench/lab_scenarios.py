@@ -1,7 +1,7 @@
 """What the blind benchmark of the lab hides, and in which simulated hardware."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -101,13 +101,11 @@ class Scenario:
         """For a file of results."""
         return asdict(self)
 
-    def record(self, *, other: bool = False, without: bool = False) -> AlignedDataset:
-        """Simulate; other: another run of the same unit; without: nothing hidden."""
+    def record(self, *, other: bool = False, without: Collection[str] = ()) -> AlignedDataset:
+        """Simulate; other: another run of the same unit; without: these are not hidden."""
         effects: dict[str, float] = dict.fromkeys(self.known[1:], 1.0)
-        if not without:
-            effects.update(self.hidden)
-        else:
-            effects.update({name: 0.0 for name in self.hidden})
+        effects.update(self.hidden)
+        effects.update(dict.fromkeys(without, 0.0))
         seed = self.seed + (5000 if other else 0)
         if self.source == 'circuit':
             faults = Faults(**FAULTS[self.fault]) if self.fault else Faults()

@@ -1,5 +1,6 @@
 """Bounded least squares of models of effects, with intervals that respect autocorrelation."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,6 +18,7 @@ BLOCK_SECONDS = 1.0
 _LEAST_USED = 0.5  # of the rows of a block must be resolved
 _BOOTSTRAPS = 200
 _BOOTSTRAP_BLOCK = 5  # blocks drawn together
+_TIED = 0.9999  # cosine of two columns that a recording cannot tell apart
 _FINE_STEP = 0.00025  # s
 _REWEIGHTINGS = 2
 _NEAR = 3  # delays on either side of a known one
@@ -284,7 +286,8 @@ class Fitter:
         Bounds of each coefficient, [D, m, 2], by a moving-block bootstrap of 5 s.
 
         Blocks drawn together keep what is autocorrelated together; coefficients at a bound get
-        an interval that ends there.
+        an interval that ends there, and coefficients whose columns are the same in this recording
+        one that lets either take all. Delay, shapes and the weights of the blocks are held.
         """
         random = np.random.default_rng(seed)
         count = len(self.blocks.starts)
@@ -297,7 +300,27 @@ class Fitter:
         sampled = self.solve(fit.design, fit.normal, fit.weights, drawn)
         tails = [(1 - level) / 2, (1 + level) / 2]
         found: Floats = np.quantile(sampled, tails, axis=0).transpose(1, 2, 0)
-        return found
+        return self._with_ties(fit, found)
+
+    def _with_ties(self, fit: Fit, bounds: Floats) -> Floats:
+        """Widen the bounds [D, m, 2] of coefficients that only their sum is known of."""
+        gram = np.einsum('bdij,bd->dij', fit.normal.gram, fit.weights)
+        scale = np.sqrt(np.maximum(np.einsum('dii->di', gram), 1e-300))
+        alike = gram / (scale[:, :, None] * scale[:, None, :])
+        physics = [
+            column
+            for active in fit.structure.free
+            if active.effect.kind == 'physics'
+            for column in fit.structure.columns_of(active.name)
+        ]
+        out = bounds.copy()
+        for drive, one, other in itertools.product(range(len(gram)), physics, physics):
+            if one != other and alike[drive, one, other] > _TIED:
+                ratio = scale[drive, other] / scale[drive, one]
+                most = out[drive, one, 1] + ratio * bounds[drive, other, 1]
+                out[drive, one, 1] = min(most, fit.design.upper[drive, one])
+                out[drive, one, 0] = fit.design.lower[drive, one]
+        return out
 
 
 def robust_weights(error: Floats, valid: NDArray[np.bool_]) -> Floats:

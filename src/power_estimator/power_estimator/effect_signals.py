@@ -21,6 +21,7 @@ EARLIEST, LATEST, SHIFT_STEP = -0.006, 0.022, 0.001
 _HALF_WIDTH = 0.2  # s, of the low-pass
 _LAG_LIMIT = 0.02  # s
 _UNRESOLVED, _MOST_UNRESOLVED = 4.0, 1 / 7
+_MOVING = 0.05  # rad/s
 
 
 @dataclass(frozen=True)
@@ -122,15 +123,17 @@ class Prepared:
         [N, D] where the joint signals are sampled finely enough to multiply.
 
         What torque·w does between two samples is of the size of torque·(second difference of w)
-        and w·(second difference of torque); where that is many times its usual size (a foot that
-        lands), their product says little. At most a seventh of the rows are left out.
+        and w·(second difference of torque); where that is many times its usual size in motion (a
+        foot that lands), their product says little. At most a seventh of those rows are left out.
         """
         s = self.signals
         unseen = np.square(s.torque * self._bend(s.velocity))
         unseen += np.square(s.velocity * self._bend(s.torque))
         size = np.maximum(self.reduced(unseen), 0.0)
-        limit = np.square(_UNRESOLVED) * np.median(size, axis=0)
-        limit = np.maximum(limit, np.quantile(size, 1.0 - _MOST_UNRESOLVED, axis=0))
+        moves = np.sqrt(np.maximum(self.reduced(np.square(s.velocity)), 0.0)) > _MOVING
+        in_motion = np.where(moves | ~moves.any(axis=0), size, np.nan)
+        limit = np.square(_UNRESOLVED) * np.nanmedian(in_motion, axis=0)
+        limit = np.maximum(limit, np.nanquantile(in_motion, 1.0 - _MOST_UNRESOLVED, axis=0))
         return np.asarray(size <= limit)
 
     def unseen(self, copper: Floats) -> Floats:

@@ -209,3 +209,35 @@ def test_the_bank_agrees_with_a_fit_about_what_a_candidate_is_worth():
     assert errors['rotor_inertia'] < none.training_error - 1.0
     assert both.training_error < errors['rotor_inertia'] - 1.0
     assert both.mean_mse.max() < 0.5 * none.mean_mse.max()
+
+
+def test_an_interval_of_tied_coefficients_lets_either_take_all():
+    fitter = Fitter(prepare(moving()))
+    fit = fitter.fit(structure(*TRUE, 'inverter_loss'), iterations=3)
+    either = fit.structure.columns_of('inverter_loss')
+    at_one_voltage = fitter.intervals(fit)[:, either]
+    assert (at_one_voltage[:, :, 0] == 0.0).all()
+    assert at_one_voltage[:, 0, 1] == pytest.approx(at_one_voltage[:, 1, 1], rel=0.05, abs=1e-6)
+
+
+def test_a_recording_that_mostly_rests_keeps_the_rows_that_move():
+    data = moving(60.0)
+    still = 16000
+    hold = {
+        name: np.concatenate([np.repeat(getattr(data, name)[:1], still, 0), getattr(data, name)])
+        for name in ('position', 'torque', 'command')
+    }
+    hold['velocity'] = np.concatenate([0.0 * hold['position'][:still], data.velocity])
+    more = {
+        name: np.concatenate([np.repeat(getattr(data, name)[:1], still, 0), getattr(data, name)])
+        for name in ('power', 'voltage', 'current', 'temperature', 'supply')
+    }
+    count = still + len(data.time)
+    place = {
+        'time': np.arange(count) / RATE,
+        'segment': np.zeros(count, np.int32),
+        'recording': np.zeros(count, np.int32),
+    }
+    prepared = prepare(replace(data, **hold, **more, **place))
+    moves = np.abs(prepared.state()['velocity'][:, 0]) > 0.2
+    assert prepared.resolved[moves, 0].mean() > 0.8

@@ -1,8 +1,8 @@
 """Which physical effect a model misses: the procedure and its verdict."""
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -41,6 +41,7 @@ what is left is large enough to be a stranger, which a wrong name explains in pa
 _FINALISTS, _EXTRAS, _SWAPS = 6, 3, 2
 _LARGEST_SWAP, _LATE_EXTRAS = 3, 2  # sets beyond this size grow by the best candidates only
 _MOST_RIVALS = 3  # that a further effect may have
+_MOST_SAMPLED = 3.0  # times its usual size may sampling raise the floor of strangers
 _LEAST_FALL = 1e-3  # of the log error, for another shape
 _EVENT = 20.0  # times the median squared error
 _EVENT_SHARE = 0.05
@@ -66,6 +67,13 @@ class Step:
     best: tuple[str, ...]
     gain: Floats  # W² [D], of the best over what was there before
 
+    def less(self, idlers: Collection[str]) -> 'Step':
+        """Without effects that proved superfluous beside the others."""
+        if not idlers:
+            return self
+        left = [tuple(name for name in member if name not in idlers) for member in self.members]
+        return replace(self, members=tuple(dict.fromkeys(left)))
+
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -79,6 +87,7 @@ class Diagnosis:
     singles: tuple[Candidate, ...]
     in_set: frozenset[str]
     certain: frozenset[str]  # in every set that may be the best
+    possible: tuple[tuple[str, ...], ...]  # sets that may be missing, where something is named
     ladder: tuple[Evidence, ...]  # the base, and what the data asked for step by step
     explained: Floats  # W² [D], by the chosen effects
     leftover: Leftover
@@ -116,9 +125,9 @@ class Diagnoser:
             none = self.examiner.examine(self.fitter.fit(self.base, none.fit, iterations=2))
             bank = Bank(self.fitter, self.examiner.folds, none.fit, self.candidates)
             found = best_shapes(bank)
-        self.stranger_floor = np.maximum(
-            self.stranger_floor, unseen(self.fitter.prepared, none.fit)
-        )
+        usual = self.stranger_floor
+        sampled = unseen(self.fitter.prepared, none.fit)
+        self.stranger_floor = np.clip(sampled, usual, _MOST_SAMPLED * usual)
         singles = self._singles(none, bank, found)
         ladder, steps = [none], []
         while len(ladder) <= min(MOST_EFFECTS, len(found)):
@@ -126,10 +135,11 @@ class Diagnoser:
             steps.append(step)
             if better is None:
                 break
-            ladder.append(self._reshaped(self._without_idlers(better)))
-            if ladder[-1].names in [rung.names for rung in ladder[:-1]]:
-                ladder.pop()
+            grown = self._reshaped(self._without_idlers(better))
+            if frozenset(grown.names) in [frozenset(rung.names) for rung in ladder]:
                 break
+            ladder.append(grown)
+            steps[-1] = steps[-1].less(set(better.names) - set(grown.names))
         return self._judge(ladder, singles, steps)
 
     def _base(self) -> Evidence:
@@ -293,6 +303,7 @@ class Diagnoser:
             verdict = 'ambiguous'
         else:
             verdict, effects = 'named', chosen
+        named = verdict in ('named', 'ambiguous')
         return Diagnosis(
             verdict=verdict,
             effects=effects,
@@ -301,7 +312,8 @@ class Diagnoser:
             chosen=chosen,
             singles=singles,
             in_set=frozenset(itertools.chain(*(possible or (steps[0].members if steps else ())))),
-            certain=frozenset(certain),
+            certain=frozenset(certain) if named else frozenset(),
+            possible=possible if named else (),
             ladder=tuple(ladder),
             explained=explained,
             leftover=leftover,

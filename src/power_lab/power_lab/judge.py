@@ -237,8 +237,8 @@ def _could_hide(candidate: Candidate, intervals: Floats) -> float:
     """W rms on the drive where most of the effect may be, at the interval's end [D, n, 2]."""
     fit = candidate.evidence.fit
     used = fit.design.columns[..., fit.structure.columns_of(candidate.name)]
-    size = np.sqrt(np.nanmean(np.square(used), axis=0))
-    return float((size * np.abs(intervals).max(axis=2)).max())
+    ends = np.einsum('ndk,dke->nde', used, np.nan_to_num(intervals))
+    return float(np.sqrt(np.nanmean(np.square(ends), axis=0)).max())
 
 
 def _families(diagnosis: Diagnosis) -> dict[str, str]:
@@ -281,9 +281,9 @@ def _motion(
     if hidden:
         reason = 'to show effects that could hide in this recording'
         return separating_motion([row.name for row in hidden], catalogue, drives, reason)
-    unseen = [row.name for row in rows if row.could_hide_w <= 0.0][:_MOST_ASKED]
-    reason = 'to show effects that this recording does not excite'
-    return separating_motion(unseen, catalogue, drives, reason)
+    largest = sorted(rows, key=lambda row: -row.could_hide_w)[:_MOST_ASKED]
+    reason = 'to look closer at what would come next'
+    return separating_motion([row.name for row in largest], catalogue, drives, reason)
 
 
 def _could_be_there(diagnosis: Diagnosis, rows: Sequence[Row]) -> list[Row]:

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effect_bank import Bank
 from power_estimator.effect_fit import Fit
-from power_estimator.effect_folds import Folds
 from power_estimator.effect_model import EffectModel
 from power_estimator.effect_signals import Prepared
 
@@ -162,8 +161,3 @@ def _delays(bank: Bank, seed: int) -> Floats:
         np.add.at(row, (starts[:, None] + np.arange(size)).ravel(), 1.0)
     delays = np.array([bank.delay(weights) for weights in drawn])
     return np.quantile(delays, [0.025, 0.975])
-
-
-def own_bank(diagnosis: Diagnosis, fitter_bank: Bank) -> Bank:
-    """A bank with the columns of the best fit alone."""
-    return Bank(fitter_bank.fitter, Folds.of(fitter_bank.fitter.blocks), diagnosis.best.fit, ())

@@ -45,6 +45,10 @@ def sentence(diagnosis: Diagnosis) -> str:
                 f' {leftover:.2f} W of structure is left that no known effect explains, most in '
                 f'{_leftover_kind(diagnosis)}.'
             )
+        last = diagnosis.steps[-1]
+        rivals = last.added == diagnosis.chosen and not last.none_possible
+        if rivals and above_floor(last.gain, diagnosis.floor):
+            told += ' A further effect may be missing; this recording cannot say which.'
         return told
     if diagnosis.verdict == 'ambiguous':
         sure = [name for name in diagnosis.effects if name in diagnosis.certain]
@@ -58,12 +62,19 @@ def sentence(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == 'none_of_the_above':
         tail = ''
-        if diagnosis.effects:
-            tail = f' {_joined(diagnosis.effects).capitalize()} explains a part of the error.'
+        if diagnosis.chosen:
+            verb = 'explains' if len(diagnosis.chosen) == 1 else 'explain'
+            tail = f' {_joined(diagnosis.chosen).capitalize()} {verb} a part of the error.'
         where = f' It shows most in: {_leftover_kind(diagnosis)}.'
         return (
             'The model misses something that none of the known effects explains '
             f'({leftover:.2f} W of structure is left).{where}{tail}'
+        )
+    if diagnosis.chosen:
+        return (
+            f'No evidence that would bear a name: {_joined(diagnosis.chosen)} lowers the error on '
+            f'held-out data from {before:.2f} to {after:.2f} W, but as much structure is left '
+            f'({leftover:.2f} W), no more than the sampling of the signals may put on.'
         )
     return (
         f'No evidence that an effect is missing: the error of {before:.2f} W on held-out data has '
