@@ -21,7 +21,9 @@ class Intervals:
     Where the measured power of an estimate at 50 Hz lies with probability `level`.
 
     Bins of estimated power have their own widths, from residuals that the network was not
-    trained on (split-conformal prediction; Lei et al. 2018, by bin as Boström et al. 2021).
+    trained on (split-conformal prediction; Lei et al. 2018, by bin as Boström et al. 2021). The
+    level is nominal: residuals that follow each other closely, or that training was stopped by,
+    are not exchangeable with new ones, so that no coverage is guaranteed.
     """
 
     level: float
@@ -39,21 +41,25 @@ class Intervals:
 
     @classmethod
     def fit(cls, measured: Floats, estimated: Floats, level: float = LEVEL) -> 'Intervals | None':
-        """From pairs [N] at 50 Hz that the network was not trained on; None if there are few."""
+        """
+        From pairs [N] at 50 Hz that the network was not trained on; None if there are few.
+
+        Equal estimates stay in one bin, and no bin has fewer than 100 pairs.
+        """
         both = np.isfinite(measured) & np.isfinite(estimated)
         y, f = measured[both].astype(float), estimated[both].astype(float)
         bins = min(_BINS, len(y) // _IN_A_BIN)
         if bins < 1:
             return None
-        edges = np.quantile(f, np.arange(1, bins) / bins)
+        edges = _edges(f, bins)
         index = np.searchsorted(edges, f, side='right')
         below, above = [], []
-        for number in range(bins):
+        for number in range(len(edges) + 1):
             error = np.sort((y - f)[index == number])
             rank = max(1, math.floor((len(error) + 1) * (1 - level) / 2))
             below.append(-float(error[rank - 1]))
             above.append(float(error[-rank]))
-        return cls(level, tuple(edges.tolist()), tuple(below), tuple(above))
+        return cls(level, edges, tuple(below), tuple(above))
 
     def around(self, estimated: Floats) -> tuple[Floats, Floats]:
         """Lowest and highest power in W to be expected, of the shape of the estimates."""
@@ -70,3 +76,16 @@ class Intervals:
         """From `content`; KeyError, TypeError or InputError for anything else."""
         lists = (tuple(float(v) for v in content[k]) for k in ('edges', 'below', 'above'))
         return cls(float(content['level']), *lists)
+
+
+def _edges(estimated: NDArray[np.float64], bins: int) -> tuple[float, ...]:
+    """Quantiles between at most `bins` bins; fewer where ties would leave one with too few."""
+    ordered = np.sort(estimated)
+    kept: list[float] = []
+    begin = 0
+    for edge in np.unique(np.quantile(ordered, np.arange(1, bins) / bins)).tolist():
+        end = int(np.searchsorted(ordered, edge))
+        if min(end - begin, len(ordered) - end) >= _IN_A_BIN:
+            kept.append(edge)
+            begin = end
+    return tuple(kept)

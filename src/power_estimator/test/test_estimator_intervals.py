@@ -50,6 +50,21 @@ def test_few_pairs_give_fewer_bins_and_too_few_give_no_interval():
     assert Intervals.fit(measured, estimated) is None
 
 
+@pytest.mark.parametrize(('tied', 'count', 'bins'), [(1000, 1000, 1), (2000, 4000, 5)])
+def test_equal_estimates_share_a_bin_and_no_bin_has_fewer_than_100(tied, count, bins):
+    measured, estimated = noisy(count, 0)
+    smallest = np.argsort(estimated)[:tied]
+    estimated[smallest] = 8.0
+    estimated[estimated < 8.0] = 8.5
+    measured[smallest] = 8.0 + np.random.default_rng(1).uniform(-1, 1, tied)
+    intervals = Intervals.fit(measured, estimated)
+    assert len(intervals.below) == bins
+    index = np.searchsorted(intervals.edges, estimated, side='right')
+    assert np.bincount(index, minlength=bins).min() >= 100
+    low, high = intervals.around(np.array([8.0], np.float32))
+    assert (low[0], high[0]) == (pytest.approx(7.1, abs=0.1), pytest.approx(8.9, abs=0.1))
+
+
 def test_nonsense_is_refused():
     with pytest.raises(InputError, match=r'interval level = 1\.5'):
         Intervals(1.5, (), (1.0,), (1.0,))
