@@ -52,6 +52,7 @@ class BatchPower:
         self.robots = robots
         self._model = _advance(model, self.drives, robots)
         self._since = np.zeros(robots, np.int64)
+        self._lost = torch.zeros(robots, dtype=torch.bool)  # a NaN since the last reset
 
     @classmethod
     def load(cls, spec: str, drives: Sequence[str], robots: int) -> 'BatchPower':
@@ -71,6 +72,7 @@ class BatchPower:
         with torch.inference_mode():
             self._model.reset(robots)
         self._since[slice(None) if robots is None else robots.numpy()] = 0
+        self._lost[slice(None) if robots is None else robots] = False
 
     def step(self, position_error: Array, torque: Array, speed: Array) -> Array:
         """
@@ -84,8 +86,12 @@ class BatchPower:
         shape = (self.robots, error.shape[1] if error.ndim == 3 else 0, len(self.drives))
         if not error.shape == load.shape == rate.shape == shape:
             raise ValueError(f'shapes {[tuple(x.shape) for x in given]} are not all {shape}')
+        signals = torch.stack([error, load, rate])
+        self._lost |= ~signals.isfinite().all(dim=3).all(dim=2).all(dim=0)
+        signals[:, self._lost] = 0.0
         with torch.inference_mode():
-            power = self._model.advance(error, load, rate)
+            power = self._model.advance(*signals)
+            power[self._lost] = torch.nan
         self._since += shape[1]
         return power.clone() if isinstance(position_error, Tensor) else power.numpy()
 

@@ -18,16 +18,20 @@ from power_estimator.proxies import PROXIES, Proxy
 
 Doubles = NDArray[np.float64]
 RATE = 200.0  # Hz of the samples
-KEPT = 4  # samples of the past beside the new ones, for derivatives
+KEPT = 8  # samples of the past beside the new ones, for derivatives and the spring
+_PROBE = 2000  # samples over which an effect may show that it remembers more
+_NEW = 4  # of them, in a policy step
+_FORGETS = 0.1  # of an effect's size, that what lies further back may change
 
 
 class EffectBatch:
     """
     A model of named effects, evaluated anew on the last samples of each robot.
 
-    Its effects are instantaneous or look back over a few samples; the newest derivative is
-    one-sided. Position, bus voltage and temperature are not known while training: the voltage is
-    the nominal one, and a model with an effect that needs one of the others is refused.
+    The newest derivative is one-sided. Each robot has a bus of its own, and of its past the last
+    eight samples are kept: a model with an effect that remembers more, as a winding that warms, is
+    refused. Position, bus voltage and temperature are not known while training: the voltage is
+    the nominal one, and a model with an effect that needs one of the others is refused too.
     """
 
     warm_up = 1
@@ -51,21 +55,23 @@ class EffectBatch:
             for g in members
         ]
         self._structure = model.structure
-        self._coefficients = np.tile(np.array(rows).reshape(len(drives), -1), (robots, 1))
-        self._lag = np.tile([g.velocity_lag for g in members], robots)
-        self._voltage = np.tile([g.voltage for g in members], robots)
-        self._names = tuple(drives) * robots
-        self._shape = (robots, len(drives))
-        self._past = np.zeros((KEPT, 2, *self._shape))
+        self._coefficients = np.array(rows).reshape(len(drives), -1)
+        self._lag = np.array([g.velocity_lag for g in members])
+        self._voltage = np.array([g.voltage for g in members])
+        self._names = drives
+        self._past = np.zeros((KEPT, 2, robots, len(drives)))
         self._fresh = np.ones(robots, bool)
-        still = torch.zeros(robots, 1, len(drives))
         try:
-            self.advance(still, still, still)
+            forgotten = self._remembers_more()
         except InputError as error:
             raise InputError(
                 f'{model.name} needs more than position error, torque and speed: {error}'
             ) from None
-        self.reset(None)
+        if forgotten:
+            raise InputError(
+                f'{model.name}: {forgotten} remembers more than the last {KEPT} samples, which '
+                'are all that is kept step by step; give a model without it'
+            )
 
     def reset(self, robots: Tensor | None) -> None:
         """Forget the past of the robots [n], or of all."""
@@ -78,27 +84,49 @@ class EffectBatch:
         self._fresh[:] = False
         rows = np.concatenate([self._past, new])
         self._past = rows[-KEPT:]
-        power = evaluate(self._structure, self._coefficients, self._signals(rows))[KEPT:]
-        return torch.from_numpy(power.mean(axis=0).reshape(self._shape).astype(np.float32))
+        power = evaluate(self._structure, self._coefficients, self._signals(rows))
+        by_robot = power.reshape(rows.shape[2], len(rows), rows.shape[3])[:, KEPT:]
+        return torch.from_numpy(by_robot.mean(axis=1).astype(np.float32))
+
+    def _remembers_more(self) -> str:
+        """The effect that needs a longer past than is kept for the newest samples, or ''."""
+        random = np.random.default_rng(0)
+        shape = (_PROBE, 2, 1, len(self._names))
+        rows = random.normal(1.0, 1.0, shape) * np.array([10.0, 2.0])[:, None, None]
+        whole, kept = self._signals(rows), self._signals(rows[-KEPT - _NEW :])
+        for active in self._structure.actives:
+            if not active.effect.usable(whole, **active.parameters):
+                raise InputError(f'effect {active.name!r} lacks a signal')
+            known = active.columns(whole)[-_NEW:]
+            left_out = np.square(active.columns(kept)[-_NEW:] - known).mean()
+            if left_out > _FORGETS**2 * np.square(known).mean():
+                return active.name
+        return ''
 
     def _signals(self, rows: Doubles) -> Signals:
-        count = len(rows)
-        torque, speed = (rows[:, i].reshape(count, -1) for i in range(2))
+        """The robots as recordings of the same drives, end to end; rows is [S, 2, N, D]."""
+        count, _, robots, drives = rows.shape
         whole = [slice(0, count)]
+        torque, speed = rows[:, 0], rows[:, 1]
         speed = speed + self._lag * rate_of(speed, whole, RATE)
-        acceleration = rate_of(speed, whole, RATE)
+        acceleration, torque_rate = (rate_of(x, whole, RATE) for x in (speed, torque))
+        torque, speed, acceleration, torque_rate = (
+            x.transpose(1, 0, 2).reshape(-1, drives)
+            for x in (torque, speed, acceleration, torque_rate)
+        )
         unknown = np.full_like(torque, np.nan)
+        number = np.repeat(np.arange(robots, dtype=np.int32), count)
         return Signals(
             rate=RATE,
             names=self._names,
-            time=np.arange(count) / RATE,
-            segment=np.zeros(count, np.int32),
-            recording=np.zeros(count, np.int32),
+            time=np.tile(np.arange(count) / RATE, robots),
+            segment=number,
+            recording=number,
             position=unknown,
             velocity=speed,
             acceleration=acceleration,
             torque=torque,
-            torque_rate=rate_of(torque, whole, RATE),
+            torque_rate=torque_rate,
             voltage=np.broadcast_to(self._voltage, torque.shape),
             temperature=unknown,
             motor_velocity=speed,

@@ -137,6 +137,62 @@ def test_a_reset_keeps_the_past_of_an_effect_model_out(effects, robots):
     assert np.allclose(again, walk(fresh, robots, steps=range(20, 30)))
 
 
+def with_effect(model, name, shape, *values):
+    """The model with an effect more, at these coefficients and without a lag."""
+    active = Active.of(builtin_catalogue()[name], shape)
+    like = model.groups[0].coefficients['idle'][0]
+    terms = tuple(replace(like, value=value) for value in values)
+    groups = tuple(
+        replace(g, velocity_lag=0.0, coefficients={**g.coefficients, name: terms})
+        for g in model.groups
+    )
+    return replace(model, structure=model.structure.plus(active), groups=groups)
+
+
+def test_robots_share_no_bus(effects):
+    model = with_effect(effects, 'regeneration_limit', {}, 1.0)
+    torque = np.array([[-2.0, -2.0, -2.0], [40.0, 40.0, 40.0]], np.float32)
+    speed = np.full((2, 3), 10.0, np.float32)
+    both = BatchPower(model, DRIVES, 2).step(0 * torque, torque, speed)
+    for robot in range(2):
+        own = slice(robot, robot + 1)
+        alone = BatchPower(model, DRIVES, 1).step(0 * torque[own], torque[own], speed[own])
+        assert np.allclose(both[robot], alone[0], rtol=1e-6, atol=1e-5)
+    assert both[0].sum() == pytest.approx(0.0, abs=1e-4)
+    assert both[1].min() > 300
+
+
+def test_a_nan_stays_within_its_robot_with_any_kind_of_model(effects, robots, drives):
+    limited = with_effect(effects, 'regeneration_limit', {}, 1.0)
+    proxy = Proxy('torque_squared').fit(drives(20.0, DRIVES))
+    broken = [robots[0], replace(robots[1], torque=robots[1].torque * np.nan), robots[2]]
+    for model in (limited, proxy):
+        batch, whole = (BatchPower(model, DRIVES, 3) for _ in range(2))
+        found = walk(batch, broken, steps=range(2))
+        assert np.isnan(found[:, 1]).all()
+        assert np.allclose(found[:, [0, 2]], walk(whole, robots, steps=range(2))[:, [0, 2]])
+        assert np.isnan(walk(batch, robots, steps=[2])[0, 1]).all()
+        batch.reset([1])
+        assert np.isfinite(walk(batch, robots, steps=[3])).all()
+
+
+def test_an_effect_that_remembers_more_than_is_kept_is_refused_and_a_spring_is_not(
+    effects, robots
+):
+    for seconds in (8.0, 1500.0):
+        warm = with_effect(effects, 'winding_heating', {'time_constant': seconds}, 0.05, 0.0)
+        with pytest.raises(InputError, match='base: winding_heating remembers more than'):
+            BatchPower(warm, DRIVES, 2)
+    measured = with_effect(effects, 'winding_heating', {'time_constant': 0.0}, 0.05, 0.0)
+    with pytest.raises(InputError, match=r"needs more than .* 'winding_heating'"):
+        BatchPower(measured, DRIVES, 2)
+    sprung = with_effect(effects, 'spring', {'relaxation': 0.012}, 0.002)
+    found = walk(BatchPower(sprung, DRIVES, 3), robots)
+    for number, data in enumerate(robots):
+        expected = offline(sprung, data)[3:]
+        assert np.corrcoef(found[3:, number].ravel(), expected.ravel())[0, 1] > 0.99
+
+
 def test_a_scaled_proxy_steps_too_and_an_unscaled_one_is_refused(robots, drives):
     data = drives(20.0, DRIVES)
     proxy = Proxy('mechanical_power').fit(data, infer_types(data.names))
