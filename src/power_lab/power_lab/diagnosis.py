@@ -40,7 +40,8 @@ what is left is large enough to be a stranger, which a wrong name explains in pa
 """
 _FINALISTS, _EXTRAS, _SWAPS = 6, 3, 2
 _LARGEST_SWAP, _LATE_EXTRAS = 3, 2  # sets beyond this size grow by the best candidates only
-_MOST_RIVALS = 3  # that a further effect may have
+MOST_RIVALS = 3
+"""That a further effect may have."""
 _MOST_SAMPLED = 3.0  # times its usual size may sampling raise the floor of strangers
 _LEAST_FALL = 1e-3  # of the log error, for another shape
 _EVENT = 20.0  # times the median squared error
@@ -194,7 +195,7 @@ class Diagnoser:
         worth = above_floor(gain, self.floor) and not _negligible(finalists[0])
         if chosen:
             worth = worth and gain.sum() >= NEXT_SHARE**2 * first.sum()
-            worth = worth and sum(i > 0 for i in members) <= _MOST_RIVALS
+            worth = worth and sum(i > 0 for i in members) <= MOST_RIVALS
             worth = worth and shared(gain, self.floor)
         step = Step(
             chosen,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from power_lab.diagnosis import Diagnosis, above_floor
+from power_lab.diagnosis import MOST_RIVALS, Diagnosis, above_floor
 
 PLAIN = {
     'shaft': 'mechanical power at the joint',
@@ -46,8 +46,8 @@ def sentence(diagnosis: Diagnosis) -> str:
                 f'{_leftover_kind(diagnosis)}.'
             )
         last = diagnosis.steps[-1]
-        rivals = last.added == diagnosis.chosen and not last.none_possible
-        if rivals and above_floor(last.gain, diagnosis.floor):
+        rivals = last.added == diagnosis.chosen and len(last.members) > MOST_RIVALS
+        if rivals and not last.none_possible and above_floor(last.gain, diagnosis.floor):
             told += ' A further effect may be missing; this recording cannot say which.'
         return told
     if diagnosis.verdict == 'ambiguous':

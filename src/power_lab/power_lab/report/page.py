@@ -51,10 +51,10 @@ def write_diagnosis(
     )
     examiner = outcome.diagnoser.examiner
     measured = prepared.power_at(diagnosis.best.fit.delay)
-    residuals = {outcome.model.name: examiner.residual(diagnosis.base)}
+    residuals = {outcome.model.name: examiner.residual(diagnosis.base, all_rows=True)}
     if diagnosis.best is not diagnosis.base:
         label = ' + '.join(plain(name) for name in diagnosis.chosen)
-        residuals[f'with {label}'] = examiner.residual(diagnosis.best)
+        residuals[f'with {label}'] = examiner.residual(diagnosis.best, all_rows=True)
     floors = dict(zip(prepared.names, diagnosis.floor, strict=True))
     _section_traces(page, prepared, measured, residuals, floors)
     _section_failures(
