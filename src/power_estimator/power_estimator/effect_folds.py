@@ -30,6 +30,8 @@ class Folds:
         """
         Split by recording where there are five or more, else by pieces of 10 s in turn.
 
+        What was not measured on any drive counts in no piece, so that short stretches of
+        measurement far apart come to lie in all folds.
         An embargo of 1 s beside each tested piece keeps what is autocorrelated out of training.
         """
         recordings = np.unique(blocks.recording)
@@ -37,8 +39,9 @@ class Folds:
         if len(recordings) >= FOLDS:
             test = np.searchsorted(recordings, blocks.recording) % FOLDS
         else:
-            length = int(np.clip(count // (3 * FOLDS), 2, PIECE))
-            test = (np.arange(count) // length) % FOLDS
+            place = np.cumsum(blocks.valid.any(axis=1)) - 1
+            length = int(np.clip((place[-1] + 1) // (3 * FOLDS), 2, PIECE))
+            test = (np.maximum(place, 0) // length) % FOLDS
         training = np.ones((FOLDS, count))
         for fold in range(FOLDS):
             tested = test == fold

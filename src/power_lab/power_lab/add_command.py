@@ -11,11 +11,10 @@ from power_estimator.effect_fit import measurement_terms
 from power_estimator.effect_model import EffectModel
 from power_estimator.effect_training import Material, fit_model, material
 from power_estimator.effects import Catalogue
-from power_estimator.model import load_model
 
 from power_lab import options as common
 from power_lab.evidence import Examiner
-from power_lab.recordings import load, power_on
+from power_lab.recordings import base_power, load
 from power_lab.tables import print_model
 
 
@@ -50,7 +49,7 @@ def main(args: Sequence[str] | None = None) -> int:
         loaded = load(options.bag, options.drives)
         base = None
         if model.base:
-            base = power_on(loaded.data, loaded.smooth(), load_model(model.base))
+            base = base_power(loaded, model.base).power
         own = material(loaded.data, per=options.per, base=base, catalogue=catalogue)
         better, _ = add_effects(
             model, new, own, catalogue, options.output.stem, loaded.identities, options.seed

@@ -1,7 +1,7 @@
 """Models against measurements, on held-out data only."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,23 +10,23 @@ from numpy.typing import NDArray
 from power_daq.cli import InputError
 from power_daq.recording.aligned import AlignedDataset
 from power_estimator.effect_design import Structure
-from power_estimator.effect_fit import measurement_terms
+from power_estimator.effect_fit import Blocks, measurement_terms
 from power_estimator.effect_folds import FOLDS, Folds
 from power_estimator.effect_model import EffectModel
 from power_estimator.effect_signals import REDUCED_RATE, Prepared
 from power_estimator.effect_training import Material, material
 from power_estimator.effects import Catalogue
 from power_estimator.model import PowerModel, load_model
-from power_estimator.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy
-from power_estimator.recordings import describe, held_out
 from power_estimator.scores import score
 
 from power_lab.evidence import Examiner
-from power_lab.recordings import Loaded, power_on
+from power_lab.recordings import Loaded, Unseen, base_power, power_on, power_unseen
 from power_lab.regimes import Regime, worst_regimes
 
 Floats = NDArray[np.float64]
+_SETTLING = 0.2  # s at the start of a stretch, where not every model can tell
+_ON_BASE = 'test part of its base'
 
 
 @dataclass(frozen=True)
@@ -103,34 +103,35 @@ def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Compa
     """
     Judge models by name or file.
 
-    A model of effects that was fitted on one of the recordings is refitted fold by fold; a network
-    is judged on what it was not trained on; proxies are scaled on the other folds. Each model has
-    its own best delay against the meter taken out, as a clock is no fault of a model. All are
-    judged on the same samples.
+    A model of effects that was fitted on one of the recordings is refitted fold by fold; a
+    network, and what stands on one, is judged on what it was not trained on; proxies are scaled
+    on the other folds. Each model has its own best delay against the meter taken out, as a clock
+    is no fault of a model. All are judged on the same samples: all that were measured, in whole
+    seconds and past the first 0.2 s, less those that a network among the models knows.
     """
     models = [open_model(spec, catalogue) for spec in specs]
     plain = material(loaded.data)
-    prepared = plain.prepared
     smooth = None
     judged = []
     for spec, model in zip(specs, models, strict=True):
-        if isinstance(model, EffectModel) and _knows(model, loaded):
-            judged.append(_refitted(model, loaded, catalogue))
-            continue
-        if isinstance(model, EffectModel) and model.base is None:
-            power = model.predict(loaded.data, as_measured=True)
-            judged.append(_plain(model.name, model.effects, power, plain, 'other recordings'))
+        if isinstance(model, EffectModel):
+            base = None
+            if model.base is not None:
+                smooth = smooth or loaded.smooth()
+                base = base_power(loaded, model.base, smooth)
+            if _knows(model, loaded):
+                judged.append(_refitted(model, loaded, base, plain, catalogue))
+            else:
+                power = _predicted(model, loaded, base)
+                how = _ON_BASE if base is not None and base.partly else 'other recordings'
+                judged.append(_plain(model.name, model.effects, power, plain, how))
             continue
         smooth = smooth or loaded.smooth()
-        if isinstance(model, EffectModel):
-            base = power_on(loaded.data, smooth, load_model(str(model.base)))
-            power = model.predict(loaded.data, as_measured=True, base=base)
-            judged.append(_plain(model.name, model.effects, power, plain, 'other recordings'))
-        elif isinstance(model, Proxy):
+        if isinstance(model, Proxy):
             judged.append(_proxy(model, loaded, smooth, plain))
         else:
             judged.append(_network(spec, model, loaded, smooth, plain))
-    return _together(judged, prepared, loaded)
+    return _together(judged, plain, loaded)
 
 
 def open_model(spec: str, catalogue: Catalogue) -> PowerModel:
@@ -145,23 +146,37 @@ def _knows(model: EffectModel, loaded: Loaded) -> bool:
     return not model.fitted or any(entry['sha256'] in known for entry in loaded.identities)
 
 
+def _predicted(model: EffectModel, loaded: Loaded, base: Unseen | None) -> NDArray[np.float32]:
+    """As measured, W [T, D]; NaN where the base's power is."""
+    if base is None:
+        return model.predict(loaded.data, as_measured=True)
+    power = model.predict(loaded.data, as_measured=True, base=np.nan_to_num(base.power))
+    return np.where(np.isfinite(base.power), power, np.float32(np.nan))
+
+
 def _plain(
     name: str, effects: Sequence[str], power: NDArray[np.float32], own: Material, how: str
 ) -> Judged:
     prepared = own.prepared
     estimated = prepared.reduced(np.asarray(_rows(power, own), dtype=np.float64))
-    errors = []
-    for shift in prepared.shifts:
-        residual = prepared.power_at(float(shift)) - estimated
-        errors.append(float(np.nansum(np.log(np.nanmean(np.square(residual), axis=0) + 1e-9))))
+    delay = _best_delay(prepared, lambda delay: prepared.power_at(delay) - estimated)
+    measured = prepared.power_at(delay)
+    return Judged(name, tuple(effects), how, measured - estimated, measured, delay)
+
+
+def _best_delay(prepared: Prepared, residual_at: Callable[[float], Floats]) -> float:
+    """The delay in s with the least residual [N, D], between the steps by a parabola."""
+    errors = [
+        float(np.nansum(np.log(np.nanmean(np.square(residual_at(float(shift))), axis=0) + 1e-9)))
+        for shift in prepared.shifts
+    ]
     best = int(np.argmin(errors))
     delay = float(prepared.shifts[best])
     if 0 < best < len(errors) - 1:
         a, b, c = errors[best - 1 : best + 2]
         bend = a - 2 * b + c
         delay += 0.5 * (a - c) / bend * (prepared.shifts[1] - prepared.shifts[0]) if bend else 0.0
-    measured = prepared.power_at(delay)
-    return Judged(name, tuple(effects), how, measured - estimated, measured, delay)
+    return delay
 
 
 def _rows(power: NDArray[np.float32], own: Material) -> NDArray[np.float32]:
@@ -170,58 +185,71 @@ def _rows(power: NDArray[np.float32], own: Material) -> NDArray[np.float32]:
     return power
 
 
-def _refitted(model: EffectModel, loaded: Loaded, catalogue: Catalogue) -> Judged:
-    base = None
-    if model.base is not None:
-        base = power_on(loaded.data, loaded.smooth(), load_model(model.base))
-    own = material(loaded.data, base=base, catalogue=catalogue)
+def _refitted(
+    model: EffectModel, loaded: Loaded, base: Unseen | None, plain: Material, catalogue: Catalogue
+) -> Judged:
+    own = plain
+    if base is not None:
+        own = material(loaded.data, base=base.power, catalogue=catalogue)
     terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
     examiner = Examiner(own.fitter())
     fit = examiner.fitter.fit(Structure(model.structure.actives).plus(*terms), iterations=4)
-    evidence = examiner.examine(fit)
-    residual = examiner.residual(evidence)
-    measured = own.prepared.power_at(fit.delay)
-    return Judged(model.name, model.effects, 'cross-validated', residual, measured, fit.delay)
+    found = examiner.residual(examiner.examine(fit), all_rows=True)
+    measured = plain.prepared.power_at(fit.delay)
+    residual = np.full(measured.shape, np.nan)
+    residual[:, [plain.prepared.names.index(name) for name in own.prepared.names]] = found
+    how = 'cross-validated'
+    if base is not None and base.partly:
+        how += f' on the {_ON_BASE}'
+    return Judged(model.name, model.effects, how, residual, measured, fit.delay)
 
 
 def _proxy(proxy: Proxy, loaded: Loaded, smooth: AlignedDataset, own: Material) -> Judged:
     """Scaled on the folds that are not judged."""
     prepared = own.prepared
-    fitter = own.fitter()
-    folds = Folds.of(fitter.blocks)
+    blocks = own.fitter().blocks
+    folds = Folds.of(blocks)
     unscaled = power_on(loaded.data, smooth, proxy.fit(smooth))
     signal = prepared.reduced(np.asarray(_rows(unscaled, own), dtype=np.float64))
-    power = prepared.power_at(0.0)
-    residual = np.full(power.shape, np.nan)
-    for fold in range(FOLDS):
-        tested = fitter.blocks.rows[folds.test == fold].ravel()
-        trained = fitter.blocks.rows[folds.training[fold] > 0].ravel()
-        scale = np.nanmean(power[trained], axis=0) / np.nanmean(signal[trained], axis=0)
-        residual[tested] = power[tested] - signal[tested] * scale
-    return Judged(proxy.name, (), 'cross-validated', residual, power, 0.0)
+    known = np.isfinite(signal) & prepared.measured
+
+    def residual_at(delay: float) -> Floats:
+        power = prepared.power_at(delay)
+        residual = np.full(power.shape, np.nan)
+        for fold in range(FOLDS):
+            tested = blocks.rows[folds.test == fold].ravel()
+            trained = blocks.rows[folds.training[fold] > 0].ravel()
+            means = (
+                np.nanmean(np.where(known, values, np.nan)[trained], axis=0)
+                for values in (power, signal)
+            )
+            residual[tested] = power[tested] - signal[tested] * np.divide(*means)
+        return residual
+
+    delay = _best_delay(prepared, residual_at)
+    measured = prepared.power_at(delay)
+    return Judged(proxy.name, (), 'cross-validated', residual_at(delay), measured, delay)
 
 
 def _network(
     spec: str, model: PowerModel, loaded: Loaded, smooth: AlignedDataset, own: Material
 ) -> Judged:
-    power = power_on(loaded.data, smooth, model)
-    how = 'other recordings'
-    if isinstance(model, PowerPredictionNetwork):
-        known = [describe(path) for path in loaded.paths]
-        for drive, name in enumerate(loaded.data.names):
-            kinds = [t.name for t in model.types if t.matches(name)]
-            if kinds:
-                allowed = held_out(loaded.data, known, model.checkpoint.recordings, kinds[0])
-                if not allowed.all():
-                    how = 'its test part'
-                power[~allowed, drive] = np.nan
-    if not np.isfinite(power).any():
+    found = power_unseen(loaded, smooth, model)
+    if not np.isfinite(found.power).any():
         raise InputError(f'{spec} says nothing about {", ".join(loaded.data.names)}')
-    return _plain(spec, (), power, own, how)
+    how = 'its test part' if found.partly else 'other recordings'
+    return _plain(spec, (), found.power, own, how)
 
 
-def _together(judged: Sequence[Judged], prepared: Prepared, loaded: Loaded) -> Comparison:
-    common = np.logical_and.reduce([np.isfinite(one.residual) for one in judged])
+def _together(judged: Sequence[Judged], plain: Material, loaded: Loaded) -> Comparison:
+    prepared = plain.prepared
+    common = np.zeros(prepared.measured.shape, bool)
+    whole = Blocks.of(prepared).rows.ravel()
+    common[whole] = prepared.measured[whole]
+    for part in prepared.reducer.stretches():
+        common[part][: round(_SETTLING * REDUCED_RATE)] = False
+    for one in judged:
+        common &= np.isfinite(one.residual)
     if not common.any():
         raise InputError('no sample is left that every model may be judged on')
     state, labels = describe_state(prepared, loaded)
@@ -229,11 +257,7 @@ def _together(judged: Sequence[Judged], prepared: Prepared, loaded: Loaded) -> C
     for one in judged:
         residual = np.where(common, one.residual, np.nan)
         regimes = worst_regimes(residual, state, prepared.names, labels)
-        models.append(
-            Judged(
-                one.name, one.effects, one.how, residual, one.measured, one.delay, tuple(regimes)
-            )
-        )
+        models.append(replace(one, residual=residual, regimes=tuple(regimes)))
     return Comparison(prepared, tuple(models), state, labels)
 
 

@@ -54,8 +54,12 @@ class Examiner:
         error = normal.errors(coefficients[self.folds.test]) / blocks.counts
         return np.where(blocks.valid, error, np.nan)
 
-    def residual(self, evidence: Evidence) -> Floats:
-        """Held-out residual, W [N, D]; NaN outside the blocks and where signals are unresolved."""
+    def residual(self, evidence: Evidence, *, all_rows: bool = False) -> Floats:
+        """
+        Held-out residual, W [N, D]; NaN outside the blocks.
+
+        NaN as well where signals are unresolved, unless all_rows.
+        """
         fit, blocks = evidence.fit, self.fitter.blocks
         out = np.full(fit.target.shape, np.nan)
         for fold in range(FOLDS):
@@ -63,4 +67,5 @@ class Examiner:
             model = np.einsum('ndm,dm->nd', fit.design.columns[rows], evidence.coefficients[fold])
             out[rows] = fit.target[rows] - model
         prepared = self.fitter.prepared
-        return np.where(prepared.measured & prepared.resolved, out, np.nan)
+        counts = prepared.measured & (all_rows | prepared.resolved)
+        return np.where(counts, out, np.nan)

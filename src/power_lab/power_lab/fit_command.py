@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 from power_daq.cli import InputError, command
 from power_estimator.effect_training import fit_model, material
-from power_estimator.model import load_model
 
 from power_lab import options as common
-from power_lab.recordings import load, power_on
+from power_lab.recordings import base_power, load
 from power_lab.tables import print_model
 
 
@@ -41,7 +40,7 @@ def main(args: Sequence[str] | None = None) -> int:
         loaded = load(options.bags, options.drives)
         base = None
         if options.base:
-            base = power_on(loaded.data, loaded.smooth(), load_model(options.base))
+            base = base_power(loaded, options.base).power
         own = material(loaded.data, per=options.per, base=base, catalogue=catalogue)
         model, fit = fit_model(
             options.output.stem,

@@ -13,13 +13,13 @@ from power_estimator.effect_folds import Folds
 from power_estimator.effect_model import EffectModel
 from power_estimator.effect_training import material
 from power_estimator.effects import Catalogue
-from power_estimator.model import PowerModel, load_model
+from power_estimator.model import PowerModel
 
 from power_lab.comparison import describe_state
 from power_lab.diagnosis import Candidate, Diagnoser, Diagnosis
 from power_lab.measurement_check import Term, check_measurement
 from power_lab.next_recording import Motion, separating_motion
-from power_lab.recordings import Loaded, power_on
+from power_lab.recordings import Loaded, base_power
 from power_lab.regimes import Regime, worst_regimes
 from power_lab.verdict import plain, sentence
 
@@ -149,14 +149,16 @@ def diagnose(
     """
     Say which effect the model misses on these recordings.
 
-    A model that is not made of effects is taken as the base that effects are added to.
-    InputError for recordings that are too short or too still.
+    A model that is not made of effects is taken as the base that effects are added to; a network
+    that knows the recordings counts on its test part only. InputError for recordings that are too
+    short or too still.
     """
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)
-    base = None
+    base, seen = None, False
     if model.base is not None:
-        base = power_on(loaded.data, loaded.smooth(), load_model(model.base))
+        under = base_power(loaded, model.base)
+        base, seen = under.power, under.partly
     own = material(loaded.data, base=base, catalogue=catalogue)
     fitter = own.fitter(per_drive=True)
     terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
@@ -167,7 +169,7 @@ def diagnose(
     left = examiner.residual(diagnosis.best)
     before = examiner.residual(diagnosis.base)
     known = {entry.get('sha256') for entry in model.fitted_on}
-    other = not any(entry['sha256'] in known for entry in loaded.identities)
+    other = not seen and not any(entry['sha256'] in known for entry in loaded.identities)
     bank = Bank(fitter, Folds.of(fitter.blocks), diagnosis.best.fit, ())
     rows = _rows(diagnosis, diagnoser, seed)
     return Outcome(

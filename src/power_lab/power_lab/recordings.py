@@ -11,11 +11,15 @@ from power_daq.recording.aligned import AlignedDataset
 from power_daq.recording.alignment import load_aligned
 from power_daq.recording.card import FILE, Card
 from power_daq.recording.reader import Recording
-from power_estimator.model import PowerModel
-from power_estimator.recordings import describe
+from power_estimator.checkpoint import TrainingRecording
+from power_estimator.effect_training import LEAST_SECONDS
+from power_estimator.model import PowerModel, load_model
+from power_estimator.ppn import PowerPredictionNetwork
+from power_estimator.recordings import describe, held_out
 
 RATE = 400.0
 _SMOOTH_RATE = 200.0
+_LOST = 1.4  # s of each stretch, to the low-pass and to whole seconds
 
 
 @dataclass(frozen=True)
@@ -98,17 +102,71 @@ def power_on(
     return out
 
 
+@dataclass(frozen=True)
+class Unseen:
+    """A model's power where it was not trained."""
+
+    power: NDArray[np.float32]  # W [T, D], NaN elsewhere
+    partly: bool  # whether it was trained on some of the samples
+
+
+def power_unseen(loaded: Loaded, smooth: AlignedDataset, model: PowerModel) -> Unseen:
+    """A model's power; of a network that knows the recordings, on its test part only."""
+    power = power_on(loaded.data, smooth, model)
+    partly = False
+    if isinstance(model, PowerPredictionNetwork):
+        own = [TrainingRecording(one['name'], one['sha256']) for one in loaded.identities]
+        for drive, name in enumerate(loaded.data.names):
+            kinds = [t.name for t in model.types if t.matches(name)]
+            if kinds:
+                allowed = held_out(loaded.data, own, model.checkpoint.recordings, kinds[0])
+                partly = partly or not allowed.all()
+                power[~allowed, drive] = np.nan
+    return Unseen(power, partly)
+
+
+def base_power(loaded: Loaded, spec: str, smooth: AlignedDataset | None = None) -> Unseen:
+    """
+    Power of the model that effects stand on, as `power_unseen` gives it.
+
+    InputError where a network's test part leaves too little of a drive to decide anything.
+    """
+    found = power_unseen(loaded, smooth or loaded.smooth(), load_model(spec))
+    if not np.isfinite(found.power).any() and not found.partly:
+        raise InputError(f'{spec} says nothing about {", ".join(loaded.data.names)}')
+    if found.partly:
+        for drive, name in enumerate(loaded.data.names):
+            known = np.isfinite(found.power[:, drive]) & np.isfinite(loaded.data.power[:, drive])
+            seconds = _whole_seconds(known, loaded.data.rate)
+            if seconds < LEAST_SECONDS:
+                raise InputError(
+                    f'{spec} was trained on these recordings: its test part leaves '
+                    f'{seconds:.0f} s of {name} to judge on, not {LEAST_SECONDS:.0f}; give a '
+                    'recording that it was not trained on (or a longer one)'
+                )
+    return found
+
+
+def _whole_seconds(known: NDArray[np.bool_], rate: float) -> float:
+    edges = np.flatnonzero(np.diff(np.r_[False, known, False]))
+    lengths = (edges[1::2] - edges[::2]) / rate
+    return float(np.maximum(lengths - _LOST, 0.0).sum())
+
+
 def _between(
     time: NDArray[np.float64],
     known: NDArray[np.float64],
     values: NDArray[np.float32],
     rate: float,
 ) -> NDArray[np.float32]:
-    """Linear interpolation that does not bridge gaps or NaN."""
+    """Linear interpolation that does not bridge gaps or NaN; held for half a sample at ends."""
     right = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
     left = right - 1
     width = np.maximum(known[right] - known[left], 1e-9)
     weight = (time - known[left]) / width
     result = (1.0 - weight) * values[left] + weight * values[right]
-    result[(weight < -0.01) | (weight > 1.01) | (width > 1.5 / rate)] = np.nan
+    outside = (weight < -0.01) | (weight > 1.01) | (width > 1.5 / rate)
+    nearest = np.where(weight < 0.5, left, right)
+    near = np.abs(time - known[nearest]) < 0.6 / rate
+    result[outside] = np.where(near, values[nearest], np.nan)[outside]
     return result.astype(np.float32)
