@@ -30,7 +30,7 @@ ifdef ROS_DISTRO
 test: test-ros
 else
 test: setup
-	$(BIN)/python -m pytest -n $(WORKERS) -q
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -q
 endif
 
 # The Python that colcon runs with is the one that `ros2 run` will start nodes with.
@@ -49,7 +49,7 @@ build-ros: $(ROS_STAMP)
 	printf '. %s\n' $(abspath $(ROS_VENV))/bin/activate $(ROS_BUILD)/install/setup.sh > $(ROS)/setup.sh
 
 test-ros: build-ros
-	. $(ROS)/setup.sh && python -m pytest -n $(WORKERS) -q
+	. $(ROS)/setup.sh && python -m pytest -n $(WORKERS) --dist loadgroup -q
 
 lint: setup
 	$(BIN)/ruff check .

@@ -21,6 +21,14 @@ DAEMON_PORT = 11511
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Live systems run one at a time: two of them need more than two cores."""
+    for item in items:
+        if 'node_process' in getattr(item, 'fixturenames', ()):
+            item.add_marker(pytest.mark.xdist_group('live'))
+
+
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Reserve a ROS domain for one test and set it in the environment."""
