@@ -1,6 +1,6 @@
 """`ros2 run power_lab add`: put an effect into a model, refit all, keep the history."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -105,8 +105,15 @@ def held_out_errors(own: Material, model: EffectModel, catalogue: Catalogue) -> 
 
 
 def _print_staircase(model: EffectModel) -> None:
+    print('held-out error over the drives, on the recordings of each step:')
     for entry in model.history:
-        errors = entry.get('rmse_w', {})
-        mean = float(np.sqrt(np.mean(np.square(list(errors.values()) or [0.0]))))
         label = ', '.join(entry.get('added', entry.get('effects', [])))
-        print(f'{entry.get("step", "?"):>4}  {mean:7.3f} W  {label}')
+        before = entry.get('rmse_before_w')
+        start = f'{_mean(before):.3f} → ' if before else ''
+        print(
+            f'{entry.get("step", "?"):>4}  {start:>8}{_mean(entry.get("rmse_w", {})):.3f} W  {label}'
+        )
+
+
+def _mean(errors: Mapping[str, float]) -> float:
+    return float(np.sqrt(np.mean(np.square(list(errors.values()) or [0.0]))))

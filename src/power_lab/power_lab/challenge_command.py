@@ -55,6 +55,10 @@ def main(args: Sequence[str] | None = None) -> int:
     bag, known = options.output, ','.join(challenge.known)
     if options.json:
         write_whole(options.json, json.dumps({'known': list(challenge.known)}) + '\n')
+    if options.walk:
+        print(f'{bag}: the same robot walks again; judge models on it that never saw it:')
+        print(f'  ros2 run power_lab compare {bag} --models base.yaml better.yaml')
+        return 0
     print(f'{bag}: something may be hidden in its drives. What the model may know:')
     print(f'  ros2 run power_lab fit {bag} --effects {known} -o base.yaml')
     print('Then find what it misses, and see whether you are right:')

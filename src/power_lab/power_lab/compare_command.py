@@ -7,6 +7,7 @@ from power_daq.cli import InputError, command
 from power_lab import options as common
 from power_lab.comparison import compare
 from power_lab.recordings import load
+from power_lab.report.page import closest, write_comparison
 from power_lab.tables import print_comparison
 
 
@@ -40,10 +41,9 @@ def main(args: Sequence[str] | None = None) -> int:
         comparison = compare(loaded, options.models, catalogue)
         content = comparison.json()
     print_comparison(common.console(), content)
+    print(closest(content['models']))
     common.write_json(options.json, content)
     if options.report:
-        from power_lab.report.page import write_comparison
-
         write_comparison(options.report, comparison)
         print(f'report: {options.report}')
     return 0

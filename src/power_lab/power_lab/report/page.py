@@ -79,13 +79,9 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
     """The page of `compare`."""
     content = comparison.json()
     models = sorted(content['models'], key=lambda model: _error(model))
-    best, worst = models[0], models[-1]
     page = Page('Comparison of power models')
     page.add('<p class="kind no_evidence">Comparison</p>')
-    text = f'{best["name"]} is closest to the measurement: {_error(best):.2f} W on held-out data'
-    if worst is not best:
-        text += f'; {worst["name"]} is {_error(worst):.2f} W off'
-    page.add(f'<h1 id="verdict">{escape(text)}.</h1>')
+    page.add(f'<h1 id="verdict">{escape(closest(models))}</h1>')
     prepared = comparison.prepared
     page.facts(
         {
@@ -355,6 +351,16 @@ def _worst_first(residuals: Mapping[str, Floats]) -> list[int]:
     """Columns of the drives, the one with the largest error of the first model first."""
     size = np.nanmean(np.square(next(iter(residuals.values()))), axis=0)
     return [int(column) for column in np.argsort(-np.nan_to_num(size))]
+
+
+def closest(models: Sequence[Mapping[str, object]]) -> str:
+    """Which of the models is closest to the measurement, in a sentence."""
+    order = sorted(models, key=_error)
+    best, worst = order[0], order[-1]
+    text = f'{best["name"]} is closest to the measurement: {_error(best):.2f} W for each drive'
+    if worst is not best:
+        text += f'; {worst["name"]} is {_error(worst):.2f} W off'
+    return f'{text} (root mean square over the drives, held-out data).'
 
 
 def _error(model: Mapping[str, object]) -> float:
