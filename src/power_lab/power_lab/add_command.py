@@ -110,9 +110,8 @@ def _print_staircase(model: EffectModel) -> None:
         label = ', '.join(entry.get('added', entry.get('effects', [])))
         before = entry.get('rmse_before_w')
         start = f'{_mean(before):.3f} → ' if before else ''
-        print(
-            f'{entry.get("step", "?"):>4}  {start:>8}{_mean(entry.get("rmse_w", {})):.3f} W  {label}'
-        )
+        after = f'{_mean(entry.get("rmse_w", {})):.3f} W'
+        print(f'{entry.get("step", "?"):>4}  {start}{after}  {label}')
 
 
 def _mean(errors: Mapping[str, float]) -> float:
