@@ -94,12 +94,12 @@ def stopped_subscriber(node, node_process):
                 first.set()
         echo.wait_for_output('first')
         os.kill(echo.pid, signal.SIGSTOP)
-        stopped.append(echo.pid)
+        stopped.append(echo)
 
     stopped = []
     yield start
-    for pid in stopped:
-        os.kill(pid, signal.SIGCONT)
+    for echo in stopped:
+        echo.kill()
 
 
 def test_a_subscriber_that_stands_still_does_not_hold_up_keep_last(node, stopped_subscriber):
