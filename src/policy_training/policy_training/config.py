@@ -13,7 +13,7 @@ from typing import Any, Final
 import yaml
 from power_daq.cli import InputError
 from power_daq.recording.files import write_whole
-from sim_bridge.bounded import bounded, check, from_mapping
+from sim_bridge.bounded import bounded, check, from_mapping, read_named
 
 CONFIGS: Final = Path(__file__).parent / 'configs'
 
@@ -193,21 +193,7 @@ class TrainingConfig:
     @classmethod
     def load(cls, source: Path | str) -> 'TrainingConfig':
         """Read a file, or a shipped config by name; InputError says what is wrong in it."""
-        path = Path(source)
-        if not path.suffix and not path.exists():
-            path = CONFIGS / f'{source}.yaml'
-        try:
-            values = yaml.safe_load(path.read_text(encoding='utf-8'))
-        except OSError as error:
-            shipped = ', '.join(sorted(item.stem for item in CONFIGS.glob('*.yaml')))
-            raise InputError(
-                f'cannot read config {str(source)!r} ({error.strerror}); shipped are {shipped}'
-            ) from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise InputError(
-                f'config {str(source)!r} is no YAML: {error}'.split('\n')[0]
-            ) from error
-        return cls.parse(values)
+        return cls.parse(read_named(source, CONFIGS, 'config'))
 
     @classmethod
     def parse(cls, values: object) -> 'TrainingConfig':

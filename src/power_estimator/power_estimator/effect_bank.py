@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from power_estimator.bounded_lsq import bounded_solve
 from power_estimator.effect_design import Active, Structure
-from power_estimator.effect_fit import Fit, Fitter
+from power_estimator.effect_fit import Fit, Fitter, between
 from power_estimator.effect_folds import FOLDS, LEAST_MSE, Folds
 from power_estimator.effect_signals import REDUCED_RATE
 
@@ -148,13 +148,8 @@ class Bank:
         coarse = self._profile(gram, moment, square, pick)
         best = int(np.clip(np.argmin(coarse), 1, len(coarse) - 2))
         places = np.linspace(best - 1, best + 1, 2 * _FINE + 1)
-        left = np.minimum(places.astype(int), len(coarse) - 2)
-        w = (places - left)[:, None]
-        between = (1 - w)[..., None] * moment[left] + w[..., None] * moment[left + 1]
-        squares = (
-            (1 - w) ** 2 * square[left] + w**2 * square[left + 1] + 2 * w * (1 - w) * next_[left]
-        )
-        fine = self._profile(gram, between, squares, pick)
+        moments, squares = between(places, moment, square, next_)
+        fine = self._profile(gram, moments, squares, pick)
         return float(places[int(np.argmin(fine))]), float(fine.min())
 
     def _profile(

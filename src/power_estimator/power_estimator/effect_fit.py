@@ -229,12 +229,7 @@ class Fitter:
             return self._best_delay(design, weights, None)
         best = int(np.clip(best, 1, len(coarse) - 2))
         places = np.linspace(best - 1, best + 1, 2 * round(step / _FINE_STEP) + 1)
-        left = np.minimum(places.astype(int), len(coarse) - 2)
-        w = (places - left)[:, None]
-        fine_moment = (1 - w)[..., None] * moment[left] + w[..., None] * moment[left + 1]
-        fine_square = (
-            (1 - w) ** 2 * square[left] + w**2 * square[left + 1] + 2 * w * (1 - w) * next_[left]
-        )
+        fine_moment, fine_square = between(places, moment, square, next_)
         fine = self._profile(design, gram, fine_moment, fine_square)
         return float(shifts[low] + step * places[int(np.argmin(fine))])
 
@@ -321,6 +316,21 @@ class Fitter:
                 out[drive, one, 1] = min(most, fit.design.upper[drive, one])
                 out[drive, one, 0] = fit.design.lower[drive, one]
         return out
+
+
+def between(
+    places: Floats, moment: Floats, square: Floats, next_: Floats
+) -> tuple[Floats, Floats]:
+    """
+    Moment [S, D, m] and squared target [S, D] at places [P] between S delays.
+
+    The target is interpolated linearly; next_ [S, D] is its product with that at the next delay.
+    """
+    left = np.minimum(places.astype(int), len(moment) - 2)
+    w = (places - left)[:, None]
+    moments = (1 - w)[..., None] * moment[left] + w[..., None] * moment[left + 1]
+    squares = (1 - w) ** 2 * square[left] + w**2 * square[left + 1] + 2 * w * (1 - w) * next_[left]
+    return moments, squares
 
 
 def robust_weights(error: Floats, valid: NDArray[np.bool_]) -> Floats:

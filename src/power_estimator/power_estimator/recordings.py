@@ -47,18 +47,19 @@ def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingS
     known = tuple(describe(path) for path in paths)
     if len({r.sha256 for r in known}) < len(known):
         raise InputError(f'a recording is given twice among {", ".join(map(str, paths))}')
-    check_sampling([Recording.open(path) for path in paths])
-    data = load(paths, drives)
-    return TrainingSet(data, live_features(paths, data), known)
+    recordings = [Recording.open(path) for path in paths]
+    check_sampling(recordings)
+    data = load(recordings, drives)
+    return TrainingSet(data, live_features(recordings, data), known)
 
 
-def load(paths: Sequence[Path], drives: Sequence[str]) -> AlignedDataset:
+def load(recordings: Sequence[Path | Recording], drives: Sequence[str]) -> AlignedDataset:
     """
     Aligned recordings at 200 Hz with the drives whose names fit one of the patterns, or all.
 
     Without some of the drives the robot's supply means nothing to them and is left out.
     """
-    data = load_aligned(paths, rate=200.0)
+    data = load_aligned(recordings, rate=200.0)
     if not drives:
         return data
     chosen = [n for n in data.names if any(fnmatchcase(n, pattern) for pattern in drives)]
@@ -73,7 +74,7 @@ def load(paths: Sequence[Path], drives: Sequence[str]) -> AlignedDataset:
     )
 
 
-def live_features(paths: Sequence[Path], data: AlignedDataset) -> Floats:
+def live_features(recordings: Sequence[Path | Recording], data: AlignedDataset) -> Floats:
     """
     Features [T, D, 3] of the same samples as the live node forms them: unfiltered and causal.
 
@@ -81,7 +82,7 @@ def live_features(paths: Sequence[Path], data: AlignedDataset) -> Floats:
     at that time and the next. So four of them end with the newest joint state, and a live
     estimate is the mean power of the 20 ms that end at its stamp. NaN where there is no next.
     """
-    raw = load_aligned(paths, rate=400.0, smooth=False, drives=data.names)
+    raw = load_aligned(recordings, rate=400.0, smooth=False, drives=data.names)
     x = features(raw)
     index = np.zeros(len(data.time), np.intp)
     for recording in range(len(data.recordings)):

@@ -223,7 +223,7 @@ class Diagnoser:
         return evidence
 
     def _better_neighbour(self, evidence: Evidence, name: str) -> Evidence | None:
-        own = tuple(a for a in evidence.fit.structure.actives if a.name in evidence.names)
+        own = evidence.actives
         active = next(a for a in own if a.name == name)
         for shape in self._other_shapes(active):
             changed = tuple(shape if a.name == name else a for a in own)
@@ -242,11 +242,7 @@ class Diagnoser:
     def _without_idlers(self, evidence: Evidence) -> Evidence:
         """Drop effects that later ones have made superfluous."""
         for name in evidence.names[:-1]:
-            rest = tuple(
-                active
-                for active in evidence.fit.structure.actives
-                if active.name in evidence.names and active.name != name
-            )
+            rest = tuple(active for active in evidence.actives if active.name != name)
             less = self.added(evidence.fit, rest)
             gain = less.mean_mse - evidence.mean_mse
             if len(rest) > 1 and not above_floor(gain, self.floor):
@@ -260,7 +256,7 @@ class Diagnoser:
         if not best.names:
             order = sorted(found.values(), key=lambda screened: screened.loss)
             return [screened.actives for screened in order[:_FINALISTS]]
-        own = tuple(a for a in best.fit.structure.actives if a.name in best.names)
+        own = best.actives
         others = [active for active in self.candidates if active.name not in best.names]
         beside = Bank(self.fitter, self.examiner.folds, best.fit, others)
         extras = sorted(best_shapes(beside).values(), key=lambda screened: screened.loss)

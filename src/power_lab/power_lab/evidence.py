@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from power_estimator.effect_design import Active
 from power_estimator.effect_fit import Fit, Fitter, Normal
 from power_estimator.effect_folds import FOLDS, LEAST_MSE, Folds
 
@@ -19,6 +20,11 @@ class Evidence:
     coefficients: Floats  # [F, D, m], of each fold
     mse: Floats  # W² [B, D], NaN where a drive was not measured
     names: tuple[str, ...]  # effects added to the base
+
+    @property
+    def actives(self) -> tuple[Active, ...]:
+        """The added effects in their shapes."""
+        return tuple(a for a in self.fit.structure.actives if a.name in self.names)
 
     @property
     def loss(self) -> Floats:

@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from power_daq.cli import InputError, command
-from power_daq.recording.card import Card
-from sim_bridge.offline import OfflineRun, write_bag
+from sim_bridge.offline import OfflineRun, write_bench_bag
 from sim_bridge.plant import Plant
 from sim_bridge.robot import JOINT_NAMES
 from sim_bridge.world import stand_world
 
-import sim_bridge
 from power_lab import options as common
 from power_lab.bench_motion import BenchMotion
 from power_lab.challenge import Challenge, unseal
@@ -47,16 +45,15 @@ def main(args: Sequence[str] | None = None) -> int:
         plant = plant.unit(options.unit)
     world = stand_world(drive, motion.stand)
     run = OfflineRun(plant, world, motion, duration=motion.seconds, seed=options.seed)
-    card = Card(
-        robot='bench',
+    write_bench_bag(
+        options.output,
+        run,
         unit=f'challenge {options.challenge.name}' if options.challenge else str(options.unit),
-        drives=run.drives,
         controller=motion.name,
         notes='simulated drive with a pendulum on a stand',
-        software=f'sim_bridge {sim_bridge.__version__}',
         seed=options.seed,
-        other={'plant': plant.name},
+        plant=plant.name,
+        overwrite=options.overwrite,
     )
-    write_bag(options.output, run, card, overwrite=options.overwrite, progress=True)
     print(f'wrote {options.output}: {motion.seconds:.0f} s of {drive}')
     return 0

@@ -45,7 +45,8 @@ def load(paths: Sequence[Path], drives: Sequence[str] = ()) -> Loaded:
     for path in paths:
         if not Path(path).exists():
             raise InputError(f'{path}: no such recording')
-    data = load_aligned(paths, rate=RATE, smooth=False, drives=_in_common(paths))
+    recordings = [Recording.open(Path(path)) for path in paths]
+    data = load_aligned(recordings, rate=RATE, smooth=False, drives=_in_common(recordings))
     measured = data.measured_drives()
     if not measured:
         raise InputError(
@@ -70,18 +71,16 @@ def load(paths: Sequence[Path], drives: Sequence[str] = ()) -> Loaded:
     )
 
 
-def _in_common(paths: Sequence[Path]) -> tuple[str, ...] | None:
+def _in_common(recordings: Sequence[Recording]) -> tuple[str, ...] | None:
     """The joints that all of several recordings have, in the order of the first."""
-    if len(paths) < 2:
+    if len(recordings) < 2:
         return None
-    names = [Recording.open(Path(path)).joint_states().names for path in paths]
+    names = [recording.joint_states().names for recording in recordings]
     common = tuple(name for name in names[0] if all(name in other for other in names))
     if not common:
-        first, other = next((p, n) for p, n in zip(paths, names, strict=True) if n != names[0])
-        raise InputError(
-            f'{paths[0]} ({", ".join(names[0])}) and {first} ({", ".join(other)}) have no joint '
-            'in common'
-        )
+        other = next(i for i, own in enumerate(names) if own != names[0])
+        first, second = (f'{recordings[i].path} ({", ".join(names[i])})' for i in (0, other))
+        raise InputError(f'{first} and {second} have no joint in common')
     return common
 
 

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from power_daq.cli import command
-from power_daq.recording.card import Card
 from rclpy.utilities import remove_ros_args
 
-import sim_bridge
 from sim_bridge.motions import MODES, SHAPES, Motion
-from sim_bridge.offline import OfflineRun, write_bag
+from sim_bridge.offline import OfflineRun, write_bench_bag
 from sim_bridge.robot import JOINT_NAMES
 from sim_bridge.sim_command import load_plant
 from sim_bridge.world import Stand, stand_world
@@ -71,16 +69,15 @@ def main(args: Sequence[str] | None = None) -> int:
     motion = Motion(options.motion, options.mode, options.amplitude, options.frequency)
     world = stand_world(options.drive, Stand(options.inertia, options.mass, options.length))
     run = OfflineRun(plant, world, motion, duration=options.duration, seed=options.seed)
-    card = Card(
-        robot='bench',
+    write_bench_bag(
+        options.output,
+        run,
         unit=str(plant.unit_number),
-        drives=run.drives,
         controller=motion.name,
         notes='simulated drive on a stand',
-        software=f'sim_bridge {sim_bridge.__version__}',
         seed=options.seed,
-        other={'plant': plant.name},
+        plant=plant.name,
+        overwrite=options.overwrite,
     )
-    write_bag(options.output, run, card, overwrite=options.overwrite, progress=True)
     print(f'wrote {options.output}')
     return 0

@@ -2,8 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, field, fields
+from pathlib import Path
 from typing import Any, TypeVar
 
+import yaml
 from power_daq.cli import InputError
 
 T = TypeVar('T')
@@ -26,6 +28,26 @@ def _check_number(value: object, entry: Field[Any], where: str) -> None:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not low <= value <= high:  # type: ignore[operator]
         raise InputError(f'{where} is {value!r}; it must lie in {low:g}..{high:g} {unit}'.rstrip())
+
+
+def read_named(source: Path | str, shipped: Path, what: str) -> object:
+    """
+    Content of a YAML file, or of a shipped one by name.
+
+    InputError names what could not be read and what is shipped.
+    """
+    path = Path(source)
+    if not path.suffix and not path.exists():
+        path = shipped / f'{source}.yaml'
+    try:
+        return yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        names = ', '.join(sorted(item.stem for item in shipped.glob('*.yaml')))
+        raise InputError(
+            f'cannot read {what} {str(source)!r} ({error.strerror}); shipped are {names}'
+        ) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f'{what} {str(source)!r} is no YAML: {error}'.split('\n')[0]) from error
 
 
 def from_mapping(kind: type[T], values: object, where: str) -> T:

@@ -138,6 +138,31 @@ def run_offline(
     return output
 
 
+def write_bench_bag(
+    output: Path,
+    run: OfflineRun,
+    *,
+    unit: str,
+    controller: str,
+    notes: str,
+    seed: int,
+    plant: str,
+    overwrite: bool = False,
+) -> None:
+    """Write a run of one drive on the bench with its card, progress on the screen."""
+    card = Card(
+        robot='bench',
+        unit=unit,
+        drives=run.drives,
+        controller=controller,
+        notes=notes,
+        software=f'sim_bridge {sim_bridge.__version__}',
+        seed=seed,
+        other={'plant': plant},
+    )
+    write_bag(output, run, card, overwrite=overwrite, progress=True)
+
+
 def write_bag(
     output: Path,
     run: OfflineRun,

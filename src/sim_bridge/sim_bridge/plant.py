@@ -14,7 +14,7 @@ import yaml
 from numpy.typing import NDArray
 from power_daq.cli import InputError
 
-from sim_bridge.bounded import bounded, check, from_mapping
+from sim_bridge.bounded import bounded, check, from_mapping, read_named
 from sim_bridge.effects import Effect, Effects
 
 Floats = NDArray[np.float64]
@@ -226,21 +226,7 @@ class Plant:
     @classmethod
     def load(cls, source: Path | str) -> 'Plant':
         """Read a plant file, or a shipped plant by name; InputError says what is wrong in it."""
-        path = Path(source)
-        if not path.suffix and not path.exists():
-            path = PLANTS / f'{source}.yaml'
-        try:
-            values = yaml.safe_load(path.read_text(encoding='utf-8'))
-        except OSError as error:
-            shipped = ', '.join(sorted(item.stem for item in PLANTS.glob('*.yaml')))
-            raise InputError(
-                f'cannot read plant {str(source)!r} ({error.strerror}); shipped are {shipped}'
-            ) from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise InputError(
-                f'plant {str(source)!r} is no YAML: {error}'.split('\n')[0]
-            ) from error
-        return cls.parse(values)
+        return cls.parse(read_named(source, PLANTS, 'plant'))
 
     @classmethod
     def parse(cls, values: object) -> 'Plant':

@@ -65,7 +65,7 @@ def align(
 
 
 def load_aligned(
-    paths: Sequence[Path],
+    recordings: Sequence[Path | Recording],
     *,
     rate: float = 200.0,
     smooth: bool = True,
@@ -75,18 +75,21 @@ def load_aligned(
     """
     Several recordings, aligned as by `align` and joined; segments and recordings stay apart.
 
+    Paths are opened one after the other; what is open already is not read again.
     Raises InputError where `align` does, and for recordings of different joints unless `drives`
     says which to take.
     """
-    if not paths:
+    if not recordings:
         raise InputError('no recording given')
     parts: list[AlignedDataset] = []
-    for path in paths:
-        recording = Recording.open(Path(path))
+    first = ''
+    for given in recordings:
+        recording = given if isinstance(given, Recording) else Recording.open(Path(given))
+        first = first or str(recording.path)
         part = align(recording, rate=rate, smooth=smooth, drives=drives, need_power=need_power)
         if parts and set(part.names) != set(parts[0].names):
             raise InputError(
-                f'{paths[0]} has the joints {", ".join(parts[0].names)}, but {path} has '
+                f'{first} has the joints {", ".join(parts[0].names)}, but {recording.path} has '
                 f'{", ".join(part.names)}: name those to take'
             )
         parts.append(part.drives(parts[0].names) if parts else part)
