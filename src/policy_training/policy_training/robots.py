@@ -7,7 +7,6 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 from policy_runner.trot import TARGET_LIMITS
-from scipy.ndimage import maximum_filter
 from sim_bridge.plant import Plant
 from sim_bridge.robot import (
     DEFAULT_POSE,
@@ -15,19 +14,19 @@ from sim_bridge.robot import (
     JOINT_NAMES,
     LEGS,
     STANDING_HEIGHT,
-    build_model,
+    build_spec,
 )
 from sim_bridge.sensors import into_base
 from sim_bridge.terrain import Terrain
 
 from policy_training.config import PhysicsConfig, RandomConfig
 from policy_training.drives import BatchDrives
+from policy_training.ground import Ground, add_planes
 
 Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]
 
 _DOWN: Final = np.array([0.0, 0.0, -1.0])
-_RIM: Final = 8.0  # m of the ground's edge where nobody starts
 _LIMBS: Final = tuple(f'{leg}_{part}' for leg in LEGS for part in ('THIGH', 'SHANK'))
 _MOST_TILT: Final = 1.0  # rad
 _LEAST_HEIGHT: Final = 0.25  # m, base over the lowest foot
@@ -79,10 +78,11 @@ class Robots:
             extent=physics.extent,
             seed=int(random.integers(2**31)),
         )
-        self._ground = _Ground(terrain)
-        model = build_model(terrain, timestep=physics.timestep, contact_sensors=True)
-        self._batch = Batch(model, count, physics.threads)
-        batch = self._batch
+        spec = build_spec(timestep=physics.timestep, contact_sensors=True)
+        add_planes(spec, friction=1.0)
+        model = spec.compile()
+        batch = self._batch = Batch(model, count, physics.threads)
+        self._ground = Ground(terrain, model, batch)
         plant = Plant.load(physics.plant)
         self.drives = BatchDrives(plant, count, physics.timestep, spread, random)
         self._damping = batch.expand('dof_damping')
@@ -116,10 +116,10 @@ class Robots:
         """Put some robots down somewhere, in a random pose and in motion."""
         random, spread, count = self._random, self._spread, len(ids)
         pose = DEFAULT_POSE * random.uniform(1 - spread.pose, 1 + spread.pose, (count, 12))
-        where = random.uniform(-self._ground.reach, self._ground.reach, (count, 2))
+        where = random.uniform(-self._ground.relief.reach, self._ground.relief.reach, (count, 2))
         heading = random.uniform(-np.pi, np.pi, count)
         self._qpos[ids, :2] = where
-        self._qpos[ids, 2] = self._ground.above(where) + STANDING_HEIGHT + 0.04
+        self._qpos[ids, 2] = self._ground.relief.above(where) + STANDING_HEIGHT + 0.04
         self._qpos[ids, 3:7] = 0.0
         self._qpos[ids, 3], self._qpos[ids, 6] = np.cos(heading / 2), np.sin(heading / 2)
         self._qpos[ids, 7:] = pose
@@ -127,6 +127,8 @@ class Robots:
         self._qvel[ids, :6] = random.uniform(-spread.velocity, spread.velocity, (count, 6))
         self._warm[ids] = 0.0
         self.drives.start(ids, pose)
+        self._batch.forward(ids=np.sort(ids))
+        self._ground.follow(self._soles[:, self._sole_ids])
         self._batch.forward(ids=np.sort(ids))
 
     def push(self, ids: NDArray[np.intp]) -> None:
@@ -145,6 +147,7 @@ class Robots:
             self._damping[:, 6:] = damping
             self._control[:] = motor
             before = velocity.copy()
+            self._ground.follow(self._soles[:, self._sole_ids])
             self._batch.step()
             squares += motor * motor
             self.substeps.append(
@@ -177,25 +180,6 @@ class Robots:
             | (gravity[:, 2] > -np.cos(_MOST_TILT))
             | (qpos[:, 2] - lowest < _LEAST_HEIGHT),
         )
-
-
-class _Ground:
-    """How high the ground is around a place."""
-
-    def __init__(self, terrain: Terrain) -> None:
-        heights = np.zeros((3, 3)) if terrain.is_flat else terrain.heights()
-        span = round(0.8 / terrain.cell) | 1
-        self._highest = heights if terrain.is_flat else maximum_filter(heights, size=span)
-        self._half = terrain.extent / 2
-        self._cells = len(heights) - 1
-        self.reach = self._half - _RIM
-
-    def above(self, where: Floats) -> Floats:
-        """Highest ground near places x, y in m [N, 2], m [N]."""
-        index = np.rint((where + self._half) / (2 * self._half) * self._cells).astype(int)
-        column, row = np.clip(index, 0, self._cells).T
-        height: Floats = self._highest[row, column]
-        return height
 
 
 JOINTS: Final = JOINT_NAMES

@@ -57,7 +57,31 @@ def build_model(
     contact_sensors: bool = False,
 ) -> mujoco.MjModel:
     """
-    Build ANYmal C standing on a terrain, with a torque actuator per joint in JOINT_NAMES' order.
+    Compile `build_spec`.
+
+    Raises ValueError where it does.
+    """
+    return build_spec(
+        terrain,
+        armature=armature,
+        payload=payload,
+        friction=friction,
+        timestep=timestep,
+        contact_sensors=contact_sensors,
+    ).compile()
+
+
+def build_spec(
+    terrain: Terrain = FLAT,
+    *,
+    armature: float = ARMATURE,
+    payload: float = 0.0,
+    friction: float = 0.8,
+    timestep: float = TIMESTEP,
+    contact_sensors: bool = False,
+) -> mujoco.MjSpec:
+    """
+    ANYmal C standing on a terrain, with a torque actuator per joint in JOINT_NAMES' order.
 
     armature: inertia of rotor and gears at the joint, kg·m². payload: kg added at the base's
     origin. friction: sliding friction of the ground. Actuators neither limit nor dampen; the
@@ -89,7 +113,7 @@ def build_model(
     spec.add_key(
         name='default', qpos=[0.0, 0.0, STANDING_HEIGHT, 1.0, 0.0, 0.0, 0.0, *DEFAULT_POSE]
     )
-    return spec.compile()
+    return spec
 
 
 class FootForce:
