@@ -7,7 +7,16 @@ setup(
     version='0.1.0',
     packages=find_packages(exclude=['test']),
     include_package_data=True,
-    package_data={package_name: ['**/*.yaml', '**/*.dbc', '**/*.safetensors', '**/py.typed']},
+    package_data={
+        package_name: [
+            '**/*.yaml',
+            '**/*.dbc',
+            '**/*.safetensors',
+            '**/py.typed',
+            '**/*.css',
+            '**/*.js',
+        ]
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
@@ -24,6 +33,8 @@ setup(
         'python-can',
         'cantools',
         'rich',
+        'matplotlib',
+        'plotly',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,

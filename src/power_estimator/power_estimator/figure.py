@@ -1,21 +1,16 @@
 """Pictures of measured and estimated power, after Figures 3 and 4 of the paper."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from power_daq.cli import InputError
-from power_daq.recording.files import advice
+from power_daq.pictures import OTHERS, save_figure, style
 
 from power_estimator.traces import Traces
 
-OTHERS = ('#E69F00', '#009E73', '#CC79A7', '#D55E00', '#999999')
 LABELS = {
     'ppn': 'PPN',
     'torque_squared': 'torque²',
@@ -26,8 +21,6 @@ LABELS = {
     'plain': 'shaft + copper\nloss + idle',
 }
 _ESTIMATE = {False: '#0072B2', True: '#56B4E9'}  # by dark
-_LIGHT = {'figure.facecolor': '#ffffff', 'axes.facecolor': '#ffffff', 'text.color': '#1a1a1a'}
-_DARK = {'figure.facecolor': '#1c1f24', 'axes.facecolor': '#1c1f24', 'text.color': '#e8e8e8'}
 
 
 def draw_traces(path: Path, traces: Traces, *, dark: bool = False) -> None:
@@ -121,38 +114,3 @@ def _panel(axis: Axes, title: str) -> None:
     axis.legend(loc='upper right', ncols=4, frameon=False, fontsize=8)
     low, high = axis.get_ylim()
     axis.set_ylim(low, high + 0.18 * (high - low))
-
-
-@contextmanager
-def style(dark: bool) -> Iterator[str]:
-    """Colours and lines of all pictures; gives the colour of text and measurements."""
-    colours = _DARK if dark else _LIGHT
-    ink = colours['text.color']
-    settings: Any = {
-        **colours,
-        **dict.fromkeys(('axes.labelcolor', 'xtick.color', 'ytick.color', 'axes.edgecolor'), ink),
-        'font.size': 10,
-        'axes.spines.top': False,
-        'axes.spines.right': False,
-        'axes.grid': True,
-        'axes.axisbelow': True,
-        'grid.color': ink,
-        'grid.alpha': 0.12,
-        'savefig.facecolor': colours['figure.facecolor'],
-    }
-    with mpl.rc_context(settings):
-        yield ink
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a picture whole or not at all; InputError if it cannot be written."""
-    FigureCanvasAgg(figure)
-    temporary = path.with_name(f'.part-{path.name}')
-    try:
-        figure.savefig(temporary, dpi=150)
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f'cannot write {path}: {advice(error)}') from None
-    except ValueError as error:
-        raise InputError(f'{path}: {error}') from None

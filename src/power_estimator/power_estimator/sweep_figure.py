@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from power_daq.pictures import OTHERS, save_figure, style
 
-from power_estimator.figure import OTHERS, save_figure, style
 from power_estimator.sweep import CHOSEN, Result
 
 

@@ -1,26 +1,16 @@
-"""Plots of the report as plotly figures; colours are stand-ins for those of the page's style."""
+"""Plots of the report as plotly figures."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
+from power_daq.pages.looks import COLORS, Figure, finished, short
 
 from power_lab.regimes import UNITS, bins
 
 Floats = NDArray[np.float64]
-Figure = dict[str, Any]
-
-COLORS = {
-    name: f'#00000{digit}'
-    for digit, name in enumerate(
-        ('measured', 'base', 'better', 'third', 'text', 'faint', 'line', 'grid', 'ground'), start=1
-    )
-}
-"""Stand-ins that the page replaces by its own colours, light or dark."""
-
 LINES = (COLORS['base'], COLORS['better'], COLORS['third'])
 _SPAN = 12.0  # s shown of a recording
 _RATE = 50.0  # Hz
@@ -72,9 +62,9 @@ def torque_speed_map(torque: Floats, velocity: Floats, residual: Floats, limit: 
         mean = np.where(rows >= 5, sums / rows, np.nan)
     figure = go.Figure(
         go.Heatmap(
-            x=_short(_middles(edges[0])),
-            y=_short(_middles(edges[1])),
-            z=_short(mean),
+            x=short(_middles(edges[0])),
+            y=short(_middles(edges[1])),
+            z=short(mean),
             zmin=-limit,
             zmax=limit,
             colorscale=_DIVERGING,
@@ -99,8 +89,8 @@ def error_over(
         middles = [0.5 * (b.low + b.high) for b in found]
         figure.add_trace(
             go.Scatter(
-                x=_short(middles),
-                y=_short([b.mean for b in found]),
+                x=short(middles),
+                y=short([b.mean for b in found]),
                 name=name,
                 mode='lines+markers',
                 line={'color': color, 'width': 2},
@@ -123,7 +113,7 @@ def error_by(groups: Mapping[str, NDArray[np.bool_]], residuals: Mapping[str, Fl
             own = residual[mask & np.isfinite(residual)]
             values.append(float(np.sqrt(np.mean(np.square(own)))) if own.size else 0.0)
         figure.add_trace(
-            go.Bar(x=list(groups), y=_short(values), name=name, marker={'color': color})
+            go.Bar(x=list(groups), y=short(values), name=name, marker={'color': color})
         )
     figure.update_yaxes(title_text='RMS error in W', rangemode='tozero')
     figure.update_layout(barmode='group')
@@ -136,7 +126,7 @@ def candidates(names: Sequence[str], falls: Sequence[float], chosen: Sequence[bo
     figure = go.Figure(
         go.Bar(
             y=list(names)[::-1],
-            x=_short(list(falls)[::-1]),
+            x=short(list(falls)[::-1]),
             orientation='h',
             marker={'color': colors[::-1]},
             hovertemplate='%{y}: %{x} W<extra></extra>',
@@ -157,7 +147,7 @@ def staircase(
     figure = go.Figure(
         go.Bar(
             x=list(steps),
-            y=_short(errors),
+            y=short(errors),
             text=[f'{error:.2f} W' for error in errors],
             textposition='outside',
             cliponaxis=False,
@@ -183,34 +173,6 @@ def staircase(
     return finished(figure)
 
 
-def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
-    """Common looks, as a plain mapping."""
-    axis = {
-        'gridcolor': COLORS['grid'],
-        'zerolinecolor': COLORS['line'],
-        'linecolor': COLORS['line'],
-        'tickfont': {'size': 12},
-        'title': {'font': {'size': 13}, 'standoff': 8},
-    }
-    figure.update_xaxes(axis)
-    figure.update_yaxes(axis)
-    figure.update_layout(
-        template='none',
-        paper_bgcolor='rgba(0,0,0,0)',
-        plot_bgcolor='rgba(0,0,0,0)',
-        font={'color': COLORS['text'], 'family': 'system-ui, "DejaVu Sans", sans-serif'},
-        margin={'l': 56, 'r': 14, 't': 30 if legend else 12, 'b': 46},
-        showlegend=legend,
-        legend={'orientation': 'h', 'x': 0, 'y': 1.0, 'yanchor': 'bottom'},
-        hovermode='closest',
-        dragmode='zoom',
-        hoverlabel={'font': {'size': 12}},
-        modebar={'bgcolor': 'rgba(0,0,0,0)', 'color': COLORS['faint']},
-    )
-    plain: Figure = figure.to_plotly_json()
-    return {'data': list(plain['data']), 'layout': plain['layout']}
-
-
 _DIVERGING = [
     [0.0, '#2166ac'],
     [0.25, '#67a9cf'],
@@ -224,8 +186,8 @@ def _line(
     x: Floats, y: Floats, name: str, color: str, *, width: float = 1.4, legend: bool = True
 ) -> go.Scatter:
     return go.Scatter(
-        x=_short(x),
-        y=_short(y),
+        x=short(x),
+        y=short(y),
         name=name,
         mode='lines',
         showlegend=legend,
@@ -241,10 +203,3 @@ def _edges(values: Floats) -> Floats:
 
 def _middles(edges: Floats) -> Floats:
     return 0.5 * (edges[1:] + edges[:-1])
-
-
-def _short(values: Any) -> Any:
-    """Four digits, None for what is not finite, so that the page stays small."""
-    if isinstance(values, np.ndarray) and values.ndim == 2:
-        return [_short(row) for row in values]
-    return [float(f'{v:.4g}') if np.isfinite(v) else None for v in np.asarray(values).tolist()]

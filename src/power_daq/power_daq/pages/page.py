@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from plotly.offline import get_plotlyjs
-from power_daq.recording.files import write_whole
 
-from power_lab.report.figures import COLORS, Figure
+from power_daq.pages.looks import COLORS, Figure
+from power_daq.recording.files import write_whole
 
 _HERE = Path(__file__).parent
 _POLICY = (

@@ -1,0 +1,1 @@
+"""Offline HTML pages: their bones, and the looks of their plots."""
