@@ -12,7 +12,7 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=['setuptools', 'numpy', 'mujoco', 'pyyaml', 'rich'],
+    install_requires=['setuptools', 'numpy', 'scipy', 'mujoco', 'pyyaml', 'rich', 'soundfile'],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='wattwalk maintainers',
@@ -27,6 +27,8 @@ setup(
             'sim = sim_bridge.sim_node:main',
             'bench = sim_bridge.bench_command:main',
             'record = sim_bridge.record_command:main',
+            'sound = sim_bridge.sound_command:main',
+            'supply_instrument = sim_bridge.supply_instrument:main',
         ],
     },
 )

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -20,10 +19,11 @@ from power_daq.bus.description import BusDescription
 from power_daq.calibration import Calibration
 from power_daq.cli import command
 from power_daq.clock_mapping import RosTime
-from power_daq.health import Health, Level, Report
+from power_daq.health import Health
 from power_daq.parameters import DeviceParameters
 from power_daq.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
 from power_daq.receiver import Receiver, Sample
+from power_daq.reporting import Reporter
 from power_daq.spinning import spin
 
 _PERIOD = 1.0
@@ -74,8 +74,7 @@ class DaqNode(Node):
             receiver, settings.open, self._queue.put, self.get_logger().warning
         )
         self._health = Health(self._acquisition, self._queue, bus, settings)
-        self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
-        self._said = Level.OK
+        self._reporter = Reporter(self, 'bus', f'{settings.interface} {settings.channel}')
         self.create_timer(_PERIOD, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._publishing.start()
         self._acquisition.start()
@@ -114,27 +113,7 @@ class DaqNode(Node):
         if self._acquisition.failed or self._publishing.failed:
             self.stop()
             return
-        report = self._health.report(time.monotonic())
-        self._log_change(report)
-        status = DiagnosticStatus(
-            level=bytes([report.level]),
-            name=f'{self.get_name()}: bus',
-            message=report.sentence,
-            hardware_id=report.figures['bus'],
-            values=[KeyValue(key=key, value=value) for key, value in report.figures.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
-
-    def _log_change(self, report: Report) -> None:
-        """Log a fault when it begins, once in ten seconds while it lasts, and when it ends."""
-        logger = self.get_logger()
-        if report.level is not Level.OK:
-            logger.warning(report.sentence, throttle_duration_sec=10.0)
-        elif self._said is not Level.OK:
-            logger.info(report.sentence)
-        self._said = report.level
+        self._reporter.say(self._health.report(time.monotonic()))
 
     def stop(self) -> None:
         """End both threads, publish what is left; raises what one of them failed by."""

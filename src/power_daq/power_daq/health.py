@@ -1,12 +1,11 @@
 """How the acquisition does, in a sentence and in figures, for `diagnostics`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from enum import IntEnum
 
 from power_daq.acquisition import Acquisition, BusState, SampleQueue
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
+from power_daq.reporting import Level, Report
 
 _RATE_SLACK = 0.02
 _NAMED = 4
@@ -14,23 +13,6 @@ _FAULTS = (
     *(' lost', ' missing', ' jumps', ' duplicates', ' dropped unpublished'),
     *('error frames', 'wrong length', 'unknown', 'steps of the system clock'),
 )
-
-
-class Level(IntEnum):
-    """Levels of diagnostic_msgs/DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-
-
-@dataclass(frozen=True)
-class Report:
-    """Level, a sentence that gives the reason, and figures by name."""
-
-    level: Level
-    sentence: str
-    figures: Mapping[str, str]
 
 
 class Health:

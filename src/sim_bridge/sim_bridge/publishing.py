@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
+from power_daq.supply.battery import empty_battery
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -86,16 +87,6 @@ class SamplePublisher:
     def _stamps(self, step: NDArray[np.int64]) -> list[tuple[int, int]]:
         stamps = self.start_ns + self._clock.elapsed_ns(step)
         return [divmod(stamp, _SECOND) for stamp in stamps.tolist()]
-
-
-def empty_battery() -> BatteryState:
-    """A supply of which voltage and current are measured and nothing else."""
-    message = BatteryState()
-    for name in ('temperature', 'charge', 'capacity', 'design_capacity', 'percentage'):
-        setattr(message, name, float('nan'))
-    message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
-    message.present = True
-    return message
 
 
 def _assign(target: object, names: str, values: NDArray[np.float64]) -> None:

@@ -1,0 +1,53 @@
+"""How a device does, in a sentence and in figures, on `diagnostics` and in the log."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+
+class Level(IntEnum):
+    """Levels of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+@dataclass(frozen=True)
+class Report:
+    """Level, a sentence that gives the reason, and figures by name."""
+
+    level: Level
+    sentence: str
+    figures: Mapping[str, str]
+
+
+class Reporter:
+    """Publishes the reports on one part of a node, under the name `node: part`."""
+
+    def __init__(self, node: Node, part: str, hardware_id: str) -> None:
+        self._node, self._part, self._hardware = node, part, hardware_id
+        self._publisher = node.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        self._said = Level.OK
+
+    def say(self, report: Report) -> None:
+        """Publish; log a fault when it begins, once in 10 s while it lasts, and when it ends."""
+        logger = self._node.get_logger()
+        if report.level is not Level.OK:
+            logger.warning(report.sentence, throttle_duration_sec=10.0)
+        elif self._said is not Level.OK:
+            logger.info(report.sentence)
+        self._said = report.level
+        status = DiagnosticStatus(
+            level=bytes([report.level]),
+            name=f'{self._node.get_name()}: {self._part}',
+            message=report.sentence,
+            hardware_id=self._hardware,
+            values=[KeyValue(key=key, value=value) for key, value in report.figures.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)

@@ -1,0 +1,43 @@
+"""A supply as sensor_msgs/BatteryState: current is negative while it is drawn from."""
+
+from math import nan
+
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import BatteryState
+
+from power_daq.supply.reading import Reading
+
+_S = 1_000_000_000
+
+
+def empty_battery() -> BatteryState:
+    """A supply of which voltage and current are measured and nothing else."""
+    message = BatteryState()
+    for name in ('temperature', 'charge', 'capacity', 'design_capacity', 'percentage'):
+        setattr(message, name, nan)
+    message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+    message.present = True
+    return message
+
+
+class BatteryPublisher:
+    """Publishes readings; one message is used again and again, publishing serialises it."""
+
+    def __init__(self, publisher: Publisher, frame_id: str, location: str) -> None:
+        self._publisher = publisher
+        self._message = empty_battery()
+        self._message.header.frame_id = frame_id
+        self._message.location = location
+
+    def publish(self, reading: Reading, serial_number: str) -> None:
+        """Publish a reading, with the sign of a battery."""
+        message = self._message
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(reading.stamp, _S)
+        message.voltage, message.current = reading.voltage, -reading.current
+        message.serial_number = serial_number
+        message.power_supply_status = (
+            BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+            if reading.current >= 0
+            else BatteryState.POWER_SUPPLY_STATUS_CHARGING
+        )
+        self._publisher.publish(message)

@@ -1,0 +1,173 @@
+"""The connection to a bench supply: questions and answers over a TCP socket, by pyvisa."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+import pyvisa
+from pyvisa.constants import BufferOperation
+from pyvisa.errors import VisaIOError
+from pyvisa.resources import MessageBasedResource
+
+from power_daq.cli import InputError
+from power_daq.supply.answers import (
+    AnswerError,
+    Identity,
+    Measured,
+    ScpiError,
+    identity,
+    measured,
+    quantity,
+    scpi_error,
+)
+
+_MS = 1000
+_HEADROOM = 1.1
+_MOST_ERRORS = 16
+_MOST_LINES = 16
+_LOST = (VisaIOError, OSError)
+
+
+class LostError(Exception):
+    """No answer within the time limit, or no connection; the message says which."""
+
+
+@dataclass(frozen=True)
+class InstrumentSettings:
+    """
+    Where the supply is and how it is asked.
+
+    timeout: s until an answer counts as missing; separate: ask for voltage and current one after
+    the other, of supplies that do not know `MEAS:ARR?`.
+    """
+
+    host: str
+    port: int = 5025
+    timeout: float = 0.5
+    separate: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.host or '::' in self.host or any(c.isspace() for c in self.host):
+            raise InputError(
+                f'host is {self.host!r}; give the name or IPv4 address of the supply, such as '
+                '-p host:=192.168.0.42'
+            )
+
+    @property
+    def resource(self) -> str:
+        """VISA's name of the instrument."""
+        return f'TCPIP::{self.host}::{self.port}::SOCKET'
+
+
+class Instrument:
+    """
+    A supply that answers.
+
+    Only `tell` changes anything in it, and nothing but `output.switch_on` calls that. Methods
+    raise LostError where the connection can no longer be used, AnswerError where an answer
+    is none to the question.
+    """
+
+    def __init__(self, settings: InstrumentSettings) -> None:
+        """Connect, identify and ask for the ratings."""
+        self.settings = settings
+        self._manager = pyvisa.ResourceManager('@py')
+        try:
+            self._resource = self._connect()
+            self.identity: Identity = identity(self.ask('*IDN?'))
+            self.rated_voltage = self._rating('SYST:NOM:VOLT?', 'V')
+            self.rated_current = self._rating('SYST:NOM:CURR?', 'A')
+            self.errors()
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self) -> MessageBasedResource:
+        settings = self.settings
+        options: dict[str, Any] = {
+            'open_timeout': round(_MS * max(settings.timeout, 1.0)),
+            'timeout': round(_MS * settings.timeout),
+            'read_termination': '\n',
+            'write_termination': '\n',
+        }
+        try:
+            resource = self._manager.open_resource(settings.resource, **options)
+        except Exception as error:  # pyvisa-py raises a bare Exception where nobody answers
+            raise LostError(f'{settings.host}:{settings.port} does not answer') from error
+        if not isinstance(resource, MessageBasedResource):
+            raise LostError(f'{settings.resource} is no socket')
+        return resource
+
+    def close(self) -> None:
+        """Leave the instrument as it is."""
+        with suppress(*_LOST):
+            self._manager.close()
+
+    def tell(self, command: str) -> None:
+        """Send a command that has no answer."""
+        try:
+            self._resource.flush(BufferOperation.discard_read_buffer_no_io)
+            self._resource.write(command)
+        except _LOST as error:
+            raise LostError(f'connection lost at {command}: {_reason(error)}') from error
+
+    def ask(self, question: str) -> str:
+        """The line that answers a question."""
+        self.tell(question)
+        return self._line(question)
+
+    def _line(self, question: str) -> str:
+        try:
+            return str(self._resource.read(encoding='ascii')).rstrip('\r')
+        except UnicodeDecodeError as error:
+            raise AnswerError(repr(error.object), 'ASCII') from error
+        except _LOST as error:
+            raise LostError(f'no answer to {question}: {_reason(error)}') from error
+
+    def measure(self) -> Measured:
+        """Voltage, current and power now; AnswerError also for values beyond the ratings."""
+        if self.settings.separate:
+            voltage = quantity(self.ask('MEAS:VOLT?'), 'V')
+            found = Measured(voltage, quantity(self.ask('MEAS:CURR?'), 'A'), None)
+        else:
+            found = measured(self.ask('MEAS:ARR?'))
+        for value, rated, unit in (
+            (found.voltage, self.rated_voltage, 'V'),
+            (found.current, self.rated_current, 'A'),
+        ):
+            if abs(value) > _HEADROOM * rated:
+                raise AnswerError(f'{value:g} {unit}', f'at most {_HEADROOM:g} · {rated:g} {unit}')
+        return found
+
+    def errors(self) -> list[ScpiError]:
+        """Empty the error queue; what was in it, oldest first."""
+        found: list[ScpiError] = []
+        while len(found) < _MOST_ERRORS:
+            error = scpi_error(self.ask('SYST:ERR?'))
+            if not error.code:
+                break
+            found.append(error)
+        return found
+
+    def resynchronise(self) -> None:
+        """Throw away lines until the identity comes, so that answers belong to questions again."""
+        self.tell('*IDN?')
+        for _ in range(_MOST_LINES):
+            with suppress(AnswerError):
+                if identity(self._line('*IDN?')) == self.identity:
+                    return
+        raise LostError(f'{_MOST_LINES} lines came and none was the answer to *IDN?')
+
+    def _rating(self, question: str, unit: str) -> float:
+        """Rated value; infinite for a supply that does not tell it in this unit."""
+        try:
+            return quantity(self.ask(question), unit)
+        except AnswerError:
+            return inf
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, VisaIOError):
+        return error.description.rstrip('.').lower()
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -1,0 +1,210 @@
+"""The thread that asks a bench supply at a fixed rate, and connects again when it goes."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from power_daq.clock_mapping import RosTime
+from power_daq.supply.answers import AnswerError, Identity, Measured, ScpiError
+from power_daq.supply.instrument import Instrument, LostError
+from power_daq.supply.reading import Reading
+
+_log = logging.getLogger(__name__)
+_S = 1_000_000_000
+_CHECK = 1.0
+
+
+@dataclass(frozen=True)
+class Retry:
+    """Pauses in s between attempts to connect: each twice the one before, up to the last."""
+
+    first: float = 0.1
+    last: float = 5.0
+
+
+@dataclass
+class PollCounts:
+    """What happened since the start; all but readings and connections are faults."""
+
+    readings: int = 0
+    connections: int = 0
+    connections_lost: int = 0
+    not_an_answer: int = 0
+    power_disagrees: int = 0
+    instrument_errors: int = 0
+
+
+@dataclass
+class PollState:
+    """What is known of the instrument now; absence is why it is not there, empty if it is."""
+
+    identity: Identity | None = None
+    absence: str = 'not connected yet'
+    last_errors: Sequence[ScpiError] = ()
+    last_garbage: str = ''
+    worst_round_trip: float = 0.0
+    counts: PollCounts = field(default_factory=PollCounts)
+
+
+class Poller:
+    """
+    Asks `rate` times a second; each answer goes to the sink once, or nowhere.
+
+    Readings belong to slots of 1/rate s. A slot without an answer is lost, and never made up
+    for: neither repeated nor filled by two questions in a row. connect may raise LostError
+    or AnswerError: it is tried again with growing pauses. prepare is called with the first
+    connection only. Anything else that is raised in the thread ends it, and comes out of `join`.
+    """
+
+    def __init__(
+        self,
+        connect: Callable[[], Instrument],
+        sink: Callable[[Reading], None],
+        rate: float,
+        report: Callable[[str], None] = _log.warning,
+        retry: Retry | None = None,
+        prepare: Callable[[Instrument], None] | None = None,
+        ros_time: RosTime | None = None,
+    ) -> None:
+        self.state = PollState()
+        self._connect, self._sink, self._report = connect, sink, report
+        self._retry = retry or Retry()
+        self._prepare = prepare
+        self._period = 1.0 / rate
+        self.ros_time = ros_time or RosTime()
+        self._start: float | None = None
+        self._lost = 0
+        self._next_check = 0.0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='supply', daemon=True)
+        self._error: BaseException | None = None
+
+    def start(self) -> None:
+        """Begin to ask."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask the thread to end; it does so after the question under way."""
+        self._stop.set()
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait for the thread to end; raises what ended it."""
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+        if self._error is not None:
+            raise self._error
+
+    @property
+    def failed(self) -> bool:
+        """Whether the thread has ended by an exception."""
+        return self._error is not None
+
+    @property
+    def lost(self) -> int:
+        """Slots without a reading since the first reading."""
+        if self._start is None:
+            return 0
+        ended = int((time.monotonic() - self._start) / self._period) - 1
+        self._lost = max(self._lost, ended - self.state.counts.readings)
+        return self._lost
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                self._serve_once()
+        except BaseException as error:
+            self._error = error
+
+    def _serve_once(self) -> None:
+        instrument = self._wait_for_instrument()
+        if instrument is None:
+            return
+        state = self.state
+        try:
+            if self._prepare is not None:
+                self._prepare(instrument)
+                self._prepare = None
+            state.identity, state.absence = instrument.identity, ''
+            state.counts.connections += 1
+            who = instrument.identity
+            self._report(f'reading {who.model} of {who.maker}, serial number {who.serial}')
+            self._read(instrument)
+        except (LostError, AnswerError) as error:
+            state.counts.connections_lost += 1
+            state.absence = str(error)
+            self._report(f'supply lost, will try again: {error}')
+            self._stop.wait(self._retry.first)
+        finally:
+            instrument.close()
+
+    def _wait_for_instrument(self) -> Instrument | None:
+        pause = self._retry.first
+        while not self._stop.is_set():
+            try:
+                return self._connect()
+            except (LostError, AnswerError) as error:
+                if str(error) != self.state.absence:
+                    self._report(f'supply absent, will try again: {error}')
+                self.state.absence = str(error)
+            self._stop.wait(pause)
+            pause = min(2 * pause, self._retry.last)
+        return None
+
+    def _read(self, instrument: Instrument) -> None:
+        if self._start is None:
+            self._start = time.monotonic()
+        self._next_check = time.monotonic() + _CHECK
+        slot = self._slot()
+        while not self._stop.wait(self._start + slot * self._period - time.monotonic()):
+            try:
+                self._take(instrument)
+                self._check(instrument)
+            except AnswerError as error:
+                self.state.counts.not_an_answer += 1
+                self.state.last_garbage = str(error)
+                instrument.resynchronise()
+            slot = max(slot + 1, self._slot())
+
+    def _slot(self) -> int:
+        """Index of the slot that begins next."""
+        assert self._start is not None
+        return -int(-(time.monotonic() - self._start) // self._period)
+
+    def _take(self, instrument: Instrument) -> None:
+        before = time.monotonic_ns()
+        found = instrument.measure()
+        after = time.monotonic_ns()
+        self.ros_time.follow(after)
+        middle = (before + after) // 2
+        trip = (after - before) / _S
+        state = self.state
+        state.worst_round_trip = max(state.worst_round_trip, trip)
+        state.counts.readings += 1
+        state.counts.power_disagrees += _disagrees(found)
+        stamp = self.ros_time.of(middle)
+        self._sink(Reading(stamp, middle, found.voltage, found.current, found.power, trip))
+
+    def _check(self, instrument: Instrument) -> None:
+        """Empty the error queue once a second; an answer out of step shows here as well."""
+        if time.monotonic() < self._next_check:
+            return
+        self._next_check += _CHECK
+        errors = instrument.errors()
+        if errors:
+            self.state.counts.instrument_errors += len(errors)
+            self.state.last_errors = errors
+
+    def take_worst_round_trip(self) -> float:
+        """Longest round trip since the last call, s."""
+        worst, self.state.worst_round_trip = self.state.worst_round_trip, 0.0
+        return worst
+
+
+def _disagrees(found: Measured) -> bool:
+    """Whether the supply's own power is far from V·I, as it is not even while a load steps."""
+    if found.power is None:
+        return False
+    product = found.voltage * found.current
+    return abs(found.power - product) > 5.0 + 0.5 * max(abs(product), abs(found.power))
