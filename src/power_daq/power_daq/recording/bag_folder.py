@@ -1,6 +1,6 @@
 """Which files a recording is made of, and their messages, whatever wrote it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -111,14 +111,15 @@ def _sqlite(folder: Path, topics: dict[str, Topic]) -> Iterator[Batch]:
                 messages = waiting.setdefault(connection.topic, [])
                 messages.append((time, raw))
                 if len(messages) == _BLOCK:
-                    yield _joined(topics[connection.topic], waiting.pop(connection.topic))
+                    yield joined(topics[connection.topic], waiting.pop(connection.topic))
     except ReaderError as error:
         raise InputError(f'{folder}: {error}') from error
     for name, messages in waiting.items():
-        yield _joined(topics[name], messages)
+        yield joined(topics[name], messages)
 
 
-def _joined(topic: Topic, messages: list[tuple[int, bytes]]) -> Batch:
+def joined(topic: Topic, messages: Sequence[tuple[int, bytes]]) -> Batch:
+    """Messages of a topic, (log time in ns, CDR bytes) each, as a batch."""
     sizes = np.array([len(raw) for _, raw in messages], np.int64)
     data = np.frombuffer(b''.join(raw for _, raw in messages), np.uint8)
     times = np.array([time for time, _ in messages], np.int64)

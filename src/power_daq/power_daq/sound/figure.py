@@ -1,0 +1,95 @@
+"""Level over time, by policy, after Figure 7 of the paper; and the spectra below."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from power_daq.pictures import OTHERS, save_figure, style
+from power_daq.sound.analysis import SIMULATED, Analysis, Take
+from power_daq.sound.comparison import Levels
+
+COLOURS = ('#0072B2', *OTHERS)
+DASHES = ('-', (0, (5, 1.5)), (0, (1.5, 1)), '-.')
+_SHOWN = 30.0  # s
+_POINTS = 20.0  # Hz
+
+
+def draw_sound(path: Path, analysis: Analysis) -> None:
+    """One curve a policy over time, with its Leq, and third-octave spectra (PNG, SVG, PDF)."""
+    with style(False) as ink:
+        figure = Figure(figsize=(9, 6.4), layout='constrained')
+        above, below = figure.subplots(2, 1, height_ratios=(3, 2))
+        for index, name in enumerate(analysis.policies):
+            colour = COLOURS[index % len(COLOURS)]
+            found = analysis.levels(name)
+            _curve(above, analysis, analysis.of(name)[0], index, found)
+            above.axhline(found.leq, color=colour, lw=0.9, ls=DASHES[index % len(DASHES)])
+            bands = analysis.bands(name)
+            if bands:
+                below.plot(
+                    np.arange(len(bands)),
+                    list(bands.values()),
+                    color=colour,
+                    ls=DASHES[index % len(DASHES)],
+                    marker='os^D'[index % 4],
+                    ms=3,
+                    label=name,
+                )
+        settings = analysis.settings
+        above.set_xlabel(f'time since {_since(analysis)} [s]')
+        above.set_ylabel(f'{settings.time} level [{analysis.unit}]')
+        above.set_title(
+            'Sound level over time; horizontal: mean level Leq', loc='left', fontsize=11
+        )
+        low, high = above.get_ylim()
+        above.set_ylim(low, high + 0.2 * (high - low))
+        above.legend(loc='upper right', ncols=2, frameon=False, fontsize=8)
+        _spectrum_axis(below, analysis)
+        if analysis.simulated:
+            figure.supxlabel(SIMULATED, fontsize=9, color=ink, style='italic')
+        save_figure(figure, path)
+
+
+def curve(analysis: Analysis, take: Take) -> tuple[np.ndarray, np.ndarray]:
+    """Level over time of what counts of a take: s since its start, level; thinned to 20 Hz."""
+    every = max(1, round(1.0 / (_POINTS * take.sound.step)))
+    rows = np.flatnonzero(take.counted)
+    span = slice(rows[0], rows[-1] + 1, every)
+    level = analysis.trace(take)[span]
+    time = take.sound.time[span]
+    return time - time[0], level
+
+
+def _curve(axis: Axes, analysis: Analysis, take: Take, index: int, found: Levels) -> None:
+    time, level = curve(analysis, take)
+    shown = time <= _SHOWN
+    axis.plot(
+        time[shown],
+        level[shown],
+        color=COLOURS[index % len(COLOURS)],
+        ls=DASHES[index % len(DASHES)],
+        lw=1.3,
+        label=f'{take.policy}: Leq {found.leq:.1f}, L10 {found.l10:.1f}, L90 {found.l90:.1f}',
+    )
+
+
+def _since(analysis: Analysis) -> str:
+    aligned = all(take.alignment is not None for take in analysis.takes)
+    return 'the first landing of a foot' if aligned else 'the start of what counts'
+
+
+def _spectrum_axis(axis: Axes, analysis: Analysis) -> None:
+    bands = max((list(analysis.bands(name)) for name in analysis.policies), key=len)
+    ticks = [i for i, band in enumerate(bands) if i % 3 == 0]
+    axis.set_xticks(ticks, [_hertz(bands[i]) for i in ticks])
+    axis.set_xlabel('third-octave band [Hz]')
+    letter = analysis.settings.weighting
+    axis.set_ylabel(f'level [{analysis.unit.replace(f"({letter})", "")}]')
+    axis.set_title('Spectrum, unweighted', loc='left', fontsize=11)
+    axis.legend(loc='upper right', frameon=False, fontsize=8, ncols=2)
+
+
+def _hertz(frequency: float) -> str:
+    return f'{frequency / 1e3:g}k' if frequency >= 1e3 else f'{frequency:g}'

@@ -1,0 +1,1 @@
+"""What a running measurement shows while it runs, without ROS."""
