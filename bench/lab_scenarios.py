@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -116,7 +116,8 @@ class Scenario:
 
 
 def _simulated(scenario: Scenario, effects: Mapping[str, float], seed: int) -> AlignedDataset:
-    from sim_bridge.motions import Motion
+    from policy_runner.segment_path import JUMPS
+    from sim_bridge.motions import Motion, bench_motion
     from sim_bridge.offline import OfflineRun, simulate_recording, walking_run
     from sim_bridge.plant import Plant
     from sim_bridge.world import Stand, stand_world
@@ -130,7 +131,8 @@ def _simulated(scenario: Scenario, effects: Mapping[str, float], seed: int) -> A
         return align(simulate_recording(run), rate=400.0, smooth=False, drives=LEG)
     drive = LEG[scenario.seed % 3]
     world = stand_world(drive, Stand(0.05, 5.0, 0.45))
-    motion = Motion('ladder', 'velocity', 5.0)
+    ladder = bench_motion('ladder', 'velocity', amplitude=5.0, seconds=scenario.seconds)
+    motion = Motion(replace(ladder, segments=ladder.segments[1:]), ramps=JUMPS)
     offline = OfflineRun(plant, world, motion, duration=scenario.seconds, seed=seed)
     return align(simulate_recording(offline), rate=400.0, smooth=False)
 

@@ -23,6 +23,7 @@ setup(
         'console_scripts': [
             'run = policy_runner.run_node:main',
             'excite = policy_runner.excite_node:main',
+            'bench = policy_runner.bench_node:main',
         ],
     },
 )

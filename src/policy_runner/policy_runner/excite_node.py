@@ -5,7 +5,7 @@ import signal
 from collections.abc import Callable, Sequence
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -16,11 +16,13 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from drive_power_msgs.msg import DriveSupply
 from policy_runner.excitation import MotionFile
-from policy_runner.excite_options import parse
-from policy_runner.exciting import Command, ExcitationRun, Exciting
+from policy_runner.excite_messages import command_message, diagnosis, run_of
+from policy_runner.excite_options import motion_of, mounting_of, parse
+from policy_runner.exciting import Command, ExcitationRun
 from policy_runner.joint_limits import limits_of
-from policy_runner.motion_plan import Mounting
+from policy_runner.motion_player import Exciting
 from policy_runner.options import InputError, command
 from policy_runner.parameters import real_parameter
 from policy_runner.safety import SafetyConfig
@@ -40,23 +42,25 @@ class ExciteNode(Node):
         self._drives = tuple(dict.fromkeys(options.drive or motion.drives[:1]))
         if not self._drives:
             raise InputError(f'{options.motion} names no drive; give --drive NAME')
-        self._mounting = Mounting(options.pendulum, options.hanging, options.locked)
+        mounting_of(options)
         limits_of(self._drives, options.limits)
         rate = real_parameter(self, 'rate', Exciting.rate, 50.0, 400.0, 'Hz of joint_commands')
         stale = real_parameter(
             self, 'stale_after', 0.06, 0.01, 1.0, 's; older joint_states: damping'
         )
         self._config = SafetyConfig(stale_after=stale)
-        self._start_wanted: bool = options.start
+        self._start_wanted: bool = getattr(options, 'start', False)
         self._run: ExcitationRun | None = None
         self._over: float | None = None
-        self._told = ''
+        self._told, self._noted = '', 0
         self.done: Future = Future()
         simulated = bool(self.get_parameter('use_sim_time').value)
         self._time = self.get_clock() if simulated else Clock(clock_type=_STEADY)
         self._commands = self.create_publisher(JointState, 'joint_commands', _COMMANDS)
         self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
         self.create_subscription(JointState, 'joint_states', self._on_joints, _SENSORS)
+        if motion.warms:
+            self.create_subscription(DriveSupply, 'drive_supply', self._on_supply, _SENSORS)
         self._service('start', ExcitationRun.start)
         self._service('stop', ExcitationRun.stop)
         self._service('estop', ExcitationRun.emergency_stop)
@@ -72,7 +76,7 @@ class ExciteNode(Node):
         """Send a last damping command if drives are being moved, and say that it was asked for."""
         if self._run is not None and self._run.active:
             self._run.stop(self._now())
-            self._send(self._run, Command(None, [0.0] * len(self._run.joints)))
+            self._send(self._run.damping)
             self._announce(self._run)
 
     def _service(
@@ -96,17 +100,24 @@ class ExciteNode(Node):
 
     def _on_joints(self, message: JointState) -> None:
         if self._run is None:
-            names = tuple(message.name)
-            limits = limits_of(names, self._options.limits)
-            self._run = ExcitationRun(
-                self._motion, names, self._drives, self._mounting, limits, self._config
-            )
+            self._run = run_of(message, self._motion, self._drives, self._options, self._config)
             self._run.count_publishers(self.count_publishers('joint_commands'))
-            self.get_logger().info(self._run.introduction)
+            self.get_logger().info(self._introduction(self._run))
         stamp = int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
         self._run.inputs.on_joint_states(
             stamp, message.name, message.position, message.velocity, message.effort, self._now()
         )
+
+    def _progress(self, run: ExcitationRun) -> str:
+        return run.progress
+
+    def _introduction(self, run: ExcitationRun) -> str:
+        return run.introduction
+
+    def _on_supply(self, message: DriveSupply) -> None:
+        if self._run is not None and len(message.temperature):
+            named = zip(message.name, message.temperature, strict=False)
+            self._run.exciting.temperature = {name: float(value) for name, value in named}
 
     def _step(self) -> None:
         run, now = self._run, self._now()
@@ -116,23 +127,21 @@ class ExciteNode(Node):
             self._start_wanted = False
         to_send = run.update(now)
         if to_send is not None:
-            self._send(run, to_send)
+            self._send(to_send)
         self._announce(run)
         if run.code is not None:
             self._over = now if self._over is None else self._over
             if now - self._over >= _AFTERWARDS and not self.done.done():
                 self.done.set_result(run.code)
 
-    def _send(self, run: ExcitationRun, to_send: Command) -> None:
-        message = JointState(name=list(run.joints), velocity=list(to_send.velocity))
-        message.header.stamp = self.get_clock().now().to_msg()
-        if to_send.position is not None:
-            message.position = list(to_send.position)
-        if to_send.effort is not None:
-            message.effort = list(to_send.effort)
-        self._commands.publish(message)
+    def _send(self, to_send: Command) -> None:
+        stamp = self.get_clock().now().to_msg()
+        self._commands.publish(command_message(to_send, stamp))
 
     def _announce(self, run: ExcitationRun) -> None:
+        while self._noted < len(run.notes):
+            self.get_logger().warning(f'fitted: {run.notes[self._noted]}')
+            self._noted += 1
         reason = run.reason
         if reason == self._told:
             return
@@ -140,7 +149,7 @@ class ExciteNode(Node):
         if run.code == 1:
             self.get_logger().error(f'damping, {reason}')
         else:
-            self.get_logger().info(run.progress)
+            self.get_logger().info(self._progress(run))
         self._diagnose(run)
 
     def _look_around(self) -> None:
@@ -151,24 +160,15 @@ class ExciteNode(Node):
         self._diagnose(self._run)
 
     def _diagnose(self, run: ExcitationRun) -> None:
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.ERROR if run.code == 1 else DiagnosticStatus.OK,
-            name='policy_runner',
-            message=run.reason,
-            values=[
-                KeyValue(key=key, value=value) for key, value in run.figures(self._now()).items()
-            ],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(diagnosis(run, self._now(), stamp))
 
 
 @command
 def main(arguments: Sequence[str]) -> int:
     """Run the node until the motion is over; the drives are damped when it ends."""
     options = parse(remove_ros_args(list(arguments)))
-    motion = MotionFile.load(options.motion)
+    motion = motion_of(options)
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)

@@ -1,182 +1,35 @@
-"""A motion as a policy of the supervisor, with what is watched beside a policy's faults."""
+"""A motion under the supervisor that also runs policies: started, watched, damped."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from policy_runner.errors import InputError
 from policy_runner.excitation import MotionFile
-from policy_runner.inputs import Inputs
+from policy_runner.excitation_monitor import ExcitationMonitor, JointInputs, ranges_of
+from policy_runner.fitting import fitted
 from policy_runner.joint_limits import JointLimits
-from policy_runner.motion_plan import Mounting, Plan, Ramps
-from policy_runner.safety import (
-    Fault,
-    FaultKind,
-    SafetyConfig,
-    SafetyMonitor,
-    TargetLimiter,
-)
+from policy_runner.motion_player import Exciting
+from policy_runner.safety import FaultKind, SafetyConfig, TargetLimiter
+from policy_runner.segment_path import Mounting
 from policy_runner.supervisor import Output, State, Supervisor
 
 Floats = NDArray[np.float64]
-_OVER = 1.25  # of what may be asked: then what is measured is a fault
-_FOLLOWING = 1.5  # rad; a drive at its torque limit is 1 rad behind its target
-_LONGEST_STEP = 0.03  # s; after a stall the motion takes longer instead of jumping
-_NO_LIMITS = JointLimits(speed=np.inf, torque=np.inf)
-
-
-@dataclass
-class JointInputs(Inputs):
-    """Measurements of the joints of any robot; only joint_states has to keep coming."""
-
-    needed: tuple[str, ...] = ('joint_states',)
-    effort: Floats = field(default_factory=lambda: np.zeros(0))  # N·m, zeros where not measured
-
-    def on_joint_states(
-        self,
-        stamp: int,
-        names: Sequence[str],
-        position: Any,
-        velocity: Any,
-        effort: Any,
-        now: float,
-    ) -> None:
-        """Take joint_states: stamp in ns, rad, rad/s and N·m in the order of names."""
-        self.on_joints(stamp, names, position, velocity, now)
-        if 'joint_states' not in self.complaints and len(effort) == len(names):
-            places = [list(names).index(name) for name in self.joint_names]
-            self.effort = np.asarray(effort, dtype=np.float64)[places]
-
-
-class Exciting:
-    """
-    Puts some drives through a motion while the others hold where they were at the start.
-
-    `prepare` comes first: it plans from where the joints are. Then it is a Policy; `velocity`
-    and `effort` hold what is fed forward, rad/s and N·m [D].
-    """
-
-    rate = 200.0
-    ramp = 0.0
-
-    def __init__(
-        self,
-        motion: MotionFile,
-        joints: Sequence[str],
-        drives: Sequence[str],
-        mounting: Mounting,
-        limits: Mapping[str, JointLimits],
-    ) -> None:
-        self.motion = motion
-        self.velocity, self.effort = np.zeros(len(joints)), np.zeros(len(joints))
-        self.targets = np.zeros(len(joints))
-        self._drives = {list(joints).index(drive): drive for drive in drives}
-        self._mounting, self._limits = mounting, limits
-        self._plans: dict[int, Plan] = {}
-        self._last: float | None = None
-        self._elapsed = 0.0
-
-    def prepare(self, position: Floats) -> None:
-        """Plan from a pose, rad [D]; InputError for a motion that leaves the limits."""
-        plans = {
-            place: Plan(self.motion, float(position[place]), self._mounting, Ramps())
-            for place in self._drives
-        }
-        for place, plan in plans.items():
-            plan.check(self._drives[place], self._limits[self._drives[place]])
-        self._plans = plans
-        self.reset()
-        self.targets = np.array(position, dtype=np.float64)
-
-    def reset(self) -> None:
-        """Begin from the first segment."""
-        self._last = None
-        self._elapsed = 0.0
-
-    def take_over(self) -> float:
-        """Begin from the first segment; it takes no commands."""
-        self.reset()
-        return self.motion.seconds
-
-    def step(
-        self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
-    ) -> Floats:
-        """Joint targets, rad [D]."""
-        if self._last is not None:
-            self._elapsed += min(max(time - self._last, 0.0), _LONGEST_STEP)
-        self._last = time
-        for place, plan in self._plans.items():
-            target = plan.at(self._elapsed)
-            self.targets[place] = target.position
-            self.velocity[place], self.effort[place] = target.velocity, target.effort
-        return self.targets.copy()
-
-    @property
-    def active(self) -> bool:
-        """Whether drives are told to move."""
-        return self._last is not None
-
-    @property
-    def left(self) -> float:
-        """Time to the end of the motion, s."""
-        seconds = max((plan.seconds for plan in self._plans.values()), default=0.0)
-        return max(seconds - self._elapsed, 0.0)
-
-    @property
-    def segment(self) -> int:
-        """Index of the segment that is executed."""
-        return next(iter(self._plans.values())).place(self._elapsed)
-
-    def watched(self) -> Iterator[tuple[int, JointLimits]]:
-        """Places of the excited drives, with their limits."""
-        for place, drive in self._drives.items():
-            yield place, self._limits[drive]
-
-
-class ExcitationMonitor(SafetyMonitor):
-    """The safety monitor, which also knows speed, torque and how far a drive lags behind."""
-
-    def __init__(
-        self,
-        config: SafetyConfig,
-        exciting: Exciting,
-        joints: Sequence[str],
-        limits: Mapping[str, JointLimits],
-    ) -> None:
-        ranges = _ranges(joints, limits)
-        super().__init__(config, ranges, ranges, joints)
-        self._exciting = exciting
-
-    def _input_faults(self, inputs: Inputs, now: float) -> Iterator[Fault]:
-        yield from super()._input_faults(inputs, now)
-        if not self._exciting.active:
-            return
-        effort = getattr(inputs, 'effort', np.zeros(0))
-        for place, limits in self._exciting.watched():
-            name = inputs.joint_names[place]
-            speed = abs(inputs.velocity[place])
-            if speed > _OVER * limits.speed:
-                yield Fault(FaultKind.JOINT_LIMIT, _told(name, speed, limits.speed, 'rad/s'))
-            torque = abs(effort[place]) if len(effort) else 0.0
-            if not torque <= _OVER * limits.torque:
-                yield Fault(FaultKind.JOINT_LIMIT, _told(name, torque, limits.torque, 'N·m'))
-            lag = abs(self._exciting.targets[place] - inputs.position[place])
-            if lag > _FOLLOWING:
-                yield Fault(
-                    FaultKind.TARGET_RANGE,
-                    f'{name} is {lag:.2f} rad from its target, limit {_FOLLOWING} rad',
-                )
 
 
 @dataclass(frozen=True)
 class Command:
-    """What to send: position, rad, velocity, rad/s, and effort, N·m [D]; no position damps."""
+    """
+    What to send: position, rad, velocity, rad/s, and effort, N·m, of the joints that are named.
 
+    Zero velocity alone damps, as the drives do that are not named.
+    """
+
+    names: tuple[str, ...]
     position: Floats | None
-    velocity: Floats
+    velocity: Floats | None
     effort: Floats | None = None
 
 
@@ -184,8 +37,10 @@ class ExcitationRun:
     """
     Runs a motion on the joints of a robot, under the supervisor that also runs policies.
 
-    limits: by joint, at least for the drives. InputError for a drive that is no joint of the
-    robot or has no limits.
+    limits: by joint, at least for the drives. damp_others: a drive may leave position mode though
+    other joints are there, which are then damped and not held. fit: change a motion that leaves
+    the limits, see `notes`, instead of refusing it. InputError for a drive that is no
+    joint of the robot or has no limits.
     """
 
     def __init__(
@@ -196,27 +51,33 @@ class ExcitationRun:
         mounting: Mounting,
         limits: Mapping[str, JointLimits],
         config: SafetyConfig,
+        *,
+        damp_others: bool = False,
+        fit: bool = False,
     ) -> None:
         for drive in drives:
             if drive not in joints:
                 raise InputError(f'no drive {drive!r} in joint_states; it has {", ".join(joints)}')
             if drive not in limits:
                 raise InputError(f'no limits are known for {drive}; give them with --limits FILE')
-        count, ranges = len(joints), _ranges(joints, limits)
+        count, ranges = len(joints), ranges_of(joints, limits)
         self.joints = tuple(joints)
         self.inputs = JointInputs(
             joint_names=self.joints, position=np.zeros(count), velocity=np.zeros(count)
         )
-        self._motion, self._drives = motion, tuple(drives)
-        self._exciting = Exciting(motion, joints, drives, mounting, limits)
-        self._monitor = ExcitationMonitor(config, self._exciting, joints, limits)
+        self.motion, self.drives = motion, tuple(drives)
+        self.exciting = Exciting(motion, joints, drives, mounting, limits)
+        self.monitor = ExcitationMonitor(config, self.exciting, joints, limits)
         self._supervisor = Supervisor(
-            self._exciting,
+            self.exciting,
             config,
             inputs=self.inputs,
-            monitor=self._monitor,
+            monitor=self.monitor,
             limiter=TargetLimiter(config.target_rate, ranges),
         )
+        self._damp_others, self._fit = damp_others, fit
+        self._mounting, self.limits = mounting, limits
+        self.notes: tuple[str, ...] = ()
         self._planned = self._done = False
 
     @property
@@ -242,19 +103,19 @@ class ExcitationRun:
         if not self.active:
             fault = self._supervisor.fault
             return 'ready, waits for start' if fault is None else str(fault)
-        place, count = self._exciting.segment, len(self._motion.segments)
+        place, count = self.exciting.segment, len(self.motion.segments)
         if place == count:
             return 'back to where it carries no load'
-        return f'segment {place + 1} of {count}: {self._motion.segments[place]}'
+        return f'segment {place + 1} of {count}: {self.motion.segments[place]}'
 
     @property
     def progress(self) -> str:
         """The reason with the time that is left, or what to do once it is done."""
         if self.active:
-            return f'{self.reason}; {self._exciting.left:.0f} s left'
+            return f'{self.reason}; {self.exciting.left:.0f} s left'
         if not self._done:
             return self.reason
-        motion = self._motion
+        motion = self.motion
         again = ' and '.join(f'{voltage:g} V' for voltage in motion.supply)
         return (
             'done; '
@@ -267,8 +128,8 @@ class ExcitationRun:
     def introduction(self) -> str:
         """What is about to happen, and the commands for it."""
         return (
-            f'{self._motion.name}: {self._motion.seconds:.0f} s of {", ".join(self._drives)}; '
-            f'record it: ros2 run power_daq record -o bags/{self._motion.name}; '
+            f'{self.motion.name}: {self.motion.seconds:.0f} s of {", ".join(self.drives)}; '
+            f'record it: ros2 run power_daq record -o bags/{self.motion.name}; '
             'begin (unless --start): ros2 service call /start std_srvs/srv/Trigger'
         )
 
@@ -285,22 +146,53 @@ class ExcitationRun:
         """What diagnostics show beside the reason."""
         shown = self._supervisor.figures(now)
         kept = ('faults', 'joint_states age [ms]')
-        left = f'{self._exciting.left:.1f}'
-        return {'motion': self._motion.name, 'left [s]': left, **{key: shown[key] for key in kept}}
+        left = f'{self.exciting.left:.1f}'
+        return {'motion': self.motion.name, 'left [s]': left, **{key: shown[key] for key in kept}}
+
+    def unsound(self, now: float) -> str:
+        """Why it could not begin now, or ''."""
+        fault = self.monitor.inputs(self.inputs, now)
+        return '' if fault is None else str(fault)
+
+    def plan(self) -> None:
+        """Plan from where the joints are; InputError if the motion leaves the limits."""
+        self._prepare()
+        self._planned = True
 
     def start(self, now: float) -> tuple[bool, str]:
         """Begin, if that is safe; tells whether it does, and why not."""
         if self.active:
             return True, self.reason
-        fault = self._monitor.inputs(self.inputs, now)
+        fault = self.monitor.inputs(self.inputs, now)
         if fault is not None:
             return False, str(fault)
         try:
-            self._exciting.prepare(self.inputs.position)
+            self._prepare()
         except InputError as error:
             return False, str(error)
         started, told = self._supervisor.start(now)
-        return started, f'{self._exciting.left:.0f} s to go' if started else told
+        return started, f'{self.exciting.left:.0f} s to go' if started else told
+
+    def _prepare(self) -> None:
+        if self.motion.free and not self._damp_others:
+            there = zip(self.joints, self.inputs.there, strict=True)
+            others = [name for name, present in there if present and name not in self.drives]
+            if others:
+                raise InputError(
+                    f'{", ".join(others)} could not hold while {self.drives[0]} is not in '
+                    'position mode; take the drive alone, or allow them to be damped '
+                    '(--damp-others)'
+                )
+        if self._fit:
+            self._fit_to_limits()
+        self.exciting.prepare(self.inputs.position)
+
+    def _fit_to_limits(self) -> None:
+        for drive in self.drives:
+            start = float(self.inputs.position[self.joints.index(drive)])
+            self.motion, notes = fitted(self.motion, start, self._mounting, self.limits[drive])
+            self.notes += notes
+        self.exciting.motion = self.motion
 
     def stop(self, now: float) -> tuple[bool, str]:
         """Damp and end."""
@@ -316,25 +208,27 @@ class ExcitationRun:
 
         InputError if the motion leaves the limits from where the joints are at first.
         """
-        if not self._planned and self._monitor.inputs(self.inputs, now) is None:
-            self._exciting.prepare(self.inputs.position)
-            self._planned = True
+        if not self._planned and self.monitor.inputs(self.inputs, now) is None:
+            self.plan()
         output = self._supervisor.update(now)
-        if self.active and self._exciting.active and self._exciting.left == 0.0:
+        if self.active and self.exciting.active and self.exciting.left == 0.0:
             self._done = True
             self._supervisor.stop(now)
             output = Output(None)
         if output is None:
             return None
         if output.targets is None:
-            return Command(None, np.zeros(len(self.joints)))
-        return Command(output.targets, self._exciting.velocity, self._exciting.effort)
+            return self.damping
+        exciting = self.exciting
+        if exciting.mode == 'position':
+            return Command(self.joints, output.targets, exciting.velocity, exciting.effort)
+        places = [place for place, _ in exciting.watched()]
+        names = tuple(self.joints[place] for place in places)
+        if exciting.mode == 'velocity':
+            return Command(names, None, exciting.velocity[places])
+        return Command(names, None, None, exciting.effort[places])
 
-
-def _ranges(joints: Sequence[str], limits: Mapping[str, JointLimits]) -> Floats:
-    found = [limits.get(joint, _NO_LIMITS) for joint in joints]
-    return np.array([(entry.low, entry.high) for entry in found])
-
-
-def _told(name: str, value: float, limit: float, unit: str) -> str:
-    return f'{name} at {value:.2f} {unit}, limit {limit:g} {unit} and a quarter'
+    @property
+    def damping(self) -> Command:
+        """What brakes all joints."""
+        return Command(self.joints, None, np.zeros(len(self.joints)))

@@ -24,6 +24,7 @@ class FaultKind(Enum):
     JOINT_LIMIT = 'joint limit'
     COMMAND_RANGE = 'command out of range'
     TARGET_RANGE = 'target out of range'
+    RECORDING = 'recording'
     STOP = 'stop'
     EMERGENCY_STOP = 'emergency stop'
 

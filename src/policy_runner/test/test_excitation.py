@@ -300,8 +300,8 @@ def test_silence_damps_after_60_ms():
     ('change', 'words'),
     [
         ({'position': np.array([0.4, np.nan, -0.9])}, 'not finite: joint position'),
-        ({'velocity': [0.0, 7.0, 0.0]}, 'joint limit: B at 7.00 rad/s, limit 5 rad/s'),
-        ({'effort': [0.0, -40.0, 0.0]}, 'joint limit: B at 40.00 N·m, limit 25 N·m'),
+        ({'velocity': [0.0, 7.0, 0.0]}, 'joint limit: B at 7.00 rad/s, at most 6.25 rad/s'),
+        ({'effort': [0.0, -40.0, 0.0]}, 'joint limit: B at 40.00 N·m, at most 31.25 N·m'),
         ({'effort': [0.0, np.nan, 0.0]}, 'joint limit: B at nan N·m'),
         ({'position': np.array([0.4, 3.3, -0.9])}, 'joint limit: B at 3.30 rad'),
         ({'position': np.array([0.4, -1.4, -0.9])}, 'rad from its target, limit 1.5 rad'),

@@ -3,13 +3,22 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from power_daq.cli import command
+from policy_runner.errors import InputError as MotionError
+from policy_runner.joint_limits import JointLimits, limits_of
+from power_daq.cli import InputError, command
 
 from power_lab import options as common
 from power_lab.comparison import open_model
 from power_lab.judge import diagnose
 from power_lab.recordings import load
 from power_lab.tables import print_outcome
+
+
+def _limits(drives: Sequence[str], given: str) -> dict[str, JointLimits]:
+    try:
+        return limits_of(drives, Path(given) if given else None)
+    except MotionError as error:
+        raise InputError(str(error)) from error
 
 
 @command
@@ -25,6 +34,13 @@ def main(args: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
     add('--motion', type=Path, metavar='FILE.yaml', help='write what to record next')
+    add(
+        '--limits',
+        nargs='?',
+        const='',
+        metavar='FILE',
+        help='fit that motion to joint_limits/1; without a file: to the limits of ANYmal C',
+    )
     add('--also', nargs='+', default=[], metavar='MODEL', help='models to show beside it')
     add('--seed', type=int, default=0, help='of the bootstrap')
     common.add_outputs(parser)
@@ -42,7 +58,10 @@ def main(args: Sequence[str] | None = None) -> int:
     print_outcome(common.console(), outcome)
     common.write_json(options.json, content)
     if options.motion:
-        outcome.motion.save(options.motion)
+        motion = outcome.motion
+        if options.limits is not None:
+            motion = motion.within(_limits(motion.drives, options.limits))
+        motion.save(options.motion)
         print(f'to record next: {options.motion}')
     if options.report:
         from power_lab.report.page import write_diagnosis

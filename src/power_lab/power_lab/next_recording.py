@@ -2,17 +2,22 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
-from policy_runner.excitation import FORMAT
+from policy_runner.excitation import FORMAT, MotionFile
+from policy_runner.fitting import fitted
+from policy_runner.joint_limits import JointLimits
+from policy_runner.segment_path import Mounting
+from power_daq.cli import InputError
 from power_daq.recording.files import write_whole
 from power_estimator.effects import Catalogue, Excitation
 
 _LONGEST = 1800.0  # s
 _RANGE = 6.0  # rad, that a joint turns one way
+_SPARE = 1.15  # a pendulum pulls this much more than the largest load
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,26 @@ class Motion:
         if self.supply:
             content['repeat_at_supply_voltage'] = list(self.supply)
         return content
+
+    def within(self, limits: Mapping[str, JointLimits]) -> 'Motion':
+        """
+        The motion fitted to the limits of its drives, from where a pendulum hangs.
+
+        That is at 0 rad, or in the middle of the range where 0 is none of it. InputError for a
+        drive without limits.
+        """
+        motion, changes = MotionFile.of(self.content(), 'motion', 'next'), []
+        for drive in self.drives:
+            if drive not in limits:
+                raise InputError(f'--limits has nothing for {drive}; add it, or a pattern for it')
+            own = limits[drive]
+            hanging = 0.0 if own.low < 0.0 < own.high else 0.5 * (own.low + own.high)
+            pull = _SPARE * max(motion.strongest, 1.0)
+            motion, notes = fitted(motion, hanging, Mounting(pull, hanging), own)
+            changes += [f'{drive}: {note}' for note in notes]
+        segments = tuple(segment.content() for segment in motion.segments)
+        fit = f'; fitted to the joint: {"; ".join(changes)}' if changes else ''
+        return replace(self, segments=segments, reason=self.reason + fit)
 
     def save(self, path: Path) -> None:
         """Write it whole."""

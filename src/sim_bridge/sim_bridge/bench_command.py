@@ -1,36 +1,33 @@
-"""`ros2 run sim_bridge bench`: a bag of one drive in a reference motion on a stand."""
+"""`ros2 run sim_bridge bench`: a bag of one drive in a motion on a stand."""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from power_daq.cli import command
+from policy_runner.excite_options import Load
+from policy_runner.motion_library import MOTIONS, listing
+from policy_runner.segment_path import Mounting
+from policy_runner.segments import UNITS
+from power_daq.cli import InputError, command
 from rclpy.utilities import remove_ros_args
 
-from sim_bridge.motions import MODES, SHAPES, Motion
+from sim_bridge.motions import Motion, asked, bench_motion
 from sim_bridge.offline import OfflineRun, write_bench_bag
 from sim_bridge.robot import JOINT_NAMES
 from sim_bridge.sim_command import load_plant
 from sim_bridge.world import Stand, stand_world
 
+_GRAVITY = 9.81  # m/s²
+_EPILOG = f"""motions:
+{listing()}
 
-def _epilog() -> str:
-    motions = '\n'.join(f'  {name:8}{shape.text}' for name, shape in SHAPES.items())
-    modes = '\n'.join(
-        f'  {name:10}amplitude up to {most:g} {unit}, {usual:g} if not given'
-        for name, (usual, most, unit) in MODES.items()
-    )
-    return f"""motions:
-{motions}
-
-modes:
-{modes}
+They are those of `ros2 run policy_runner bench`, which runs them on a drive.
 
 examples:
   ros2 run sim_bridge bench sine -o bags/sine
   ros2 run sim_bridge bench ladder --mode velocity --duration 40 -o bags/ladder
-  ros2 run sim_bridge bench square --drive RH_HFE --mass 4 --length 0.4 -o bags/swing
+  ros2 run sim_bridge bench holds --load 4kg@0.3m --drive RH_HFE -o bags/holds
 """
 
 
@@ -39,20 +36,21 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='bench',
         description='Record one simulated drive on a stand, as fast as the machine can.',
-        epilog=_epilog(),
+        epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add('motion', choices=tuple(SHAPES))
+    add('motion', metavar='MOTION', help=f'{", ".join(MOTIONS)}, or a motion/1 file')
     add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
-    add('--mode', choices=tuple(MODES), default='position')
+    add('--mode', choices=tuple(UNITS), help='one that the motion has; default: its first')
     add('--amplitude', type=float, metavar='X', help='in the unit of the mode')
     add('--frequency', type=float, metavar='HZ')
-    add('--duration', type=float, default=30.0, metavar='S', help='seconds to simulate')
+    add('--duration', type=float, metavar='S', help='of each segment with an amplitude')
     add('--drive', choices=JOINT_NAMES, default='LF_KFE', metavar='NAME', help='such as LF_KFE')
     add('--inertia', type=float, default=0.02, metavar='J', help='of the disc it turns, kg·m²')
-    add('--mass', type=float, default=0.0, metavar='M', help='of the pendulum on it, kg')
-    add('--length', type=float, default=0.3, metavar='L', help='of the pendulum, m')
+    add('--load', metavar='KG@M', help='weight on an arm, such as 4kg@0.3m')
+    add('--mass', type=float, default=0.0, metavar='M', help='of the same weight, kg')
+    add('--length', type=float, default=0.3, metavar='L', help='of its arm, m')
     add('--seed', type=int, default=0, help='of the noise')
     add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
     add('--unit', type=int, metavar='N', help='draw the spread of another unit')
@@ -60,15 +58,33 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
+def _stand(options: argparse.Namespace) -> Stand:
+    if options.load is None:
+        return Stand(options.inertia, options.mass, options.length)
+    if options.mass:
+        raise InputError('--load and --mass say the same; give one of the two')
+    load = asked(lambda: Load.of(options.load))
+    return Stand(options.inertia, load.mass, load.length)
+
+
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Write the bag that the arguments ask for."""
     given = list(sys.argv if args is None else ['bench', *args])
     options = parse(remove_ros_args(given)[1:])
-    plant = load_plant(options.plant, options.unit)
-    motion = Motion(options.motion, options.mode, options.amplitude, options.frequency)
-    world = stand_world(options.drive, Stand(options.inertia, options.mass, options.length))
-    run = OfflineRun(plant, world, motion, duration=options.duration, seed=options.seed)
+    plant, stand = load_plant(options.plant, options.unit), _stand(options)
+    pull = _GRAVITY * stand.mass * stand.length
+    wanted = bench_motion(
+        options.motion,
+        options.mode,
+        amplitude=options.amplitude,
+        frequency=options.frequency,
+        seconds=options.duration,
+        pull=pull,
+    )
+    motion = Motion(wanted, Mounting(pull))
+    world = stand_world(options.drive, stand)
+    run = OfflineRun(plant, world, motion, duration=motion.seconds, seed=options.seed)
     write_bench_bag(
         options.output,
         run,

@@ -48,6 +48,8 @@ def card_of(given: Sequence[str]) -> Card:
         content['drives'] = [name.strip() for name in content['drives'].split(',')]
     if str(content.get('seed', '')).lstrip('-').isdigit():
         content['seed'] = int(content['seed'])
+    if content.get('complete') in ('true', 'false'):
+        content['complete'] = content['complete'] == 'true'
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec='seconds')
     defaults = {'created': now, 'software': f'power_daq {version("power_daq")}'}
     return Card.of({**defaults, **content})
