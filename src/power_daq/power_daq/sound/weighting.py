@@ -53,8 +53,8 @@ def sections(weighting: str, rate: float) -> Floats:
     """
     The weighting as second-order sections [S, 6] for scipy.signal.sosfilt at a rate in Hz.
 
-    Each real pole becomes one of exp(−2π f / rate); numerators match the analog gain at 0 Hz or
-    at half the rate, so that nothing is warped on the way there, as the bilinear transform does.
+    Each real pole is matched to the analog gain up to half the rate, where the bilinear transform
+    would fall to nothing.
     Z is flat but for an offset. InputError for a weighting that is none of A, C, Z.
     """
     if weighting not in WEIGHTINGS:
@@ -96,9 +96,17 @@ def reach(weighting: str, rate: float) -> float:
 
 
 def _low_pass(corner: float, rate: float) -> tuple[Floats, Floats]:
-    pole = np.exp(-2.0 * np.pi * corner / rate)
-    at_half = 1.0 / np.hypot(1.0, 0.5 * rate / corner)
-    total, difference = 1.0 - pole, at_half * (1.0 + pole)
+    """
+    A real pole whose squared gain is that of the analog one at 0 Hz, in between and at half rate.
+
+    With u = sin²(π f / rate) it is (1 + B u) / (1 + A u), so that A and B follow from two gains.
+    """
+    middle = min(corner, 0.25 * rate)
+    u = float(np.sin(np.pi * middle / rate) ** 2)
+    g_middle, g_half = (1.0 / (1.0 + (f / corner) ** 2) for f in (middle, 0.5 * rate))
+    a, b = np.linalg.solve([[g_middle * u, -u], [g_half, -1.0]], [1 - g_middle, 1 - g_half])
+    pole = 1.0 + 2.0 * (1.0 - np.sqrt(1.0 + a)) / a
+    total, difference = 1.0 - pole, (1.0 - pole) * np.sqrt(1.0 + b)
     return np.array([total + difference, total - difference]) / 2.0, np.array([1.0, -pole])
 
 
