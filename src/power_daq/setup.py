@@ -34,6 +34,7 @@ setup(
         'cantools',
         'pyvisa',
         'pyvisa-py',
+        'pysoem',
         'rich',
         'matplotlib',
         'soundfile',

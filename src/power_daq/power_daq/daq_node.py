@@ -1,4 +1,4 @@
-"""The DAQ node: reads the drives' bus and publishes what they draw and where they are."""
+"""The DAQ node: reads the drives' bus or meters, publishes what they draw and where they are."""
 
 import argparse
 import sys
@@ -13,17 +13,13 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 
 from drive_power_msgs.msg import DriveSupply
-from power_daq.acquisition import Acquisition, SampleQueue
-from power_daq.bus.connection import BusSettings
-from power_daq.bus.description import BusDescription
-from power_daq.calibration import Calibration
+from power_daq.acquisition import SampleQueue
 from power_daq.cli import command
-from power_daq.clock_mapping import RosTime
-from power_daq.health import Health
 from power_daq.parameters import DeviceParameters
 from power_daq.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
-from power_daq.receiver import Receiver, Sample
+from power_daq.receiver import Sample
 from power_daq.reporting import Reporter
+from power_daq.source import open_source
 from power_daq.spinning import spin
 
 _PERIOD = 1.0
@@ -38,6 +34,9 @@ example, with the simulated robot:
 example, on hardware:
   ros2 run power_daq daq --ros-args -p interface:=socketcan -p channel:=can0 \\
       -p dbc:=robot.dbc -p mapping:=robot.yaml
+example, EtherCAT terminals (as root):
+  ros2 run power_daq daq --ros-args -p interface:=ethercat -p channel:=eth1 \\
+      -p mapping:=ethercat.yaml
 """
 
 
@@ -47,44 +46,26 @@ class DaqNode(Node):
     def __init__(self) -> None:
         super().__init__('power_daq')
         given = DeviceParameters(self)
-        settings = BusSettings(
-            given.text('interface', 'socketcan', 'python-can interface, or unixsocket'),
-            given.text('channel', 'can0', 'bus of that interface, such as can0 or a path'),
-            given.whole('bitrate', 1_000_000, 'bit/s, arbitration phase', 10_000, 1_000_000),
-            given.whole('data_bitrate', 5_000_000, 'bit/s, data phase', 10_000, 10_000_000),
-        )
-        bus = BusDescription.load(
-            given.path('dbc', 'DBC file of the bus; empty for the shipped one'),
-            given.path('mapping', 'YAML file from signals to drives; empty for the shipped one'),
-        )
-        frame_id = given.text('frame_id', bus.device, 'frame_id of drive_supply')
+        self._queue = SampleQueue(_QUEUED_SAMPLES)
+        self._source = source = open_source(given, self._queue, self.get_logger().warning)
+        frame_id = given.text('frame_id', source.device, 'frame_id of drive_supply')
         per_message = given.whole('samples_per_message', 1, 'samples in a drive_supply', 1, 1000)
-        delay = given.real('transport_delay', 0.0, 's from sample to arrival, at best', 0.0, 0.1)
-        calibration = given.path('calibration', 'YAML file of gains and offsets; empty for none')
-        corrections = None
-        if calibration is not None and 'electrical' in bus.groups:
-            corrections = Calibration.load(calibration, bus.groups['electrical'].drives)
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time: samples of a device are in system time')
-        self._publishers_by_group = self._make_publishers(bus, frame_id, per_message)
-        self._queue = SampleQueue(_QUEUED_SAMPLES)
-        receiver = Receiver(bus, RosTime(), corrections, int(1e9 * delay))
+        self._publishers_by_group = self._make_publishers(frame_id, per_message)
         self._publishing = PublishingThread(self._queue, self._publish)
-        self._acquisition = Acquisition(
-            receiver, settings.open, self._queue.put, self.get_logger().warning
-        )
-        self._health = Health(self._acquisition, self._queue, bus, settings)
-        self._reporter = Reporter(self, 'bus', f'{settings.interface} {settings.channel}')
+        self._acquisition = source.acquisition
+        self._reporter = Reporter(self, source.part, source.hardware)
         self.create_timer(_PERIOD, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._publishing.start()
         self._acquisition.start()
 
     def _make_publishers(
-        self, bus: BusDescription, frame_id: str, per_message: int
+        self, frame_id: str, per_message: int
     ) -> dict[str, Callable[[Sample], None]]:
         """By group: what publishes its samples."""
         made: dict[str, Callable[[Sample], None]] = {}
-        drives = {name: group.drives for name, group in bus.groups.items()}
+        drives = self._source.drives
         if 'electrical' in drives:
             supply = SupplyPublisher(
                 self.create_publisher(DriveSupply, 'drive_supply', _LOSSLESS),
@@ -113,7 +94,7 @@ class DaqNode(Node):
         if self._acquisition.failed or self._publishing.failed:
             self.stop()
             return
-        self._reporter.say(self._health.report(time.monotonic()))
+        self._reporter.say(self._source.report(time.monotonic()))
 
     def stop(self) -> None:
         """End both threads, publish what is left; raises what one of them failed by."""
@@ -129,7 +110,7 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog='ros2 run power_daq daq',
         description='Publishes the supply of each drive at 1 kHz and joint states at 400 Hz, '
-        'from a CAN FD bus.',
+        'from a CAN FD bus; or the supply alone, from EtherCAT terminals.',
         epilog=_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,13 +1,11 @@
 """The YAML file that says which signals of a DBC are which quantities of which drives."""
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import yaml
 
 from power_daq.cli import InputError
+from power_daq.yaml_entry import Entry, read_entry
 
 REQUIRED: Mapping[str, tuple[str, ...]] = {
     'electrical': ('voltage', 'current'),
@@ -67,7 +65,7 @@ class BusMapping:
 
 def load_mapping(path: Path) -> BusMapping:
     """Read and check a mapping; InputError names the file, the entry and what is wrong."""
-    entry = _Entry(str(path), _read(path))
+    entry = read_entry(path, 'mapping')
     entry.allow(_TOP)
     groups = {name: _group(name, entry.child(name)) for name in REQUIRED if name in entry}
     if not groups:
@@ -79,86 +77,16 @@ def load_mapping(path: Path) -> BusMapping:
     return BusMapping(path, device, sync, groups)
 
 
-class _UniqueKeys(yaml.SafeLoader):
-    """YAML in which a repeated key is an error instead of the last one winning."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                mark = node.start_mark
-                raise yaml.constructor.ConstructorError(
-                    'a mapping', mark, f'key {key!r} is there twice', mark
-                )
-        return super().construct_mapping(node, deep)
-
-
-def _read(path: Path) -> Any:
-    try:
-        with path.open(encoding='utf-8') as file:
-            return yaml.load(file, _UniqueKeys)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f'cannot read mapping {path}: {error}') from error
-    except yaml.YAMLError as error:
-        reason = ' '.join(str(error).split())
-        raise InputError(f'mapping {path} is no valid YAML: {reason}') from error
-
-
-@dataclass(frozen=True)
-class _Entry:
-    """A value of the file with its place, for errors that name it."""
-
-    where: str
-    value: Any
-
-    def error(self, text: str) -> InputError:
-        return InputError(f'mapping {self.where}: {text}')
-
-    def __contains__(self, key: str) -> bool:
-        if not isinstance(self.value, dict):
-            raise self.error(f'expected keys with values, there is {self.value!r}')
-        return key in self.value
-
-    def allow(self, keys: Sequence[str]) -> None:
-        if not isinstance(self.value, dict):
-            raise self.error(f'expected keys with values, there is {self.value!r}')
-        unknown = [key for key in self.value if key not in keys]
-        if unknown:
-            raise self.error(f'unknown key {unknown[0]!r}; there can be {", ".join(keys)}')
-
-    def child(self, key: str) -> '_Entry':
-        if key not in self:
-            there = ', '.join(map(str, self.value)) or 'nothing'
-            raise self.error(f'{key!r} is missing; there is {there}')
-        return _Entry(f'{self.where}: {key}', self.value[key])
-
-    def text(self, key: str) -> str:
-        value = self.child(key).value
-        if not isinstance(value, str) or not value:
-            raise self.child(key).error(f'expected a name, there is {value!r}')
-        return value
-
-    def rows(self, key: str) -> Iterator['_Entry']:
-        rows = self.child(key)
-        if not isinstance(rows.value, list) or not rows.value:
-            raise rows.error(f'expected a list, there is {rows.value!r}')
-        for index, row in enumerate(rows.value):
-            yield _Entry(f'{rows.where}[{index}]', row)
-
-
-def _group(name: str, entry: _Entry) -> GroupMapping:
+def _group(name: str, entry: Entry) -> GroupMapping:
     entry.allow(('rate', 'frames'))
-    rate = entry.child('rate')
-    number = isinstance(rate.value, int | float) and not isinstance(rate.value, bool)
-    if not number or not 0.1 <= rate.value <= 10_000:
-        raise rate.error(f'expected 0.1 to 10000 Hz, there is {rate.value!r}')
+    rate = entry.number('rate', 0.1, 10_000, 'Hz')
     frames = tuple(_frame(row, name) for row in entry.rows('frames'))
-    group = GroupMapping(name, float(rate.value), frames)
+    group = GroupMapping(name, rate, frames)
     _check_complete(group, entry)
     return group
 
 
-def _frame(entry: _Entry, group: str, with_drives: bool = True) -> FrameMapping:
+def _frame(entry: Entry, group: str, with_drives: bool = True) -> FrameMapping:
     entry.allow(('message', 'time', 'counter', 'clock', *(['drives'] if with_drives else [])))
     signals: dict[str, dict[str, str]] = {}
     if with_drives:
@@ -183,7 +111,7 @@ def _frame(entry: _Entry, group: str, with_drives: bool = True) -> FrameMapping:
     )
 
 
-def _check_complete(group: GroupMapping, entry: _Entry) -> None:
+def _check_complete(group: GroupMapping, entry: Entry) -> None:
     seen: dict[tuple[str, str], str] = {}
     for frame in group.frames:
         for drive, quantity, _ in frame.quantities():

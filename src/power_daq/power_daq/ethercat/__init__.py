@@ -1,0 +1,1 @@
+"""EtherCAT terminals that measure the supply of drives: mapping, segment, acquisition."""

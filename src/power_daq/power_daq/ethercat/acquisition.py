@@ -1,0 +1,239 @@
+"""The thread that owns an EtherCAT segment: a frame each cycle, and the segment again if lost."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drive_power_msgs.msg import DriveSupply
+from power_daq.bus.layout import Floats
+from power_daq.calibration import Calibration
+from power_daq.clock_mapping import RosTime
+from power_daq.ethercat.mapping import SegmentMapping
+from power_daq.ethercat.segment import (
+    Segment,
+    SegmentError,
+    assert_settings,
+    check_inputs,
+    check_order,
+)
+from power_daq.receiver import Sample
+
+_log = logging.getLogger(__name__)
+Flags = NDArray[np.uint8]
+_GONE = DriveSupply.STALE | DriveSupply.DEVICE_ERROR
+
+
+@dataclass(frozen=True)
+class SegmentPatience:
+    """s between attempts to open a segment, growing; cycles in a row without all slaves."""
+
+    first_retry: float = 0.1
+    last_retry: float = 5.0
+    bad_cycles: int = 50
+
+
+@dataclass
+class CycleCounts:
+    """What happened since the start; all but cycles and times operating are faults."""
+
+    cycles: int = 0
+    times_operating: int = 0
+    frames_lost: int = 0
+    slaves_missing: int = 0
+    stale: int = 0
+    underrange: int = 0
+    overrange: int = 0
+    device_errors: int = 0
+
+
+class SegmentAcquisition:
+    """
+    Exchanges process data each cycle, and hands samples to a sink.
+
+    A value that a frame fetches was converted after the frame before, which triggered it (filter
+    off: synchronous mode), so a sample has the time of the frame before. Cycles are counted by
+    the steady clock: one without a frame is a gap in the sequence. A channel whose toggle bit
+    stands still has no new value: NaN with STALE. After bad_cycles in a row without all slaves
+    the segment is opened again, with growing pauses.
+    """
+
+    def __init__(
+        self,
+        mapping: SegmentMapping,
+        make_segment: Callable[[], Segment],
+        sink: Callable[[Sample], None],
+        report: Callable[[str], None] = _log.warning,
+        calibration: Calibration | None = None,
+        patience: SegmentPatience | None = None,
+    ) -> None:
+        self.mapping = mapping
+        self.ros_time = RosTime()
+        self.counts = CycleCounts()
+        self.absence = 'not opened yet'
+        self._make, self._sink, self._report = make_segment, sink, report
+        self._patience = patience or SegmentPatience()
+        self._channels = tuple(mapping.channels())
+        self._ratio = np.array([channel.ratio for channel in self._channels])
+        self._offset = np.array([channel.offset for channel in self._channels])
+        if calibration is not None:
+            gain = calibration.gain.ravel()
+            self._ratio, self._offset = (
+                gain * self._ratio,
+                gain * self._offset + calibration.offset.ravel(),
+            )
+        self._toggles: list[bool | None] = [None] * len(self._channels)
+        self._start: float | None = None
+        self._lost = 0
+        self._last_stamp = 0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='ethercat', daemon=True)
+        self._error: BaseException | None = None
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask the thread to end; it does so after the cycle under way."""
+        self._stop.set()
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait for the thread to end; raises what ended it."""
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+        if self._error is not None:
+            raise self._error
+
+    @property
+    def failed(self) -> bool:
+        """Whether the thread has ended by an exception."""
+        return self._error is not None
+
+    @property
+    def lost(self) -> int:
+        """Cycles without a sample since the first one."""
+        if self._start is None:
+            return 0
+        ended = int((time.monotonic() - self._start) / self.mapping.cycle) - 1
+        self._lost = max(self._lost, ended - self.counts.cycles)
+        return self._lost
+
+    def _run(self) -> None:
+        try:
+            pause = self._patience.first_retry
+            while not self._stop.is_set():
+                cycles = self.counts.cycles
+                self._serve_once()
+                if self.counts.cycles > cycles:
+                    pause = self._patience.first_retry
+                self._stop.wait(pause)
+                pause = min(2 * pause, self._patience.last_retry)
+        except BaseException as error:
+            self._error = error
+
+    def _serve_once(self) -> None:
+        segment = self._make()
+        try:
+            expected = self._bring_up(segment)
+            self._exchange(segment, expected)
+        except SegmentError as error:
+            if str(error) != self.absence:
+                self._report(f'EtherCAT: {error}; will try again')
+            self.absence = str(error)
+        finally:
+            segment.close()
+
+    def _bring_up(self, segment: Segment) -> int:
+        wanted = self.mapping.segment
+        check_order(wanted, segment.find())
+        for line in assert_settings(segment, wanted):
+            self._report(f'EtherCAT: {line}')
+        expected = segment.operate()
+        check_inputs(segment, wanted)
+        self.absence = ''
+        self.counts.times_operating += 1
+        names = ', '.join(kind.name for kind in wanted)
+        self._report(f'EtherCAT: operating {names}')
+        return expected
+
+    def _exchange(self, segment: Segment, expected: int) -> None:
+        if self._start is None:
+            self._start = time.monotonic()
+        self._toggles = [None] * len(self._channels)
+        triggered: int | None = None
+        bad = 0
+        slot = self._slot()
+        while not self._stop.wait(self._start + slot * self.mapping.cycle - time.monotonic()):
+            before = time.monotonic_ns()
+            counter = segment.exchange()
+            middle = (before + time.monotonic_ns()) // 2
+            self.ros_time.follow(middle)
+            if counter < 0:
+                self.counts.frames_lost += 1
+                triggered = None
+            else:
+                incomplete = counter < expected
+                self.counts.slaves_missing += incomplete
+                values, flags = self._look(segment, incomplete)
+                if triggered is not None:
+                    self._give(slot, triggered, values, flags)
+                triggered = middle
+            bad = bad + 1 if counter < expected else 0
+            if bad >= self._patience.bad_cycles:
+                raise SegmentError(_missing(counter, expected, bad))
+            slot = max(slot + 1, self._slot())
+
+    def _slot(self) -> int:
+        """Index of the cycle that begins next."""
+        assert self._start is not None
+        return -int(-(time.monotonic() - self._start) // self.mapping.cycle)
+
+    def _look(self, segment: Segment, incomplete: bool) -> tuple[Floats, Flags]:
+        """Volts and flags of each channel as the last frame brought them."""
+        values = np.empty(len(self._channels))
+        flags = np.zeros(len(self._channels), np.uint8)
+        inputs = [segment.inputs(place) for place in range(len(self.mapping.segment))]
+        for number, place in enumerate(self._channels):
+            kind = self.mapping.segment[place.terminal]
+            channel = kind.channel(inputs[place.terminal], place.channel)
+            values[number], flags[number] = channel.volts, channel.flags
+            stale = channel.toggle == self._toggles[number]
+            if stale:
+                flags[number] |= _GONE if incomplete else DriveSupply.STALE
+            if stale or not channel.valid:
+                values[number] = np.nan
+            self._toggles[number] = channel.toggle
+        return values, flags
+
+    def _give(self, slot: int, triggered: int, values: Floats, flags: Flags) -> None:
+        self._count(flags)
+        voltage, current = np.split(values * self._ratio + self._offset, 2)
+        status = np.bitwise_or(*np.split(flags, 2))
+        stamp = max(self.ros_time.of(triggered), self._last_stamp + 1)
+        self._last_stamp = stamp
+        self.counts.cycles += 1
+        packed = np.stack([voltage, current, status.astype(np.float64)])
+        self._sink(Sample('electrical', slot, stamp, triggered, packed))
+
+    def _count(self, flags: Flags) -> None:
+        if not flags.any():
+            return
+        counts = self.counts
+        counts.stale += bool((flags & DriveSupply.STALE).any())
+        counts.underrange += bool((flags & DriveSupply.UNDERRANGE).any())
+        counts.overrange += bool((flags & DriveSupply.OVERRANGE).any())
+        counts.device_errors += bool((flags & DriveSupply.DEVICE_ERROR).any())
+
+
+def _missing(counter: int, expected: int, cycles: int) -> str:
+    if counter < 0:
+        return f'no frame came back for {cycles} cycles: check the cable to the coupler'
+    return (
+        f'working counter {counter} instead of {expected} for {cycles} cycles: '
+        'a slave has dropped out'
+    )

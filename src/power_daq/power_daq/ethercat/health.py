@@ -1,0 +1,58 @@
+"""How an EtherCAT segment does, in a sentence and in figures, for `diagnostics`."""
+
+from power_daq.acquisition import SampleQueue
+from power_daq.ethercat.acquisition import SegmentAcquisition
+from power_daq.reporting import Level, Report
+
+_RATE_SLACK = 0.02
+_NO_FAULT = ('cycles', 'times operating')
+
+
+class SegmentHealth:
+    """Compares the counts of an acquisition with those at the report before."""
+
+    def __init__(
+        self, acquisition: SegmentAcquisition, queue: SampleQueue, interface: str
+    ) -> None:
+        self._acquisition, self._queue, self._interface = acquisition, queue, interface
+        self._before: dict[str, int] = {}
+        self._time: float | None = None
+
+    def report(self, now: float) -> Report:
+        """How it does since the report before; now in s on a steady clock."""
+        acquisition = self._acquisition
+        counts = {name.replace('_', ' '): n for name, n in vars(acquisition.counts).items()}
+        counts['cycles lost'] = acquisition.lost
+        counts['samples dropped unpublished'] = self._queue.dropped
+        counts['steps of the system clock'] = acquisition.ros_time.steps
+        news = {name: count - self._before.get(name, 0) for name, count in counts.items()}
+        span = now - self._time if self._time is not None else 0.0
+        self._time, self._before = now, counts
+        mapping = acquisition.mapping
+        figures = {
+            'interface': self._interface,
+            'segment': ', '.join(kind.name for kind in mapping.segment),
+            'segment state': acquisition.absence or 'operating',
+        }
+        rate = news['cycles'] / span if span > 0 else None
+        if rate is not None:
+            figures['electrical rate [Hz]'] = f'{rate:.1f}'
+        figures |= {name: str(count) for name, count in counts.items()}
+        figures['samples waiting'] = str(len(self._queue))
+        return Report(*self._judge(news, rate), figures)
+
+    def _judge(self, news: dict[str, int], rate: float | None) -> tuple[Level, str]:
+        acquisition = self._acquisition
+        if acquisition.absence:
+            return Level.ERROR, f'segment absent: {acquisition.absence}'
+        faults = [
+            f'{count} {name}'
+            for name, count in news.items()
+            if count > 0 and name not in _NO_FAULT
+        ]
+        if faults:
+            return Level.WARN, 'in the last second: ' + ', '.join(faults)
+        nominal = 1.0 / acquisition.mapping.cycle
+        if rate is not None and rate < (1 - _RATE_SLACK) * nominal:
+            return Level.WARN, f'electrical at {rate:.0f} Hz, not {nominal:.0f} Hz'
+        return Level.OK, 'measuring'

@@ -1,0 +1,148 @@
+"""An EtherCAT segment on a network interface, driven by pysoem (SOEM)."""
+
+import importlib
+import socket
+from collections.abc import Sequence
+from contextlib import suppress
+from types import ModuleType
+from typing import Any
+
+from power_daq.cli import InputError
+from power_daq.ethercat.segment import SegmentError
+from power_daq.ethercat.terminals import Identity
+
+_US = 1_000_000
+_STATE_TIMEOUT = 2.0
+_OPERATE_FRAMES = 200
+
+
+class SoemSegment:
+    """
+    The slaves behind one network interface; needs the right to raw sockets.
+
+    timeout: s until a frame counts as lost; it also sets SOEM's own limits, which are global to
+    the process. Every call releases the GIL while it waits.
+    """
+
+    def __init__(self, interface: str, timeout: float) -> None:
+        self._interface, self._timeout = interface, round(_US * timeout)
+        self._soem = _pysoem()
+        limits = self._soem.settings.timeouts
+        limits.ret = self._timeout
+        for name in ('safe', 'eeprom', 'tx_mailbox', 'rx_mailbox', 'state'):
+            setattr(limits, name, max(getattr(limits, name), 20 * self._timeout))
+        self._mailbox = max(700_000, 20 * self._timeout)
+        self._master: Any = None
+
+    def find(self) -> Sequence[Identity]:
+        """Open the interface and ask who is there."""
+        master = self._soem.Master()
+        master.sdo_read_timeout = master.sdo_write_timeout = self._mailbox
+        try:
+            master.open(self._interface)
+        except ConnectionError as error:
+            raise SegmentError(self._why_not()) from error
+        self._master = master
+        if master.config_init(release_gil=True) <= 0:
+            raise SegmentError(
+                f'no slave answers on {self._interface}: check cable and power of the coupler'
+            )
+        return [Identity(s.man, s.id, s.rev, s.name) for s in master.slaves]
+
+    def _why_not(self) -> str:
+        names = [name for _, name in socket.if_nameindex()]
+        if self._interface not in names:
+            return (
+                f'there is no network interface {self._interface!r}; there are {", ".join(names)}'
+            )
+        return (
+            f'{self._interface} cannot be opened: raw sockets need root, or CAP_NET_RAW and '
+            'CAP_NET_ADMIN'
+        )
+
+    def read(self, slave: int, index: int, subindex: int) -> bytes:
+        """SDO upload."""
+        try:
+            return bytes(self._master.slaves[slave].sdo_read(index, subindex, release_gil=True))
+        except self._mailbox_errors as error:
+            raise self._refused('read', slave, index, subindex, error) from error
+
+    def write(self, slave: int, index: int, subindex: int, value: bytes) -> None:
+        """SDO download."""
+        try:
+            self._master.slaves[slave].sdo_write(index, subindex, value, release_gil=True)
+        except self._mailbox_errors as error:
+            raise self._refused('written', slave, index, subindex, error) from error
+
+    @property
+    def _mailbox_errors(self) -> tuple[type[Exception], ...]:
+        soem = self._soem
+        return soem.SdoError, soem.MailboxError, soem.PacketError, soem.WkcError
+
+    def _refused(
+        self, what: str, slave: int, index: int, subindex: int, error: Exception
+    ) -> SegmentError:
+        reason = getattr(error, 'desc', None) or 'no answer from its mailbox'
+        place = f'{index:#06x}:{subindex:02x} of the slave at position {slave}'
+        return SegmentError(f'{place} cannot be {what}: {reason}')
+
+    def operate(self) -> int:
+        """Map, then SAFE-OP and OP with process data flowing, as slaves demand."""
+        soem, master = self._soem, self._master
+        try:
+            master.config_map()
+        except soem.ConfigMapError as error:
+            raise SegmentError(
+                f'process data cannot be mapped: {error.error_list[0]!r}'
+            ) from error
+        self._reach(soem.SAFEOP_STATE, 'SAFE-OP')
+        master.state = soem.OP_STATE
+        master.write_state()
+        for _ in range(_OPERATE_FRAMES):
+            self.exchange()
+            if master.state_check(soem.OP_STATE, self._timeout) == soem.OP_STATE:
+                return int(master.expected_wkc)
+        self._reach(soem.OP_STATE, 'OP')
+        return int(master.expected_wkc)
+
+    def _reach(self, state: int, name: str) -> None:
+        limit = max(round(_US * _STATE_TIMEOUT), 20 * self._timeout)
+        if self._master.state_check(state, limit) == state:
+            return
+        self._master.read_state()
+        for place, slave in enumerate(self._master.slaves):
+            if slave.state != state:
+                reason = self._soem.al_status_code_to_string(slave.al_status)
+                raise SegmentError(
+                    f'{slave.name} at position {place} does not reach {name}: state '
+                    f'{slave.state:#04x}, AL status {slave.al_status:#06x} ({reason})'
+                )
+        raise SegmentError(f'the segment does not reach {name}')
+
+    def exchange(self) -> int:
+        """LRW there and back."""
+        self._master.send_processdata(release_gil=True)
+        return int(self._master.receive_processdata(self._timeout, release_gil=True))
+
+    def inputs(self, slave: int) -> bytes:
+        """From the image of the last frame."""
+        return bytes(self._master.slaves[slave].input)
+
+    def close(self) -> None:
+        """INIT, if anybody hears it."""
+        master, self._master = self._master, None
+        if master is None:
+            return
+        with suppress(Exception):  # pysoem raises several kinds for slaves that are gone
+            master.state = self._soem.INIT_STATE
+            master.write_state()
+        master.close()
+
+
+def _pysoem() -> ModuleType:
+    try:
+        return importlib.import_module('pysoem')
+    except ImportError as error:
+        raise InputError(
+            f'EtherCAT needs pysoem, which is not installed ({error}): pip install pysoem==1.1.13'
+        ) from error

@@ -1,0 +1,102 @@
+"""
+The terminals that are understood, and what their process data mean.
+
+EL3102: two differential inputs of ±10 V, 16 bit. Each channel has a status word and a value;
+bits as in Beckhoff's documentation of the EL31xx, object 0x60n0 (AI inputs).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from drive_power_msgs.msg import DriveSupply
+
+FULL_SCALE = 10.0 / 0x7FFF  # V per count
+
+_UNDERRANGE, _OVERRANGE, _ERROR = 1 << 0, 1 << 1, 1 << 6
+_INVALID, _TOGGLE = 1 << 14, 1 << 15
+_FLAGS = (
+    (_UNDERRANGE, DriveSupply.UNDERRANGE),
+    (_OVERRANGE, DriveSupply.OVERRANGE),
+    (_ERROR | _INVALID, DriveSupply.DEVICE_ERROR),
+)
+
+
+class Identity(NamedTuple):
+    """What a slave says of itself in its EEPROM."""
+
+    vendor: int
+    product: int
+    revision: int = 0
+    name: str = ''
+
+
+class Setting(NamedTuple):
+    """An object of one byte that must have a value, or figures would not be what they seem."""
+
+    entry: int
+    subindex: int
+    value: int
+    meaning: str
+
+
+class Channel(NamedTuple):
+    """One channel in one cycle: V, flags of DriveSupply, the bit that turns with each value."""
+
+    volts: float
+    flags: int
+    toggle: bool
+    valid: bool
+
+
+@dataclass(frozen=True)
+class TerminalType:
+    """A kind of slave: identity, channels, bytes of inputs, settings that must hold."""
+
+    name: str
+    vendor: int
+    product: int
+    channels: int = 0
+    input_bytes: int = 0
+    settings: tuple[Setting, ...] = ()
+
+    def __str__(self) -> str:
+        return f'{self.name} (vendor {self.vendor:#x}, product {self.product:#010x})'
+
+    def is_it(self, found: Identity) -> bool:
+        """Whether a slave is of this kind."""
+        return (found.vendor, found.product) == (self.vendor, self.product)
+
+    def channel(self, inputs: bytes, number: int) -> Channel:
+        """Channel, counted from 1, of the input bytes of one cycle."""
+        start = 4 * (number - 1)
+        status = int.from_bytes(inputs[start : start + 2], 'little')
+        count = int.from_bytes(inputs[start + 2 : start + 4], 'little', signed=True)
+        flags = sum(flag for mask, flag in _FLAGS if status & mask)
+        return Channel(count * FULL_SCALE, flags, bool(status & _TOGGLE), not status & _INVALID)
+
+
+def _settings(channel: int) -> tuple[Setting, ...]:
+    index = 0x8000 + 0x10 * (channel - 1)
+    return (
+        Setting(index, 0x01, 0, 'user scaling'),
+        Setting(index, 0x02, 0, 'presentation other than signed'),
+        Setting(index, 0x06, 0, 'filter'),
+        Setting(index, 0x0A, 0, 'user calibration'),
+    )
+
+
+TYPES: Mapping[str, TerminalType] = {
+    kind.name: kind
+    for kind in (
+        TerminalType('EK1100', 0x2, 0x044C2C52),
+        TerminalType('EL3102', 0x2, 0x0C1E3052, 2, 8, (*_settings(1), *_settings(2))),
+    )
+}
+
+
+def describe(found: Identity) -> str:
+    """A slave in words."""
+    known = next((kind.name for kind in TYPES.values() if kind.is_it(found)), None)
+    name = known or found.name or 'a slave'
+    return f'{name} (vendor {found.vendor:#x}, product {found.product:#010x})'
