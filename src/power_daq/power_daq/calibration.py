@@ -1,15 +1,20 @@
-"""Gain and offset of each measured channel, from the file that a calibration writes."""
+"""Gain and offset of each measured channel, and the file that a calibration writes."""
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from power_daq.cli import InputError
+from power_daq.recording.files import advice, write_whole
 
+NONE = 'none'
+"""What a card says of a recording that no calibration was applied to."""
 _QUANTITIES = ('voltage', 'current')
 _RANGES: Mapping[str, tuple[float, float]] = {'gain': (0.1, 10.0), 'offset': (-100.0, 100.0)}
 
@@ -35,7 +40,7 @@ class Calibration:
             for column, drive in enumerate(drives)
             for row, quantity in enumerate(_QUANTITIES)
         }
-        for name, entry in _channels(path).items():
+        for name, entry in channels_of(path).items():
             if name not in places:
                 raise InputError(
                     f'calibration {path}: unknown channel {name!r}; there are {", ".join(places)}'
@@ -47,7 +52,50 @@ class Calibration:
         return cls(gain, offset)
 
 
-def _channels(path: Path) -> Mapping[str, object]:
+def label(path: Path) -> str:
+    """What a card says of a calibration: its file's name and the start of its SHA-256."""
+    try:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f'cannot read calibration {path}: {advice(error)}') from error
+    return f'{path.name} (sha256 {digest[:12]})'
+
+
+def onto(
+    old: Mapping[str, object], new: Mapping[str, Mapping[str, Any]], path: Path
+) -> dict[str, dict[str, Any]]:
+    """
+    Channels for recordings in which the old ones were applied already; path: the old ones' file.
+
+    true = new gain · (old gain · raw + old offset) + new offset; intervals are those of the new.
+    """
+    joined: dict[str, dict[str, Any]] = {}
+    for name, entry in new.items():
+        before = old.get(name, {})
+        if not isinstance(before, dict):
+            raise InputError(f'calibration {path}: {name}: expected gain and offset')
+        gain = _number(path, name, before, 'gain', 1.0)
+        offset = _number(path, name, before, 'offset', 0.0)
+        shift = entry['gain'] * offset
+        joined[name] = {
+            **entry,
+            'gain': entry['gain'] * gain,
+            'gain_interval': [gain * edge for edge in entry['gain_interval']],
+            'offset': entry['offset'] + shift,
+            'offset_interval': [edge + shift for edge in entry['offset_interval']],
+        }
+    return joined
+
+
+def save(path: Path, channels: Mapping[str, object], about: Mapping[str, object]) -> None:
+    """Write a file that `Calibration.load` reads; `about` says where it comes from."""
+    content = {'channels': dict(channels), **about}
+    text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    write_whole(path, '# true value = gain · measured + offset\n' + text)
+
+
+def channels_of(path: Path) -> Mapping[str, object]:
+    """The channels of a file by name; InputError for what is no calibration."""
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:

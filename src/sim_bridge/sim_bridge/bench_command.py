@@ -12,8 +12,11 @@ from policy_runner.segments import UNITS
 from power_daq.cli import InputError, command
 from rclpy.utilities import remove_ros_args
 
+from sim_bridge.analyser import Analyser, AnalyserParameters, check_output
+from sim_bridge.meter import DeviceClock
 from sim_bridge.motions import Motion, asked, bench_motion
 from sim_bridge.offline import OfflineRun, write_bench_bag
+from sim_bridge.plant import Plant
 from sim_bridge.robot import JOINT_NAMES
 from sim_bridge.sim_command import load_plant
 from sim_bridge.world import Stand, stand_world
@@ -28,6 +31,7 @@ examples:
   ros2 run sim_bridge bench sine -o bags/sine
   ros2 run sim_bridge bench ladder --mode velocity --duration 40 -o bags/ladder
   ros2 run sim_bridge bench holds --load 4kg@0.3m --drive RH_HFE -o bags/holds
+  ros2 run sim_bridge bench sine --unit 3 -o bags/fig2 --analyser fig2.csv
 """
 
 
@@ -55,7 +59,24 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
     add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
     add('--unit', type=int, metavar='N', help='draw the spread of another unit')
     add('--overwrite', action='store_true', help='replace a bag that is there')
+    add = parser.add_argument_group('a power analyser beside the meter').add_argument
+    add('--analyser', type=Path, metavar='FILE.csv', help='write what it logs')
+    add('--analyser-rate', type=float, default=20_000.0, metavar='HZ', help='rows per second')
+    add('--analyser-offset', type=float, default=0.0, metavar='S', help='its clock at the start')
+    add('--analyser-drift', type=float, default=0.0, metavar='PPM', help='of its clock')
     return parser.parse_args(args)
+
+
+def _analyser(options: argparse.Namespace, plant: Plant) -> Analyser | None:
+    if options.analyser is None:
+        return None
+    check_output(options.analyser)
+    parameters = AnalyserParameters(
+        rate=options.analyser_rate,
+        clock_offset=options.analyser_offset,
+        clock_drift=options.analyser_drift,
+    )
+    return Analyser(parameters, DeviceClock.of(plant.meter), seed=options.seed)
 
 
 def _stand(options: argparse.Namespace) -> Stand:
@@ -84,7 +105,15 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     motion = Motion(wanted, Mounting(pull))
     world = stand_world(options.drive, stand)
-    run = OfflineRun(plant, world, motion, duration=motion.seconds, seed=options.seed)
+    analyser = _analyser(options, plant)
+    run = OfflineRun(
+        plant,
+        world,
+        motion,
+        duration=motion.seconds,
+        seed=options.seed,
+        watch=None if analyser is None else analyser.watch,
+    )
     write_bench_bag(
         options.output,
         run,
@@ -96,4 +125,10 @@ def main(args: Sequence[str] | None = None) -> int:
         overwrite=options.overwrite,
     )
     print(f'wrote {options.output}')
+    if analyser is not None:
+        print(f'wrote {options.analyser}: {analyser.save(options.analyser)} rows')
+        print(
+            f'next: ros2 run power_daq calibrate {options.output} '
+            f'--reference {options.analyser} -o calibration.yaml --report calibration.html'
+        )
     return 0

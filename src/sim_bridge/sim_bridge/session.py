@@ -1,6 +1,6 @@
 """A run of simulation, instruments and controller, in stretches of half a second."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -75,8 +75,11 @@ class Session:
         instruments: Instruments,
         controller: Controller,
         pushes: Pushes | None = None,
+        watch: Callable[[Block], None] | None = None,
     ) -> None:
+        """watch: shown every block, before it is measured."""
         self.simulation = simulation
+        self._watch = watch
         self._instruments = instruments
         self._controller = controller
         self._pushes = pushes
@@ -106,8 +109,11 @@ class Session:
             _stack([getattr(command, entry.name) for command in commands])
             for entry in fields(JointCommand)
         )
+        block = Block.join(blocks)
+        if self._watch is not None:
+            self._watch(block)
         return Stretch(
-            self._instruments.read(Block.join(blocks)),
+            self._instruments.read(block),
             CommandSamples(np.array(steps), position, velocity, effort, _stack(velocities)),
             tuple(self._events),
         )

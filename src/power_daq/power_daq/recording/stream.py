@@ -96,7 +96,7 @@ class Stream:
             stop = min(run_stop, high + half + 3)
             filtered = centred(self.values[start:stop], taps)
             times = self.time[start + half : stop - half]
-            result[inside] = _cubic(times, filtered, wanted)
+            result[inside] = cubic(times, filtered, wanted)
         return result
 
 
@@ -119,8 +119,8 @@ def held(time: Times, values: NDArray[Any], grid: Times) -> Floats:
     return result
 
 
-def _cubic(time: Times, values: Floats, at: Times) -> Floats:
-    """Lagrange's cubic through four neighbours, in terms of the sample index."""
+def cubic(time: Times, values: Floats, at: Times) -> Floats:
+    """Values [N, K] at times between samples, by Lagrange's cubic through four neighbours."""
     count = len(time)
     if count < 4:
         columns = [np.interp(at, time, column) for column in values.T]

@@ -1,0 +1,201 @@
+"""
+How often the intervals of `power_daq calibrate` hold the truth, on the simulated bench.
+
+One drive is simulated once; each seed then has a meter of its own (gains, offset, noise, clock)
+and an analyser of its own (noise, clock), at 20 kHz. Printed: how many of the seeds have the
+truth within the interval of 95 %, and how far off the estimates are.
+
+    python bench/calibration.py [--seeds 20] [--seconds 20] [--motion chirp]
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import exp, pi
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from power_daq.recording.reader import Recording
+from power_daq.recording.samples import DriveSamples
+from power_daq.reference.comparison import Comparison, compare
+from power_daq.reference.fit import Value
+from power_daq.reference.log import Log
+from power_daq.reference.measured import Measured
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from sim_bridge.analyser import Analyser, AnalyserParameters
+from sim_bridge.meter import DeviceClock, Meter
+from sim_bridge.motions import Motion, bench_motion
+from sim_bridge.offline import OfflineRun
+from sim_bridge.plant import MeterParameters, Plant
+from sim_bridge.simulation import STEP, Block
+from sim_bridge.telemetry import START_NS
+from sim_bridge.world import stand_world
+
+DRIVE = 'LF_KFE'
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the estimates should be; offset in s, drift in ppm, bandwidth in Hz."""
+
+    voltage_gain: float
+    current_gain: float
+    current_offset: float
+    offset: float
+    drift: float
+    bandwidth: float
+
+
+def plant_blocks(motion: str, seconds: float) -> list[Block]:
+    """What the plant does at the terminals of the meter, for any meter and analyser."""
+    blocks: list[Block] = []
+    played = Motion(bench_motion(motion, seconds=seconds))
+    run = OfflineRun(
+        Plant.load('anymal_c'),
+        stand_world(DRIVE),
+        played,
+        duration=min(played.seconds, 1.5 * seconds),
+        seed=0,
+        watch=blocks.append,
+    )
+    for _ in run:
+        pass
+    return blocks
+
+
+def latency(meter: MeterParameters) -> float:
+    """By how much the meter's samples of slow signals are late, s."""
+    keep = exp(-2.0 * pi * meter.bandwidth * STEP)
+    return meter.delay + STEP * keep / (1.0 - keep)
+
+
+def bandwidth(meter: MeterParameters) -> float:
+    """At which a meter of steps is down by 3 dB: its filter, its delay, the mean of a step; Hz."""
+    keep = exp(-2.0 * pi * meter.bandwidth * STEP)
+    part = (meter.delay / STEP - 0.5) % 1.0
+    frequency = np.arange(1.0, 1000.0, 0.5)
+    turn = np.exp(-2j * pi * frequency * STEP)
+    answer = np.abs((1.0 - keep) / (1.0 - keep * turn)) * np.abs(1.0 - part + part * turn)
+    answer *= np.sinc(frequency * STEP)
+    return float(frequency[np.argmax(answer < np.sqrt(0.5))])
+
+
+def trial(blocks: Sequence[Block], seed: int, rate: float = 20_000.0) -> tuple[Comparison, Truth]:
+    """One meter against one analyser."""
+    random = np.random.default_rng([seed, 7])
+    plant = Plant.load('anymal_c').unit(seed + 1)
+    drift, shift, ours = (
+        random.uniform(-80, 80),
+        random.uniform(-9000, 9000),
+        random.uniform(5, 30),
+    )
+    plant = replace(plant, meter=replace(plant.meter, clock_drift=float(ours)))
+    parameters = plant.resolve([DRIVE])
+    clock = DeviceClock.of(plant.meter)
+    recording = _recording(plant, parameters, clock, blocks, random)
+    analyser = Analyser(
+        AnalyserParameters(rate=rate, clock_offset=float(shift), clock_drift=float(drift)),
+        clock,
+        seed=seed,
+    )
+    for block in blocks:
+        analyser.watch(block)
+    names = ('time', 'voltage', 'current', 'power')
+    log = Log.of(Path(f'analyser {seed}'), names, analyser.rows())
+    measured = Measured.of(recording, DRIVE)
+    found = compare(measured, log)
+    at = (found.fit.clock.centre + log.start - shift) / (1.0 + 1e-6 * drift)
+    start = (measured.start_ns - START_NS) / 1e9
+    gain = float(parameters['current_gain'][0])
+    return found, Truth(
+        voltage_gain=1.0 / float(parameters['voltage_gain'][0]),
+        current_gain=1.0 / gain,
+        current_offset=-float(parameters['current_offset'][0]) / gain,
+        offset=at + latency(plant.meter) - start - found.fit.clock.centre,
+        drift=float(drift),
+        bandwidth=bandwidth(plant.meter),
+    )
+
+
+def _recording(
+    plant: Plant,
+    parameters: dict[str, NDArray[np.float64]],
+    clock: DeviceClock,
+    blocks: Sequence[Block],
+    random: np.random.Generator,
+) -> Recording:
+    meter = Meter(plant, parameters, random)
+    parts = [meter.read(block) for block in blocks]
+    step = np.concatenate([part.step for part in parts])
+    current = np.concatenate([part.current for part in parts]).astype(np.float32)
+    samples = DriveSamples(
+        stamp_ns=START_NS + clock.elapsed_ns(step),
+        names=(DRIVE,),
+        sequence=np.arange(len(step), dtype=np.uint64),
+        device_time=clock.device_ns(step).astype(np.uint64),
+        voltage=np.concatenate([part.voltage for part in parts]).astype(np.float32),
+        current=current,
+        temperature=np.full_like(current, np.nan),
+        status=np.concatenate([part.status for part in parts]),
+    )
+    return Recording.in_memory('bench', {'drive_supply': samples})
+
+
+def estimates(found: Comparison, truth: Truth) -> dict[str, tuple[Value, float, float, str]]:
+    """By name: the estimate, the truth, what to multiply both by, and the unit of that."""
+    channels = found.channels
+    made = {
+        'current gain': (channels['current'].gain, truth.current_gain, 1e6, 'ppm'),
+        'current offset': (channels['current'].offset, truth.current_offset, 1e3, 'mA'),
+        'time offset': (found.fit.offset, truth.offset, 1e6, 'µs'),
+        'drift': (found.drift_ppm, truth.drift, 1.0, 'ppm'),
+    }
+    if 'voltage' in channels:
+        made['voltage gain'] = (channels['voltage'].gain, truth.voltage_gain, 1e6, 'ppm')
+        made['voltage offset'] = (channels['voltage'].offset, 0.0, 1e3, 'mV')
+    if found.response is not None and found.response.cutoff is not None:
+        made['bandwidth'] = (found.response.cutoff, truth.bandwidth, 1.0, 'Hz')
+    return made
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seeds', type=int, default=20)
+    parser.add_argument('--seconds', type=float, default=20.0)
+    parser.add_argument('--motion', default='chirp')
+    options = parser.parse_args()
+    blocks = plant_blocks(options.motion, options.seconds)
+    rows: dict[str, list[tuple[Value, float, float, str]]] = {}
+    errors = []
+    for seed in track(range(options.seeds), description='meters'):
+        found, truth = trial(blocks, seed)
+        errors.append((found.before, found.after))
+        for name, row in estimates(found, truth).items():
+            rows.setdefault(name, []).append(row)
+    title = f'{options.motion}, {options.seconds:g} s, {options.seeds} meters'
+    table = Table(title=title)
+    for name in ('', 'truth within', 'RMS error', 'half interval', 'unit'):
+        table.add_column(name, justify='left' if not name else 'right')
+    for name, found_rows in rows.items():
+        held = sum(value.low <= true <= value.high for value, true, _, _ in found_rows)
+        scale, unit = found_rows[0][2], found_rows[0][3]
+        off = scale * np.array([value.value - true for value, true, _, _ in found_rows])
+        half = scale * np.array([0.5 * (value.high - value.low) for value, *_ in found_rows])
+        table.add_row(
+            name,
+            f'{held} of {len(found_rows)}',
+            f'{np.sqrt(np.mean(off**2)):.3g} (mean {off.mean():+.2g})',
+            f'{np.median(half):.3g}',
+            unit,
+        )
+    Console(width=100).print(table)
+    before, after = np.mean(errors, axis=0)
+    print(f'error of power at 400 Hz: {before:.3f} W before, {after:.3f} W after (RMS)')
+
+
+if __name__ == '__main__':
+    main()
