@@ -1,6 +1,6 @@
 """Who commands the joints in an offline run."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -41,16 +41,18 @@ class Controller(Protocol):
 
 
 class Trot:
-    """The scripted trot at 100 Hz, walking by random velocity commands."""
+    """The scripted trot at 100 Hz, walking by velocity commands."""
 
-    def __init__(self, name: str, seed: int, rate: float = 100.0) -> None:
-        """name: one of policy_runner's trots. seed: of the commands. rate: Hz."""
+    def __init__(
+        self, name: str, commands: Callable[[float], Floats], rate: float = 100.0
+    ) -> None:
+        """name: one of policy_runner's trots. commands: as of PolicyWalk. rate: Hz."""
         if name not in TROTS:
             raise InputError(f'no controller {name!r}; there are {", ".join(CONTROLLERS)}')
         self.name = name
         self.period = round(1.0 / rate / STEP)
         self.velocity: Floats | None = np.zeros(3)
-        self._commands = RandomCommands(seed)
+        self._commands = commands
         self._trot = ScriptedTrot(TROTS[name])
 
     def command(self, simulation: Simulation) -> JointCommand:
@@ -120,17 +122,43 @@ class Stand:
         """Nothing to forget."""
 
 
-def make_controller(name: str, seed: int) -> Controller:
-    """A controller by name, or by a policy's folder; InputError for one that is not there."""
+class Steady:
+    """The same velocity command at all times but the first second, which stands."""
+
+    def __init__(self, velocity: Sequence[float]) -> None:
+        """vx, vy in m/s within ±1.5, yaw rate in rad/s within ±2; InputError otherwise."""
+        limits = (1.5, 1.5, 2.0)
+        good = len(velocity) == 3 and all(
+            abs(v) <= limit for v, limit in zip(velocity, limits, strict=True)
+        )
+        if not good:
+            raise InputError(
+                f'velocity is {",".join(f"{v:g}" for v in velocity)}; expected VX,VY,YAW within '
+                '1.5 m/s, 1.5 m/s and 2 rad/s'
+            )
+        self._velocity = np.array(velocity, dtype=np.float64)
+
+    def __call__(self, time: float) -> Floats:
+        """The command at `time` s after the start: m/s, m/s, rad/s [3]."""
+        return self._velocity * min(max(time - 1.0, 0.0), 1.0)
+
+
+def make_controller(name: str, seed: int, velocity: Sequence[float] | None = None) -> Controller:
+    """
+    A controller by name, or by a policy's folder; InputError for one that is not there.
+
+    velocity: vx, vy in m/s, yaw rate in rad/s to hold; random ones from the seed if None.
+    """
+    commands = RandomCommands(seed) if velocity is None else Steady(velocity)
     if name == 'stand':
         return Stand()
     if name in TROTS:
-        return Trot(name, seed)
+        return Trot(name, commands)
     if name not in CONTROLLERS and not Path(name).exists():
         raise InputError(
             f'no controller {name!r}; there are {", ".join(CONTROLLERS)}, or give a policy folder'
         )
-    return PolicyWalk(name, make_policy(name), RandomCommands(seed))
+    return PolicyWalk(name, make_policy(name), commands)
 
 
 def make_policy(name: str) -> Policy:

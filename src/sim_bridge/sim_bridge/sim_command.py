@@ -20,6 +20,7 @@ push_velocity, push_direction. Services: push, reset.
 examples:
   ros2 run sim_bridge sim --ros-args -p channel:=/tmp/wattwalk.sock
   ros2 run sim_bridge sim --offline --seed 1 --duration 60 -o bags/walk --pushes
+  ros2 run sim_bridge sim --offline --velocity=0,0,0.7 --duration 30 -o bags/turn
 """
 
 
@@ -42,6 +43,7 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
     add('--unit', type=int, metavar='N', help='draw the spread of another unit of the robot')
     add('--terrain', choices=TERRAINS, default='flat')
     add('--controller', default='trot', help=f'{", ".join(CONTROLLERS)}, or a policy folder')
+    add('--velocity', metavar='VX,VY,YAW', help='hold it (m/s, m/s, rad/s) instead of random ones')
     add('--pushes', action='store_true', help='push the robot every few seconds')
     add('--drives', metavar='A,B', help='meter only these drives, such as LF_KFE,RF_KFE')
     add('--overwrite', action='store_true', help='replace a bag that is there')
@@ -68,8 +70,16 @@ def offline(options: argparse.Namespace) -> int:
         terrain=options.terrain,
         pushes=options.pushes,
         drives=drives,
+        velocity=_velocity(options.velocity),
         overwrite=options.overwrite,
         progress=True,
     )
     print(f'wrote {path}')
     return 0
+
+
+def _velocity(text: str | None) -> tuple[float, ...] | None:
+    try:
+        return None if text is None else tuple(float(part) for part in text.split(','))
+    except ValueError:
+        raise InputError(f'--velocity is {text!r}; expected VX,VY,YAW such as 0,0,0.8') from None

@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 
 SIMULATED = 'Simulated microphone: these levels say nothing about real robots.'
 _LEAST = 2.0  # s that must be left to count
+_PAUSE = 1.0  # s
 _EXPECTED_REACH = 8000.0  # Hz
 
 
@@ -77,6 +78,12 @@ class Take:
     events: Events | None = None
     recording: Path | None = None
     simulated: bool = False
+
+    @property
+    def mean_level(self) -> Floats:
+        """Mean square over the second around each bin [N]."""
+        width = min(max(1, round(1.0 / self.sound.step)), len(self.sound.energy))
+        return np.convolve(self.sound.energy, np.ones(width) / width, mode='same')
 
     @property
     def stretch(self) -> Stretch:
@@ -258,9 +265,10 @@ def _counted(
         return counted, 'as given by --from and --to'
     if alignment is not None and events is not None and len(events.landings) > 1:
         there = alignment.of(time)
-        first, last = float(events.landings[0]), float(events.landings[-1])
-        walking = counted & (there >= first) & (there <= last)
-        return walking, 'from the first to the last landing of a foot'
+        last = np.searchsorted(events.landings, there, side='right') - 1
+        since = there - events.landings[np.maximum(last, 0)]
+        walking = counted & (last >= 0) & (since <= _PAUSE)
+        return walking, f'while feet land at least every {_PAUSE:g} s'
     return counted, why
 
 

@@ -5,10 +5,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from power_daq.pictures import OTHERS, save_figure, style
 from power_daq.sound.analysis import SIMULATED, Analysis, Take
-from power_daq.sound.comparison import Levels
+from power_daq.sound.comparison import Levels, decibels
+
+Floats = NDArray[np.float64]
 
 COLOURS = ('#0072B2', *OTHERS)
 DASHES = ('-', (0, (5, 1.5)), (0, (1.5, 1)), '-.')
@@ -25,7 +28,6 @@ def draw_sound(path: Path, analysis: Analysis) -> None:
             colour = COLOURS[index % len(COLOURS)]
             found = analysis.levels(name)
             _curve(above, analysis, analysis.of(name)[0], index, found)
-            above.axhline(found.leq, color=colour, lw=0.9, ls=DASHES[index % len(DASHES)])
             bands = analysis.bands(name)
             if bands:
                 below.plot(
@@ -41,7 +43,9 @@ def draw_sound(path: Path, analysis: Analysis) -> None:
         above.set_xlabel(f'time since {_since(analysis)} [s]')
         above.set_ylabel(f'{settings.time} level [{analysis.unit}]')
         above.set_title(
-            'Sound level over time; horizontal: mean level Leq', loc='left', fontsize=11
+            f'Sound level over time: {settings.time} (thin), mean of a second (thick)',
+            loc='left',
+            fontsize=11,
         )
         low, high = above.get_ylim()
         above.set_ylim(low, high + 0.2 * (high - low))
@@ -52,25 +56,31 @@ def draw_sound(path: Path, analysis: Analysis) -> None:
         save_figure(figure, path)
 
 
-def curve(analysis: Analysis, take: Take) -> tuple[np.ndarray, np.ndarray]:
-    """Level over time of what counts of a take: s since its start, level; thinned to 20 Hz."""
+def curve(analysis: Analysis, take: Take) -> tuple[Floats, Floats, Floats]:
+    """
+    Level over time, from what counts of a take first to last; thinned to 20 Hz.
+
+    Time in s since then, the level with the time weighting, and the mean over the second around.
+    """
     every = max(1, round(1.0 / (_POINTS * take.sound.step)))
     rows = np.flatnonzero(take.counted)
     span = slice(rows[0], rows[-1] + 1, every)
-    level = analysis.trace(take)[span]
     time = take.sound.time[span]
-    return time - time[0], level
+    mean = decibels(take.mean_level[span]) + analysis.shift
+    return time - time[0], analysis.trace(take)[span], mean
 
 
 def _curve(axis: Axes, analysis: Analysis, take: Take, index: int, found: Levels) -> None:
-    time, level = curve(analysis, take)
+    time, level, mean = curve(analysis, take)
     shown = time <= _SHOWN
+    colour = COLOURS[index % len(COLOURS)]
+    axis.plot(time[shown], level[shown], color=colour, lw=0.8, alpha=0.45)
     axis.plot(
         time[shown],
-        level[shown],
-        color=COLOURS[index % len(COLOURS)],
+        mean[shown],
+        color=colour,
         ls=DASHES[index % len(DASHES)],
-        lw=1.3,
+        lw=2.2,
         label=f'{take.policy}: Leq {found.leq:.1f}, L10 {found.l10:.1f}, L90 {found.l90:.1f}',
     )
 
@@ -88,7 +98,7 @@ def _spectrum_axis(axis: Axes, analysis: Analysis) -> None:
     letter = analysis.settings.weighting
     axis.set_ylabel(f'level [{analysis.unit.replace(f"({letter})", "")}]')
     axis.set_title('Spectrum, unweighted', loc='left', fontsize=11)
-    axis.legend(loc='upper right', frameon=False, fontsize=8, ncols=2)
+    axis.legend(loc='lower center', frameon=False, fontsize=8, ncols=4)
 
 
 def _hertz(frequency: float) -> str:

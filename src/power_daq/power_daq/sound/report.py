@@ -36,6 +36,9 @@ def write_report(path: Path, analysis: Analysis) -> None:
     )
     page.heading('Level over time')
     page.add(page.figure(_over_time(analysis), 'level over time by policy', size='tall'))
+    page.text(
+        f'Thin: {settings.time} time weighting; thick: mean over the second around.', faint=True
+    )
     page.heading('Levels')
     columns = ('policy', 'counted s', 'Leq', 'L10', 'L50', 'L90', 'max')
     rows = []
@@ -117,22 +120,23 @@ def _over_time(analysis: Analysis) -> Figure:
     figure = go.Figure()
     for index, name in enumerate(analysis.policies):
         for number, take in enumerate(analysis.of(name)):
-            time, level = curve(analysis, take)
-            figure.add_trace(
-                go.Scatter(
-                    x=short(time),
-                    y=short(level),
-                    name=name,
-                    showlegend=number == 0,
-                    legendgroup=name,
-                    mode='lines',
-                    line={
-                        'color': _LINES[index % len(_LINES)],
-                        'dash': _DASHES[index % len(_DASHES)],
-                        'width': 1.5,
-                    },
+            time, level, mean = curve(analysis, take)
+            colour = _LINES[index % len(_LINES)]
+            thin = {'color': colour, 'width': 0.7}
+            thick = {'color': colour, 'width': 2.4, 'dash': _DASHES[index % len(_DASHES)]}
+            for values, line, label in ((level, thin, ''), (mean, thick, name)):
+                figure.add_trace(
+                    go.Scatter(
+                        x=short(time),
+                        y=short(values),
+                        name=label or f'{name}, {analysis.settings.time}',
+                        showlegend=number == 0 and bool(label),
+                        legendgroup=name,
+                        mode='lines',
+                        opacity=1.0 if label else 0.5,
+                        line=line,
+                    )
                 )
-            )
     figure.update_xaxes(title_text='time in s')
     figure.update_yaxes(title_text=f'level in {analysis.unit}')
     return finished(figure, legend=True)
