@@ -1,6 +1,6 @@
 """Runs of the simulated robot as fast as the machine can: into a bag, or into memory."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from sim_bridge.instruments import Instruments
 from sim_bridge.memory import gather
 from sim_bridge.plant import Plant
 from sim_bridge.session import Event, Pushes, Session
-from sim_bridge.simulation import Simulation
+from sim_bridge.simulation import Block, Simulation
 from sim_bridge.telemetry import Telemetry, Wire
 from sim_bridge.terrain import FLAT, rough
 from sim_bridge.world import World, walking_world
@@ -45,8 +45,14 @@ class OfflineRun:
         drives: Sequence[str] | None = None,
         pushes: bool = False,
         bus: BusDescription | None = None,
+        watch: Callable[[Block], None] | None = None,
     ) -> None:
-        """drives: those whose power is metered, all if None. bus: the shipped one if None."""
+        """
+        Make a run.
+
+        drives: those whose power is metered, all if None. bus: the shipped one if None. watch: is
+        shown every block of the plant, as an instrument beside the meter.
+        """
         if not 0.1 <= duration <= 36_000.0:
             raise InputError(f'duration is {duration!r}; it must lie in 0.1..36000 s')
         if seed < 0:
@@ -65,7 +71,7 @@ class OfflineRun:
             simulation.circuit.temperature.winding.copy(),
         )
         self._session = Session(
-            simulation, instruments, controller, Pushes(seed) if pushes else None
+            simulation, instruments, controller, Pushes(seed) if pushes else None, watch
         )
 
     def __iter__(self) -> Iterator[Telemetry]:
