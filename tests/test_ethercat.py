@@ -367,3 +367,29 @@ def test_every_well_formed_frame_comes_back_as_long_as_it_was(commands):
 
 def test_what_is_no_ethercat_frame_is_left_alone():
     assert process(b'\xff' * 12 + b'\x08\x00' + bytes(40), [EK1100()]) is None
+
+
+def test_the_segment_can_be_tried_by_a_command(cable, mapping, node_process):
+    near, far = cable
+    volts = ['--volts', '4.8', '0.4', '0.3', '0.0']
+    segment = node_process('sim_bridge', 'ethercat_segment', '--interface', far, *volts)
+    segment.wait_for_output('EK1100 and 2 EL3102 on ecat1', timeout=PATIENCE)
+    daq = node_process(
+        *('power_daq', 'daq', '--ros-args', '-p', 'interface:=ethercat'),
+        *('-p', f'channel:={near}', '-p', f'mapping:={mapping}'),
+    )
+    daq.wait_for_output('operating EK1100, EL3102, EL3102', timeout=PATIENCE)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['--interface', 'eth77'], 'cannot use eth77: '),
+        (['--interface', 'lo', '--volts', '1'], '--volts has 1 numbers; give two'),
+    ],
+)
+def test_a_segment_that_cannot_be_is_told_in_a_line(node_process, arguments, words):
+    segment = node_process('sim_bridge', 'ethercat_segment', *arguments)
+    assert segment.wait(PATIENCE) == 2
+    assert words in segment.output
+    assert segment.output.strip().count('\n') == 0

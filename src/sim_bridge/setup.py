@@ -29,6 +29,7 @@ setup(
             'record = sim_bridge.record_command:main',
             'sound = sim_bridge.sound_command:main',
             'supply_instrument = sim_bridge.supply_instrument:main',
+            'ethercat_segment = sim_bridge.ethercat_command:main',
         ],
     },
 )
