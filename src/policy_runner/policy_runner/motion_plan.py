@@ -80,7 +80,7 @@ class Plan:
                 if not limits.low <= value <= limits.high:
                     raise InputError(
                         f'{where}: {drive} would go to {value:.2f} rad; its limits are '
-                        f'{limits.low:.2f}..{limits.high:.2f} rad'
+                        f'{limits.low:.2f}..{limits.high:.2f} rad (--fit shortens it)'
                     )
 
     def _check_time(self, path: SegmentPath, where: str) -> None:
