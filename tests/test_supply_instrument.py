@@ -253,6 +253,16 @@ def test_a_supply_can_be_asked_for_voltage_and_current_one_by_one(bench):
     assert 'MEAS:ARR?' not in bench.state.heard
 
 
+def test_a_supply_that_does_not_tell_its_rating_is_read_all_the_same(bench, monkeypatch):
+    answer = SupplyState.answer
+    monkeypatch.setattr(
+        SupplyState, 'answer', lambda s, line: None if ':NOM:' in line else answer(s, line)
+    )
+    bench.poll(timeout=0.5)
+    bench.read(5)
+    values_are_true(bench)
+
+
 def test_power_that_is_not_voltage_times_current_is_counted(bench):
     bench.spoil(lambda answer: [(0.0, b'48.00 V, 90.00 A, 96.0 W\n')], every=4)
     bench.poll()

@@ -97,6 +97,7 @@ def allowed_by_the_security_policy():
 def test_the_security_policy_allows_what_the_nodes_have(walking, node_process, tmp_path):
     recorder = node_process('power_daq', 'record', '-o', str(tmp_path / 'bag'))
     recorder.wait_for_output('recording to')
+    node_process('power_daq', 'supply', '--ros-args', '-p', 'host:=127.0.0.1')
     allowed = allowed_by_the_security_policy()
     del allowed['operator']
     assert set(allowed) >= {'power_daq', 'power_estimator', 'policy_runner', 'sim_bridge'}

@@ -62,6 +62,8 @@ class SupplyNode(Node):
         rate = given.real('rate', 100.0, 'readings in Hz', 1.0, 200.0)
         frame_id = given.text('frame_id', 'supply', 'frame_id of supply')
         request = self._output_request(given)
+        if self.get_parameter('use_sim_time').value:
+            self.get_logger().warning('use_sim_time: readings of a supply are in system time')
         self._energy, self._balance = EnergyCounter(largest_gap=10.0 / rate), PowerBalance()
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         self._battery = BatteryPublisher(

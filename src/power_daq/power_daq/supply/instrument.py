@@ -160,10 +160,13 @@ class Instrument:
         raise LostError(f'{_MOST_LINES} lines came and none was the answer to *IDN?')
 
     def _rating(self, question: str, unit: str) -> float:
-        """Rated value; infinite for a supply that does not tell it in this unit."""
+        """Rated value; infinite for a supply that does not tell it."""
         try:
             return quantity(self.ask(question), unit)
         except AnswerError:
+            return inf
+        except LostError:
+            self.resynchronise()
             return inf
 
 
