@@ -40,9 +40,9 @@ def foxglove_paths():
         yield from (path['value'] for path in panel.get('paths', ()))
 
 
-def script_types():
-    """The fields that the user script of the layout returns, as types of ROS."""
-    source = foxglove_layout()['userNodes']['drive_power']['sourceCode']
+def script_types(name):
+    """The fields that a user script of the layout returns, as types of ROS."""
+    source = foxglove_layout()['userNodes'][name]['sourceCode']
     fields = re.search(r'type Output = \{(.*?)\};', source, re.DOTALL)[1]
     of_typescript = {'number': 'double', 'number[]': 'sequence<double>'}
     found = re.findall(r'(\w+): ([^;]+);', fields)
@@ -62,10 +62,10 @@ def plotjuggler_curves():
 def test_foxglove_plots_numbers_that_messages_have():
     checked = 0
     for path in foxglove_paths():
-        parts = re.fullmatch(r'/(studio_script/drive_power|\w+)\.(\w+)(?:\[(\d+)\])?', path)
+        parts = re.fullmatch(r'/(studio_script/\w+|\w+)\.(\w+)(?:\[(\d+)\])?', path)
         assert parts, path
         topic, field, index = parts.groups()
-        types = script_types() if '/' in topic else message_fields(topic)
+        types = script_types(topic.split('/')[1]) if '/' in topic else message_fields(topic)
         assert is_plottable(types[field], index), path
         checked += 1
     assert checked > 20
@@ -85,19 +85,40 @@ def test_plotjuggler_plots_numbers_that_messages_have():
     assert checked > 20
 
 
-def test_the_user_script_of_the_foxglove_layout_reads_what_messages_have():
-    script = foxglove_layout()['userNodes']['drive_power']['sourceCode']
-    (topic,) = re.search(r'inputs = \["/(\w+)"\]', script).groups()
-    read = re.search(r'const \{ ([\w, ]+) \} = event\.message', script)[1].split(', ')
-    assert set(read) <= set(message_fields(topic))
-    assert f'Input<"/{topic}">' in script
-    returned = re.search(r'return \{ (.+) \};', script)[1]
-    assert set(script_types()) == set(re.findall(r'(?:^|, )(\w+)(?=,|:|$)', returned))
+def test_the_user_scripts_of_the_foxglove_layout_read_what_messages_have():
+    scripts = foxglove_layout()['userNodes']
+    assert set(scripts) == {'drive_power', 'robot_power'}
+    for name, script in scripts.items():
+        source = script['sourceCode']
+        assert f'"/studio_script/{name}"' in source
+        topics = re.findall(r'"/(\w+)"', re.search(r'inputs = \[(.*?)\]', source)[1])
+        known = {field for topic in topics for field in message_fields(topic)}
+        for read in re.findall(r'const \{ ([\w, ]+) \} = event\.message', source):
+            assert set(read.split(', ')) <= known, name
+        for topic in topics:
+            assert f'Input<"/{topic}">' in source
+        returned = re.findall(r'return (\{.+?\});', source, re.DOTALL)[-1]
+        named = set(re.findall(r'(?:[{,])\s*(\w+)(?=,|:|\s*\})', returned))
+        assert set(script_types(name)) == named, name
+
+
+def test_the_foxglove_layout_shows_what_the_live_view_shows():
+    shown = {path.split('[')[0] for path in foxglove_paths()}
+    power = ('drive_power.power', 'drive_power.total', 'drive_power.flags', 'drive_power.lost')
+    robot = ('supply', 'drives', 'electronics', 'supply_energy', 'drive_energy')
+    assert shown >= {f'/studio_script/{name}' for name in power}
+    assert shown >= {f'/studio_script/robot_power.{name}' for name in robot}
+    assert shown >= {'/power_estimate.power', '/power_estimate.status', '/supply.voltage'}
+    assert '/drive_supply.temperature' in shown
+    panels = foxglove_layout()['configById'].values()
+    selected = {panel.get('selectedName') for panel in panels} - {None}
+    assert selected == {'power_daq: bus', 'recorder: bag'}
 
 
 def test_the_diagnostics_panel_shows_the_topic_of_the_nodes():
     panels = foxglove_layout()['configById']
-    assert panels['DiagnosticSummary!diagnostics']['topicToRender'].lstrip('/') in TYPES
+    for panel in panels.values():
+        assert panel.get('topicToRender', '/diagnostics').lstrip('/') in TYPES
 
 
 def test_the_panels_of_the_foxglove_layout_are_all_placed():
