@@ -2,6 +2,7 @@
 
 import argparse
 import io
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -102,7 +103,9 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
 def _save(path: Path, screen: Screen) -> None:
     recorder = Console(record=True, width=80, file=io.StringIO(), force_terminal=True)
     recorder.print(screen)
-    write_whole(path, recorder.export_svg(title='ros2 run power_daq watch'))
+    picture = recorder.export_svg(title='ros2 run power_daq watch')
+    own_fonts = re.sub(r'@font-face \{.*?\}', '', picture, flags=re.DOTALL)
+    write_whole(path, own_fonts.replace('Fira Code', 'Fira Code, DejaVu Sans Mono, Menlo'))
 
 
 @command

@@ -177,6 +177,16 @@ def test_twelve_drives_fit_on_a_terminal_of_80_by_24():
     assert '! power_daq: bus: in the last second: 3 electrical lost' in text
 
 
+def test_however_many_nodes_complain_it_stays_on_24_rows():
+    state = twelve_drives()
+    for name in ('policy_runner', 'sim_bridge', 'supply'):
+        state.report(name, 2, 'down', {}, 1.0)
+    text = rendered(state)
+    assert len(text.splitlines()) <= 24
+    assert 'policy_runner: down' in text
+    assert 'and 3 more: sim_bridge, supply, power_daq' in text
+
+
 def test_without_colour_there_is_none():
     plain = rendered(twelve_drives(), environment={'NO_COLOR': '1', 'TERM': 'xterm'})
     assert not re.search(r'\x1b\[[0-9;]*(3[0-7]|38|4[0-7]|9[0-7])[;m]', plain)
@@ -313,3 +323,4 @@ def test_on_a_terminal_it_draws_a_screen_until_ctrl_c(robot, node_process, tmp_p
     assert b'\x1b[?1049l' in shown, 'the terminal is given back as it was'
     assert b'Traceback' not in shown
     assert 'LF_KFE' in picture.read_text()
+    assert 'https://cdn' not in picture.read_text(), 'it needs no network'

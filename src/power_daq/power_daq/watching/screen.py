@@ -1,6 +1,6 @@
 """A view as rows on a terminal of at least 60 columns, or as one line."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import floor, isfinite, log10
 
 from rich.console import Console, ConsoleOptions, RenderResult
@@ -12,7 +12,6 @@ from power_daq.watching.state import DriveView, Report, View
 _EIGHTHS = ' ▏▎▍▌▋▊▉'
 _LEAST_BAR, _SIDE = 6, 34
 _BLUE, _ORANGE, _FAINT = 'blue', 'dark_orange', 'dim'
-_WARNINGS = 3
 
 
 class Screen:
@@ -40,12 +39,8 @@ class Screen:
         yield self._drives(view, width, plain)
         yield from _sums(view)
         yield _sides(view, width)
-        shown = view.warnings[:_WARNINGS]
-        for warning in shown:
+        for warning in _fitting(view.warnings):
             yield Text('! ' + warning, style='bold ' + _ORANGE, no_wrap=True, overflow='ellipsis')
-        if len(view.warnings) > len(shown):
-            more = len(view.warnings) - len(shown)
-            yield Text(f'! and {more} more on diagnostics', style='bold ' + _ORANGE)
 
     def _drives(self, view: View, width: int, plain: bool) -> Table:
         names = max((len(d.name) for d in view.drives), default=6)
@@ -93,6 +88,14 @@ def line(view: View, clock: str) -> str:
     recorder = _recorder(view)
     parts += [f'recorder {recorder}', *flagged, *view.warnings]
     return ' | '.join(parts)
+
+
+def _fitting(warnings: Sequence[str]) -> Sequence[str]:
+    """Two lines at most: of more than two, the names alone of all but the first."""
+    if len(warnings) <= 2:
+        return warnings
+    names = ', '.join(warning.split(':', 1)[0] for warning in warnings[1:])
+    return (warnings[0], f'and {len(warnings) - 1} more: {names}')
 
 
 def _title(view: View, clock: str, width: int) -> Text:
