@@ -4,6 +4,8 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -14,6 +16,7 @@ from sensor_msgs.msg import JointState
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition import SampleQueue
+from power_daq.calibration import NONE, label
 from power_daq.cli import command
 from power_daq.parameters import DeviceParameters
 from power_daq.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
@@ -48,6 +51,8 @@ class DaqNode(Node):
         given = DeviceParameters(self)
         self._queue = SampleQueue(_QUEUED_SAMPLES)
         self._source = source = open_source(given, self._queue, self.get_logger().warning)
+        applied = self.get_parameter('calibration').value
+        self._calibration = label(Path(applied).expanduser()) if applied else NONE
         frame_id = given.text('frame_id', source.device, 'frame_id of drive_supply')
         per_message = given.whole('samples_per_message', 1, 'samples in a drive_supply', 1, 1000)
         if self.get_parameter('use_sim_time').value:
@@ -94,7 +99,9 @@ class DaqNode(Node):
         if self._acquisition.failed or self._publishing.failed:
             self.stop()
             return
-        self._reporter.say(self._source.report(time.monotonic()))
+        report = self._source.report(time.monotonic())
+        figures = {**report.figures, 'calibration': self._calibration}
+        self._reporter.say(replace(report, figures=figures))
 
     def stop(self) -> None:
         """End both threads, publish what is left; raises what one of them failed by."""

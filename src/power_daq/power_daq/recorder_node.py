@@ -48,6 +48,8 @@ class RecorderNode(Node):
         self._subscriptions_by_topic = {
             name: self._subscribe(name, ReliabilityPolicy.RELIABLE) for name in self._types
         }
+        self._calibrations: dict[str, None] = {}
+        self.create_subscription(DiagnosticArray, 'diagnostics', self._note_calibration, 10)
         self._before = recorder.progress()
         self._publisher = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -67,6 +69,17 @@ class RecorderNode(Node):
             raw=True,
             event_callbacks=events,
         )
+
+    @property
+    def calibration(self) -> str:
+        """What the measuring nodes said that they apply, as for a card; empty if none spoke."""
+        return ', '.join(self._calibrations)
+
+    def _note_calibration(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            for pair in status.values:
+                if pair.key == 'calibration':
+                    self._calibrations[pair.value] = None
 
     def _keep_house(self) -> None:
         for name in sorted(self._best_effort):
@@ -177,7 +190,9 @@ def main(args: Sequence[str] | None = None) -> int:
         try:
             if recorder is not None:
                 recorder.close()
-                card.with_drives(recorder.measured()).save(options.output)
+                said = '' if node is None else node.calibration
+                card = card.with_drives(recorder.measured()).with_calibration(said)
+                card.save(options.output)
         finally:
             if node is not None:
                 node.destroy_node()

@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from power_daq.acquisition import SampleQueue
 from power_daq.bus.description import BusDescription
 from power_daq.bus.generator import SignalGenerator
+from power_daq.calibration import label
 from power_daq.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
 from power_daq.receiver import Sample
 from rclpy.executors import SingleThreadedExecutor
@@ -190,7 +191,9 @@ def good(diagnostics):
 
 
 def test_the_node_publishes_every_sample_and_says_how_it_does(tmp_path, listener, robot):
-    process = start(tmp_path)
+    calibration = tmp_path / 'cal.yaml'
+    calibration.write_text('channels: {}')
+    process = start(tmp_path, f'calibration:={calibration}')
     try:
         listener.until(lambda: len(listener.supply) > 1500)
         listener.until(lambda: len(good(listener.diagnostics)) > 1)
@@ -219,6 +222,7 @@ def test_the_node_publishes_every_sample_and_says_how_it_does(tmp_path, listener
     values = {entry.key: entry.value for entry in status.values}
     assert values['electrical lost'] == '0'
     assert values['bus state'] == 'active'
+    assert values['calibration'] == label(calibration)
     assert float(values['joints rate [Hz]']) > 100
     assert {'clock device drift [ppm]', 'bus load [%]', 'error frames'} <= set(values)
 

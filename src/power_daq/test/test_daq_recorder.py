@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from power_daq.cli import InputError
 from power_daq.recorder_node import main
 from power_daq.recording import cdr
@@ -149,8 +149,12 @@ def test_what_is_published_is_in_the_bag_after_ctrl_c(
 ) -> None:
     supply = robot.publisher(DriveSupply, 'drive_supply')
     joints = robot.publisher(JointState, 'joint_states')
+    said = robot.publisher(DiagnosticArray, 'diagnostics')
     recorder = record(tmp_path / 'walk', '--card', 'robot=anymal_c', 'unit=A', 'load_kg=4')
     wait_for(lambda: supply.get_subscription_count() and joints.get_subscription_count())
+    wait_for(lambda: said.get_subscription_count() >= 2)
+    applied = KeyValue(key='calibration', value='cal.yaml (sha256 0123456789ab)')
+    said.publish(DiagnosticArray(status=[DiagnosticStatus(values=[applied])]))
     for i in range(300):
         if i == 200:
             robot.sequence += 7
@@ -171,6 +175,7 @@ def test_what_is_published_is_in_the_bag_after_ctrl_c(
     )
     card = recording.card
     assert (card.robot, card.unit, card.drives) == ('anymal_c', 'A', ('LF_HAA', 'LF_KFE'))
+    assert card.calibration == 'cal.yaml (sha256 0123456789ab)'
     assert card.other == {'load_kg': '4'}
     assert card.created
     assert card.software.startswith('power_daq')

@@ -103,6 +103,10 @@ class Card:
         """The card with the drives that were measured, unless it names some already."""
         return self if self.drives else replace(self, drives=tuple(measured))
 
+    def with_calibration(self, applied: str) -> Self:
+        """The card with the calibration that was applied, unless it names one already."""
+        return self if self.calibration else replace(self, calibration=applied)
+
     def save(self, bag_dir: Path) -> Path:
         """Write card.yaml into a recording's folder, whole or not at all; return its path."""
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'other'}

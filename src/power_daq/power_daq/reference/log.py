@@ -236,6 +236,7 @@ def _regular(path: Path, time: Floats) -> tuple[Floats, float, NDArray[np.intp],
     starts = np.concatenate([[0], cuts]).astype(np.intp)
     stops = np.concatenate([cuts, [len(time)]]).astype(np.intp)
     smooth = time.copy()
+    slopes: list[tuple[int, float]] = []
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
         if stop - start < 3:
             continue
@@ -244,9 +245,10 @@ def _regular(path: Path, time: Floats) -> tuple[Floats, float, NDArray[np.intp],
         even = origin + slope * index
         if np.abs(even - time[start:stop]).max() <= 1.5 * max(resolution, period):
             smooth[start:stop] = even
+            slopes.append((stop - start, float(slope)))
         elif (np.diff(time[start:stop]) <= 0).any():
             smooth[start:stop] = _spread(time[start:stop], period)
-    return smooth, period, starts, stops
+    return smooth, max(slopes)[1] if slopes else period, starts, stops
 
 
 def _spread(time: Floats, period: float) -> Floats:

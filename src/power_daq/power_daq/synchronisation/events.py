@@ -11,7 +11,7 @@ from power_daq.reference.fit import Value
 
 Floats = NDArray[np.float64]
 _BEFORE, _AFTER = 0.02, 0.04  # s around a jump
-_REST = 0.1  # s without another one before and after
+_REST_NS = 100_000_000  # without another one before and after
 _FEWEST = 5
 _DRAWS = 400
 _GRID = 2.5e-4  # s
@@ -41,7 +41,7 @@ def answer_of(recording: Recording, drive: str, seed: int = 0) -> Answer | None:
     Stack the answers to jumps of a drive's command; None for under five jumps that stand alone.
 
     A jump is a change by over a quarter of the command's range from one message to the next,
-    with no other within 0.1 s.
+    while the command stands still within 2 % of that for 0.1 s before and after.
     """
     if not recording.has('joint_commands') or not recording.has('joint_states'):
         return None
@@ -81,10 +81,18 @@ def _jumps(commands: JointSamples, drive: str) -> NDArray[np.int64]:
         values = getattr(commands, name)[:, column].astype(np.float64)
         if not np.isfinite(values).all() or np.ptp(values) == 0.0:
             continue
-        large = np.flatnonzero(np.abs(np.diff(values)) > 0.25 * np.ptp(values)) + 1
-        stamps = commands.stamp_ns[large]
-        apart = np.diff(stamps, prepend=stamps[:1] - 10**12, append=stamps[-1:] + 10**12) / 1e9
-        return np.asarray(stamps[(apart[:-1] > _REST) & (apart[1:] > _REST)], np.int64)
+        steps = np.abs(np.diff(values))
+        wide = float(np.ptp(values))
+        large = np.flatnonzero(steps > 0.25 * wide) + 1
+        stamps = commands.stamp_ns
+        first, last = (
+            np.searchsorted(stamps, stamps[large] + side) for side in (-_REST_NS, _REST_NS)
+        )
+        alone = [
+            float(steps[low : jump - 1].sum() + steps[jump : high - 1].sum()) < 0.02 * wide
+            for low, jump, high in zip(first, large, last, strict=True)
+        ]
+        return np.asarray(stamps[large[alone]], np.int64)
     return np.zeros(0, np.int64)
 
 

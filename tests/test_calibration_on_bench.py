@@ -1,0 +1,109 @@
+"""The simulated meter against the simulated analyser, whose truth the plant knows."""
+
+import json
+
+import pytest
+from calibration import estimates, plant_blocks, trial
+from power_daq.calibrate_command import main as calibrate
+from power_daq.recording.card import Card
+from power_daq.recording.reader import Recording
+from power_daq.synchronisation.delay import delay_of
+from power_daq.synchronisation.events import answer_of
+from sim_bridge.bench_command import main as bench
+from sim_bridge.motions import Motion, bench_motion
+from sim_bridge.offline import OfflineRun, simulate_recording
+from sim_bridge.plant import Plant
+from sim_bridge.world import stand_world
+
+SEEDS = 5
+
+
+@pytest.fixture(scope='module')
+def trials():
+    blocks = plant_blocks('chirp', 12.0)
+    return [trial(blocks, seed) for seed in range(SEEDS)]
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['voltage gain', 'current gain', 'current offset', 'time offset', 'drift', 'voltage offset'],
+)
+def test_intervals_hold_the_truth_of_meters_and_clocks_that_are_off(trials, name):
+    held = 0
+    for found, truth in trials:
+        value, true, _, _ = estimates(found, truth)[name]
+        half = 0.5 * (value.high - value.low)
+        assert abs(value.value - true) < 2.5 * half
+        held += value.low <= true <= value.high
+    assert held >= SEEDS - 1
+
+
+def test_the_bandwidth_is_that_of_the_meters_filter_delay_and_steps(trials):
+    for found, truth in trials:
+        assert found.response.cutoff.value == pytest.approx(truth.bandwidth, rel=0.1)
+        assert 0 < found.loss.rms < found.loss.total
+
+
+def test_calibration_takes_the_bias_away_and_never_adds_error(trials):
+    for found, _ in trials:
+        assert abs(found.mean_after) < 0.1
+        assert found.after <= found.before + 0.01
+
+
+def test_bench_writes_a_log_that_calibrate_reads(tmp_path, capsys):
+    bag, log, json_file = tmp_path / 'bag', tmp_path / 'a.csv', tmp_path / 'c.json'
+    wanted = ['sine', '--unit', '3', '--duration', '5', '-o', str(bag), '--analyser', str(log)]
+    assert bench([*wanted, '--analyser-drift', '40', '--analyser-offset', '-5000']) == 0
+    said = capsys.readouterr().out
+    assert 'next: ros2 run power_daq calibrate' in said
+    arguments = [str(bag), '--reference', str(log), '-o', str(tmp_path / 'c.yaml')]
+    assert calibrate([*arguments, '--json', str(json_file)]) == 0
+    found = json.loads(json_file.read_text())
+    errors = Plant.load('anymal_c').unit(3).resolve(['LF_KFE'])
+    gain = found['channels']['LF_KFE.current']['gain']
+    assert gain == pytest.approx(1 / errors['current_gain'][0], abs=1e-3)
+    assert found['drift_ppm'] == pytest.approx(40.0, abs=5.0)
+    assert Card.load(bag).drives == ('LF_KFE',)
+    assert bench([*wanted[:-1], str(tmp_path / 'a.txt'), '--overwrite']) == 2
+
+
+def stand(motion, mode=None, plant='anymal_c', seconds=8.0):
+    played = Motion(bench_motion(motion, mode, seconds=seconds))
+    run = OfflineRun(
+        Plant.load(plant),
+        stand_world('LF_KFE'),
+        played,
+        duration=min(played.seconds, seconds + 4.0),
+        seed=3,
+    )
+    return simulate_recording(run)
+
+
+def test_jumps_of_torque_come_when_the_meters_delay_says():
+    found = answer_of(stand('square', 'torque'), 'LF_KFE')
+    assert found.events >= 5
+    # 0.4 ms, the filter of 450 Hz, half a period of 1 kHz: the jump lies between samples
+    assert found.current_half.value == pytest.approx(0.0006, abs=0.0006)
+
+
+def shifted(recording, by):
+    supply = recording.drive_supply()
+    samples = {
+        'drive_supply': supply.rows(slice(None)),
+        'joint_states': recording.joint_states(),
+    }
+    moved = supply.stamp_ns + round(by * 1e9)
+    object.__setattr__(samples['drive_supply'], 'stamp_ns', moved)
+    return Recording.in_memory('moved', samples)
+
+
+def test_a_shift_of_the_stamps_is_found_as_it_is_on_a_simulated_walk(walk_small):
+    straight = delay_of(walk_small, 'LF_HFE').delay
+    moved = delay_of(shifted(walk_small, 0.006), 'LF_HFE').delay
+    assert straight.value == pytest.approx(0.0006, abs=1.5e-3)
+    assert moved.value - straight.value == pytest.approx(0.006, abs=3e-4)
+
+
+@pytest.fixture(scope='module')
+def walk_small(request):
+    return Recording.open(request.config.rootpath / 'bags' / 'walk_small')
