@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -37,26 +38,39 @@ class Patience:
 
 
 class SampleQueue:
-    """A bounded queue between threads; when it is full, new samples are dropped and counted."""
+    """
+    A bounded queue between threads; when it is full, new samples are dropped and counted.
+
+    refused and given count samples by group: those for which there was no room, and those that
+    went out.
+    """
 
     def __init__(self, size: int) -> None:
         self._queue: SimpleQueue[Sample] = SimpleQueue()
         self._size = size
-        self.dropped = 0
+        self.refused: Counter[str] = Counter()
+        self.given: Counter[str] = Counter()
+
+    @property
+    def dropped(self) -> int:
+        """Samples for which there was no room."""
+        return self.refused.total()
 
     def put(self, sample: Sample) -> None:
         """Append a sample, without waiting."""
         if self._queue.qsize() >= self._size:
-            self.dropped += 1
+            self.refused[sample.group] += 1
         else:
             self._queue.put(sample)
 
     def get(self, timeout: float) -> Sample | None:
         """The oldest sample, or None when none has come within timeout (s)."""
         try:
-            return self._queue.get(timeout=timeout)
+            sample = self._queue.get(timeout=timeout)
         except Empty:
             return None
+        self.given[sample.group] += 1
+        return sample
 
     def __len__(self) -> int:
         return self._queue.qsize()

@@ -42,11 +42,13 @@ class Health:
             counts[f'{name} lost'] = assembler.lost
             counts[f'{name} duplicates'] = assembler.duplicates
             counts[f'{name} counter jumps'] = assembler.counter_jumps
+            counts[f'{name} unsettled'] = receiver.unsettled[name]
+            counts[f'{name} dropped unpublished'] = self._queue.refused[name]
+            counts[f'{name} published'] = self._queue.given[name]
             for slot, missing in enumerate(assembler.missing):
                 if missing:
                     frame = self._description.groups[name].frames[slot]
                     counts[f'{frame.message.name} missing'] = missing
-        counts['samples dropped unpublished'] = self._queue.dropped
         counts['steps of the system clock'] = receiver.ros_time.steps
         for name, clock in receiver.clocks.items():
             counts[f'clock {name} jumps'] = clock.epoch

@@ -76,6 +76,7 @@ class Receiver:
         }
         self._stamps = dict.fromkeys(description.groups, (0, -1))
         self.counts = FrameCounts()
+        self.unsettled: Counter[str] = Counter()
         self.unknown_ids: Counter[int] = Counter()
         self.wrong_lengths: Counter[str] = Counter()
         self.last_mapped = 0
@@ -142,6 +143,7 @@ class Receiver:
         clock = self.clocks[self._first_clock[route.group]]
         if not clock.settled:
             self.counts.unsettled += 1
+            self.unsettled[route.group] += 1
             return None
         values = done.values
         if route.group == 'electrical' and self._calibration is not None:

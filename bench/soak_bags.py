@@ -1,0 +1,106 @@
+"""Bags of a soak as rows of numbered samples, just as they lie in the file."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from power_daq.cli import InputError
+from power_daq.recording import bag_folder
+from power_daq.recording.columns import Columns
+from power_daq.recording.mcap_file import Topic
+from power_daq.recording.reader import Recording
+from power_daq.recording.samples import DriveSamples, JointSamples, Samples, SupplySamples
+from power_daq.recording.topics import KINDS
+from soak_account import BagRows
+from soak_devices import current_numbers, position_numbers, supply_numbers
+
+STREAMS = {'electrical': 'drive_supply', 'joints': 'joint_states', 'supply': 'supply'}
+_CAME = re.compile(r'all (\d+) samples of drive_supply came')
+_LOST = re.compile(r'drive_supply lost (\d+) samples in \d+ places \((\d+) came\)')
+
+
+def rows(
+    path: Path,
+    begun: dict[str, int],
+    ended: dict[str, int],
+    how: str,
+    said: str,
+) -> dict[str, BagRows]:
+    """
+    A bag by stream; a stream that it lacks is empty.
+
+    begun and ended: counts of the devices by stream; said: what the recorder wrote at its end.
+    """
+    raw = _raw(path)
+    kept = _kept(path)
+    came, lost = _told(said)
+    found = {}
+    for stream, topic in STREAMS.items():
+        samples = raw.get(topic)
+        electrical = samples if isinstance(samples, DriveSamples) else None
+        found[stream] = BagRows(
+            path.name,
+            _numbers(samples),
+            begun[stream],
+            ended[stream],
+            how,
+            kept.get(topic, 0),
+            None if electrical is None else electrical.sequence.astype(np.int64),
+            None if electrical is None else electrical.device_time.astype(np.int64),
+            came if stream == 'electrical' else None,
+            lost if stream == 'electrical' else None,
+        )
+    return found
+
+
+def messages(path: Path) -> int:
+    """All messages in a bag."""
+    return sum(len(batch.offsets) for batch in bag_folder.find(path).batches([], {}))
+
+
+def _numbers(samples: Samples | None) -> NDArray[np.int64]:
+    if isinstance(samples, DriveSamples):
+        return current_numbers(samples.current)
+    if isinstance(samples, JointSamples):
+        return position_numbers(samples.position)
+    if isinstance(samples, SupplySamples):
+        return supply_numbers(samples.voltage, samples.current)
+    return np.zeros(0, np.int64)
+
+
+def _raw(path: Path) -> dict[str, Samples]:
+    """Streams of a bag before anything is cut out of them."""
+    columns: dict[str, Columns] = {}
+    topics: dict[str, Topic] = {}
+    for batch in bag_folder.find(path).batches([], topics):
+        name = batch.topic.name.rsplit('/', 1)[-1]
+        if name in STREAMS.values():
+            kind = KINDS[name]
+            if name not in columns:
+                columns[name] = Columns(name, kind.type_name, kind.paths)
+            columns[name].add(batch)
+    build: dict[str, Callable[[Columns], Samples]] = {name: KINDS[name].build for name in columns}
+    return {name: build[name](found) for name, found in columns.items() if found.blocks}
+
+
+def _kept(path: Path) -> dict[str, int]:
+    """Samples by topic that a reader gives out."""
+    try:
+        recording = Recording.open(path)
+    except InputError:
+        return {}
+    return {
+        topic: len(getattr(recording, topic)())
+        for topic in STREAMS.values()
+        if recording.has(topic)
+    }
+
+
+def _told(said: str) -> tuple[int | None, int | None]:
+    if found := _CAME.search(said):
+        return int(found[1]), 0
+    if found := _LOST.search(said):
+        return int(found[2]), int(found[1])
+    return None, None

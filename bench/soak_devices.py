@@ -1,0 +1,206 @@
+"""What is measured in a soak: drives and a bench supply that number all they say."""
+
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+from power_daq.bus.description import BusDescription
+from power_daq.bus.unix_socket import UnixSocketBus
+from sim_bridge.scpi_instrument import ScpiInstrument, SupplyState, Terminals
+
+_MS = 1_000_000
+_DIGITS = 4  # base 100, each in the value of one drive
+_POSITION, _CURRENT = 0.01, 0.1  # rad and A of one count
+_VOLTS, _AMPERES = 2000, 10_000  # counts of 10 mV from 40 V, and of 10 mA
+_CHUNK = 0.05  # s between looks at whether to stop
+
+
+def numbered(number: int, count: int, unit: float) -> NDArray[np.float64]:
+    """Values of count drives, [count], of which the first four hold a number."""
+    values = np.zeros(count)
+    values[:_DIGITS] = [number // 100**k % 100 for k in range(_DIGITS)]
+    return unit * values
+
+
+def numbers(values: NDArray[np.float32], unit: float) -> NDArray[np.int64]:
+    """The numbers that rows of values hold, [N]; -1 where they hold none."""
+    counts = np.rint(np.asarray(values[:, :_DIGITS], np.float64) / unit).astype(np.int64)
+    whole = (counts >= 0).all(axis=1) & (counts < 100).all(axis=1)
+    return np.where(whole, counts @ (100 ** np.arange(_DIGITS)), -1)
+
+
+def position_numbers(values: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Numbers of joint samples from positions, rad [N, D]."""
+    return numbers(values, _POSITION)
+
+
+def current_numbers(values: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Numbers of electrical samples from currents, A [N, D]."""
+    return numbers(values, _CURRENT)
+
+
+@dataclass
+class Kept:
+    """Numbers of samples of a group that were measured, and why some never went on the wire."""
+
+    measured: int = 0
+    withheld: dict[str, list[int]] = field(default_factory=dict)
+
+    def withhold(self, why: str, number: int) -> None:
+        """Note a sample that never went on the wire."""
+        self.withheld.setdefault(why, []).append(number)
+
+
+class SoakDrives:
+    """
+    Twelve drives at 1 kHz and 400 Hz on a Unix-socket bus that can be switched off.
+
+    They measure on while the bus is off. Each sample carries its number: as digits in currents or
+    positions, and in the frames' counters.
+    """
+
+    def __init__(self, channel: Path) -> None:
+        self._description = BusDescription.load()
+        self._channel = channel
+        self._bus: UnixSocketBus | None = UnixSocketBus(str(channel), host=True)
+        self._wanted = True
+        self._dropped = 0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='drives', daemon=True)
+        self.kept = {'electrical': Kept(), 'joints': Kept()}
+        self.latest = 0.0  # s behind real time at worst
+        self._count = 0
+
+    def start(self) -> None:
+        """Begin to measure and send."""
+        self._begin = time.monotonic_ns()
+        self._thread.start()
+
+    def switch(self, on: bool) -> None:
+        """Switch the bus, from the next millisecond on."""
+        self._wanted = on
+
+    def wait_for_listener(self, seconds: float) -> bool:
+        """Serve the bus without sending until somebody listens; before `start` only."""
+        end = time.monotonic() + seconds
+        while self._bus is not None and time.monotonic() < end:
+            with suppress(can.CanError):
+                self._bus.recv(0.05)
+            if self._bus.statistics.connected:
+                return True
+        return False
+
+    def stop(self) -> None:
+        """End; the bus stays up, so that nothing that was sent is lost by it."""
+        self._stop.set()
+        self._thread.join()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._bus is not None:
+            self._bus.shutdown()
+
+    def marks(self) -> dict[str, int]:
+        """How many samples of each group have been measured by now."""
+        return {name: kept.measured for name, kept in self.kept.items()}
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            due = self._begin + self._count * _MS
+            wait = due - time.monotonic_ns()
+            if wait > 0:
+                time.sleep(min(wait * 1e-9, _CHUNK))
+                continue
+            self.latest = max(self.latest, -wait * 1e-9)
+            self._switch_bus()
+            self._send()
+            self._count += 1
+
+    def _switch_bus(self) -> None:
+        if self._wanted and self._bus is None:
+            self._bus = UnixSocketBus(str(self._channel), host=True)
+            self._dropped = 0
+        elif not self._wanted and self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
+
+    def _send(self) -> None:
+        bus, number = self._description, self._count
+        drives = len(bus.drives)
+        messages = bus.encode_sync(number, 1000 * number)
+        current = numbered(number, drives, _CURRENT)
+        messages += bus.encode_electrical(number, 1000 * number, np.full(drives, 48.0), current)
+        if number % 100 == 0:
+            messages += bus.encode_temperature(number // 100, 1000 * number, np.full(drives, 40.0))
+        joint = 2 * number // 5 if number % 5 in (0, 3) else None
+        if joint is not None:
+            position = numbered(joint, drives, _POSITION)
+            still = np.zeros(drives)
+            messages += bus.encode_joints(joint, 2500 * joint, position, still, still)
+        why = self._put(messages)
+        for name, index in (('electrical', number), ('joints', joint)):
+            if index is not None:
+                self.kept[name].measured = index + 1
+                if why:
+                    self.kept[name].withhold(why, index)
+
+    def _put(self, messages: list[can.Message]) -> str:
+        """Send; why nobody got it, or ''."""
+        if self._bus is None:
+            return 'bus off'
+        self._bus.send_all(messages)
+        statistics = self._bus.statistics
+        if not statistics.connected:
+            self._dropped = 0
+            return 'nobody on the bus'
+        dropped, self._dropped = self._dropped, sum(statistics.dropped)
+        return 'no room in the listener' if self._dropped > dropped else ''
+
+
+class SoakSupply:
+    """A simulated bench supply that numbers its measurements, and can be unplugged."""
+
+    def __init__(self) -> None:
+        self.measured = 0
+        self._instrument: ScpiInstrument | None = None
+        self._port = 0
+        self.plug()
+
+    @property
+    def port(self) -> int:
+        """Of its socket."""
+        return self._port
+
+    def plug(self) -> None:
+        """Power it on."""
+        state = SupplyState(lambda: Terminals(48.0, 1.0))
+        self._instrument = ScpiInstrument(state, port=self._port, send=self._answer)
+        self._port = self._instrument.port
+
+    def unplug(self) -> None:
+        """Power it off."""
+        if self._instrument is not None:
+            self._instrument.close()
+            self._instrument = None
+
+    def _answer(self, question: str, answer: str) -> list[tuple[float, bytes]]:
+        if question.upper().startswith('MEAS:ARR'):
+            volts, amperes = divmod(self.measured, _AMPERES)
+            voltage, current = 40.0 + 0.01 * (volts % _VOLTS), 0.01 * amperes
+            answer = f'{voltage:.2f} V, {current:.2f} A, {voltage * current:.1f} W'
+            self.measured += 1
+        return [(0.0, answer.encode('ascii') + b'\n')]
+
+
+def supply_numbers(
+    voltage: NDArray[np.float32], current: NDArray[np.float32]
+) -> NDArray[np.int64]:
+    """Numbers of the supply's measurements from V and A (negative while drawn from) [N]."""
+    volts = np.rint((np.asarray(voltage, np.float64) - 40.0) / 0.01).astype(np.int64)
+    amperes = np.rint(-np.asarray(current, np.float64) / 0.01).astype(np.int64)
+    return volts * _AMPERES + amperes

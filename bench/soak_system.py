@@ -1,0 +1,252 @@
+"""The processes of a soak: DAQ, supply node and recorders, on one clock that can be stepped."""
+
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from soak_devices import SoakDrives, SoakSupply
+from stepped_clock import ClockFile
+
+PATIENCE = 120.0  # s
+_SHIM = Path(__file__).with_name('stepped_clock.py')
+_TMPFS = 96 << 20  # bytes
+_LEFT = 300_000  # bytes that a disk has left for the recording
+
+
+class SoakError(Exception):
+    """The soak itself does not work."""
+
+
+def until(condition: Callable[[], object], what: str, patience: float = PATIENCE) -> None:
+    """Wait for a condition; SoakError where it never comes."""
+    deadline = time.monotonic() + patience
+    while not condition():
+        if time.monotonic() > deadline:
+            raise SoakError(f'{what} never came')
+        time.sleep(0.02)
+
+
+class Process:
+    """A node in a process of its own, with what it says in a file."""
+
+    def __init__(self, module: str, arguments: Sequence[str], clock: Path, log: Path) -> None:
+        self.log = log
+        with log.open('w') as out:
+            self.popen = subprocess.Popen(
+                [sys.executable, str(_SHIM), str(clock), module, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+                start_new_session=True,
+            )
+
+    @property
+    def said(self) -> str:
+        """All that it has said."""
+        return self.log.read_text(errors='replace')
+
+    @property
+    def running(self) -> bool:
+        """Whether it runs."""
+        return self.popen.poll() is None
+
+    def wait_for(self, words: str) -> None:
+        """Wait until it has said something."""
+        until(lambda: words in self.said or not self.running, f'{words!r} of {self.log.name}')
+        if words not in self.said:
+            raise SoakError(f'{self.log.stem} ended:\n{self.said}')
+
+    def end(self, number: signal.Signals = signal.SIGINT) -> None:
+        """Send a signal and wait for the end."""
+        with suppress(ProcessLookupError):
+            self.popen.send_signal(number)
+        try:
+            self.popen.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self.popen.kill()
+            self.popen.wait()
+
+    def memory(self) -> int:
+        """Resident memory, bytes."""
+        text = Path(f'/proc/{self.popen.pid}/status').read_text()
+        found = re.search(r'VmRSS:\s+(\d+) kB', text)
+        return 1024 * int(found[1]) if found else 0
+
+    def cpu(self) -> float:
+        """Processor time spent, s."""
+        fields = Path(f'/proc/{self.popen.pid}/stat').read_text().rsplit(')', 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+class Diagnostics:
+    """The newest figures of each part of each node."""
+
+    def __init__(self) -> None:
+        self.figures: dict[str, dict[str, str]] = {}
+        self.heard: dict[str, int] = {}
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context)
+        self.node = rclpy.create_node('soak', context=self._context)
+        self.node.create_subscription(DiagnosticArray, 'diagnostics', self._take, 100)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        threading.Thread(target=self._spin, daemon=True).start()
+
+    def _spin(self) -> None:
+        with suppress(ExternalShutdownException):
+            self._executor.spin()
+
+    def _take(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.figures[status.name] = {pair.key: pair.value for pair in status.values}
+            self.heard[status.name] = self.heard.get(status.name, 0) + 1
+
+    def fresh(self, name: str) -> dict[str, str]:
+        """Figures that were said from now on."""
+        before = self.heard.get(name, 0)
+        until(lambda: self.heard.get(name, 0) >= before + 2, f'diagnostics of {name}')
+        return self.figures[name]
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        rclpy.shutdown(context=self._context)
+
+
+@dataclass
+class Take:
+    """One recording: its process, and how much had been measured when it was ready and ended."""
+
+    path: Path
+    process: Process
+    begun: dict[str, int]
+    ended: dict[str, int]
+    how: str = 'stopped'
+
+
+class SmallDisk:
+    """A disk that is nearly full: a tmpfs where we may mount one, else a limit on files."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.folder.mkdir()
+        self.why_not = ''
+        mount = shutil.which('mount')
+        command = [str(mount), '-t', 'tmpfs', '-o', f'size={_TMPFS}', 'tmpfs', str(folder)]
+        if mount is None or os.geteuid() != 0:
+            self.why_not = 'a tmpfs needs root'
+        elif (done := subprocess.run(command, capture_output=True, text=True)).returncode:
+            self.why_not = done.stderr.strip()
+
+    @property
+    def kind(self) -> str:
+        """What is full."""
+        return 'tmpfs' if not self.why_not else f'a limit on the size of files ({self.why_not})'
+
+    def fill(self, take: Take) -> None:
+        """Leave little room for a recording that is under way."""
+        if self.why_not:
+            size = next(take.path.glob('*.mcap')).stat().st_size + _LEFT
+            resource.prlimit(take.process.popen.pid, resource.RLIMIT_FSIZE, (size, size))
+            return
+        free = shutil.disk_usage(self.folder).free
+        with (self.folder / 'ballast').open('wb') as ballast:
+            os.posix_fallocate(ballast.fileno(), 0, max(free - _LEFT, 1))
+
+    def close(self) -> None:
+        """Unmount; its recording was copied away before."""
+        if not self.why_not:
+            subprocess.run(['umount', str(self.folder)], check=False)
+
+
+class System:
+    """Devices, nodes and the recorder of the moment."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.clock = ClockFile(folder / 'clock')
+        self.clock.install()
+        self.drives = SoakDrives(folder / 'bus')
+        self.supply = SoakSupply()
+        self.takes: list[Take] = []
+        self.diagnostics = Diagnostics()
+        bus = ['-p', 'interface:=unixsocket', '-p', f'channel:={folder}/bus']
+        instrument = ['-p', 'host:=127.0.0.1', '-p', f'port:={self.supply.port}']
+        self.nodes = {
+            'daq': self._start('power_daq.daq_node', ['--ros-args', *bus], 'daq'),
+            'supply': self._start('power_daq.supply_node', ['--ros-args', *instrument], 'supply'),
+        }
+        self.used: dict[str, tuple[float, float, int]] = {}
+
+    def _start(self, module: str, arguments: Sequence[str], name: str) -> Process:
+        return Process(module, arguments, self.folder / 'clock', self.folder / f'{name}.log')
+
+    def measured(self) -> dict[str, int]:
+        """Samples by stream that the devices have measured by now."""
+        return {**self.drives.marks(), 'supply': self.supply.measured}
+
+    def record(self, folder: Path | None = None) -> Take:
+        """Start a recorder, and wait until it is ready."""
+        name = f'bag_{len(self.takes) + 1}'
+        path = (folder or self.folder) / name
+        process = self._start('power_daq.recorder_node', ['-o', str(path)], name)
+        process.wait_for('recording to')
+        now = self.measured()
+        self.takes.append(Take(path, process, now, now))
+        return self.takes[-1]
+
+    def stop_recording(self, how: str = 'stopped') -> None:
+        """End the recorder: in good order, killed, or by waiting until its disk is full."""
+        take = self.takes[-1]
+        take.how = how
+        if how == 'disk full':
+            until(lambda: not take.process.running, 'the end of a recorder whose disk is full')
+        take.ended = self.measured()
+        if how != 'disk full':
+            take.process.end(signal.SIGKILL if how == 'killed' else signal.SIGINT)
+
+    def matched(self) -> bool:
+        """Whether recorder, DAQ and supply have found each other, as far as this node sees."""
+        node = self.diagnostics.node
+        streams = ('drive_supply', 'joint_states', 'supply')
+        return all(node.count_publishers(t) and node.count_subscribers(t) for t in streams)
+
+    def mark(self) -> None:
+        """Count processor time and memory from now on."""
+        now = time.monotonic()
+        self.used = {n: (now, p.cpu(), p.memory()) for n, p in self.nodes.items()}
+
+    def usage(self) -> dict[str, dict[str, float]]:
+        """Share of a core and growth of memory (MB) of each node since the mark."""
+        now = time.monotonic()
+        return {
+            name: {
+                'cpu_percent': 100.0 * (self.nodes[name].cpu() - cpu) / (now - since),
+                'memory_mb': self.nodes[name].memory() / 1e6,
+                'memory_grown_mb': (self.nodes[name].memory() - memory) / 1e6,
+            }
+            for name, (since, cpu, memory) in self.used.items()
+        }
+
+    def close(self) -> None:
+        """End all."""
+        for process in [*(take.process for take in self.takes), *self.nodes.values()]:
+            if process.running:
+                process.end()
+        self.drives.close()
+        self.supply.unplug()
+        self.diagnostics.close()
