@@ -2,6 +2,7 @@
 
 import json
 import re
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -125,6 +126,15 @@ def test_levels_do_not_depend_on_how_a_sound_is_cut_into_blocks(sizes, seed):
     np.testing.assert_allclose(parts.energy, whole.energy, rtol=1e-9)
     np.testing.assert_allclose(parts.detector, whole.detector, rtol=1e-9)
     np.testing.assert_allclose(list(parts.bands.values()), list(whole.bands.values()), rtol=1e-9)
+
+
+def test_ten_minutes_take_little_more_memory_than_their_levels():
+    block = noise(-20.0, 1.0, rate=8000)[:, None]
+    tracemalloc.start()
+    measure((block for _ in range(600)), 8000)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 0.5 * 600 * block.nbytes
 
 
 def test_third_octaves_hold_a_tone_in_its_band_and_all_energy_of_noise():

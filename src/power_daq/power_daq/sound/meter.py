@@ -84,7 +84,7 @@ def measure(
         whole = rest.shape[1] // length * length
         energy.append(rest[0, :whole].reshape(-1, length).mean(axis=1))
         bins = rest[1, :whole].reshape(-1, length)
-        detector.append(bins[:, -1])
+        detector.append(bins[:, -1].copy())  # a view would keep every sample
         highest.append(bins.max(axis=1))
         rest = rest[:, whole:]
     least = max(1.0, 2.0 * SETTLED * tau)
