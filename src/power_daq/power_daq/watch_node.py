@@ -105,7 +105,7 @@ def _save(path: Path, screen: Screen) -> None:
     recorder.print(screen)
     picture = recorder.export_svg(title='ros2 run power_daq watch')
     own_fonts = re.sub(r'@font-face \{.*?\}', '', picture, flags=re.DOTALL)
-    write_whole(path, own_fonts.replace('Fira Code', 'Fira Code, DejaVu Sans Mono, Menlo'))
+    write_whole(path, own_fonts.replace('Fira Code', 'DejaVu Sans Mono, Menlo, Consolas'))
 
 
 @command
