@@ -235,3 +235,20 @@ def test_a_wrong_bench_motion_is_refused(arguments, quoted):
 def test_a_frequency_beyond_all_reason_is_refused():
     with pytest.raises(InputError, match=r'frequency is 200; it must be 0\.\.100 Hz'):
         bench_motion('sine', frequency=200.0)
+
+
+def test_a_soak_on_the_stand_ends_once_the_winding_is_warm(tmp_path):
+    file = tmp_path / 'soak.yaml'
+    file.write_text(
+        'format: motion/1\nsegments:\n'
+        '- {mode: position, shape: sine, amplitude: 1.5, frequency: 4.0, saturate: true, '
+        'until_warmer: 0.5, seconds: 6}\n- {mode: rest, seconds: 1}\n'
+    )
+    assert bench_command.main([str(file), '-o', str(tmp_path / 'soak')]) == 0
+    recording = Recording.open(tmp_path / 'soak')
+    joints, supply = recording.joint_states(), recording.drive_supply()
+    since = (joints.stamp_ns - joints.stamp_ns[0]) * 1e-9
+    moving = np.abs(joints.velocity[:, 0]) > 1.0
+    assert 0.3 < since[moving].max() < 3.0
+    rise = supply.temperature[:, 0].max() - supply.temperature[0, 0]
+    assert 0.4 < rise < 1.5

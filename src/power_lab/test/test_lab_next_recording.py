@@ -1,0 +1,23 @@
+import pytest
+from policy_runner.excitation import MotionFile
+from policy_runner.joint_limits import JointLimits
+from policy_runner.motion_plan import Plan
+from policy_runner.segment_path import Mounting, Ramps
+from power_daq.cli import InputError
+from power_estimator.effects import builtin_catalogue
+from power_lab.next_recording import separating_motion
+
+
+def test_the_next_motion_fits_the_joints_that_it_is_told_of():
+    motion = separating_motion(
+        ['viscous_friction', 'coulomb_friction'], builtin_catalogue(), ['LF_KFE'], 'a tie'
+    )
+    narrow = {'LF_KFE': JointLimits(-1.5, 1.5, 4.0, 40.0)}
+    fit = motion.within(narrow)
+    assert 'fitted to the joint' in fit.reason
+    read = MotionFile.of(fit.content(), 'here', 'next')
+    pull = 1.15 * max(read.strongest, 1.0)
+    Plan(read, 0.0, Mounting(pull), Ramps()).check('LF_KFE', narrow['LF_KFE'])
+    assert fit.within(narrow).segments == fit.segments
+    with pytest.raises(InputError, match='nothing for LF_KFE'):
+        motion.within({})
