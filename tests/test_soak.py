@@ -28,8 +28,8 @@ def test_through_every_fault_each_sample_is_recorded_or_counted_as_lost(tmp_path
     assert [bag['ended'] for bag in found['bags']] == [
         *('killed', 'stopped', 'disk full', 'stopped')
     ]
-    assert int(found['nodes']['daq']['times opened']) == 2
-    assert int(found['nodes']['supply']['connections']) == 2
+    assert int(found['nodes']['daq']['times opened']) >= 2
+    assert int(found['nodes']['supply']['connections']) >= 2
     assert int(found['nodes']['daq']['steps of the system clock']) >= 4
     for stream in ('electrical', 'joints', 'supply'):
         account = found['streams'][stream]
