@@ -16,6 +16,7 @@ from power_daq.receiver import Receiver, Sample
 
 _log = logging.getLogger(__name__)
 _S = 1_000_000_000
+_STEP = 1_000_000  # ns that the system clock may move against the steady one between two frames
 
 
 class BusState(Enum):
@@ -74,6 +75,35 @@ class SampleQueue:
 
     def __len__(self) -> int:
         return self._queue.qsize()
+
+
+class Arrivals:
+    """
+    When frames arrived, on the steady clock: now, less the time since the driver stamped them.
+
+    The driver stamps in system time. Where that was stepped while a frame waited, its age is not
+    known; for largest_age (s) after a step, frames therefore count as arriving when they are read.
+    """
+
+    def __init__(
+        self,
+        largest_age: float,
+        now: Callable[[], int] | None = None,
+        steady: Callable[[], int] | None = None,
+    ) -> None:
+        self._now, self._steady = now or time.time_ns, steady or time.monotonic_ns
+        self._largest = int(largest_age * _S)
+        self._offset: int | None = None
+        self._known_from = 0
+
+    def of(self, timestamp: float) -> int:
+        """Steady time in ns at which a frame arrived that was stamped at timestamp (s)."""
+        now, steady = self._now(), self._steady()
+        before, self._offset = self._offset, now - steady
+        if before is None or abs(self._offset - before) > _STEP:
+            self._known_from = steady + self._largest
+        age = now - int(timestamp * _S)
+        return steady - age if steady >= self._known_from and 0 < age < self._largest else steady
 
 
 class Acquisition:
@@ -172,17 +202,11 @@ class Acquisition:
 
     def _read(self, bus: can.BusABC) -> None:
         receive, take, sink = bus.recv, self.receiver.take, self._sink
+        arrived = Arrivals(self._patience.largest_age).of
         stopped, timeout = self._stop.is_set, self._patience.read
         while not stopped():
             message = receive(timeout)
             if message is None:
                 continue
-            for sample in take(message, self._arrival(message)):
+            for sample in take(message, arrived(message.timestamp)):
                 sink(sample)
-
-    def _arrival(self, message: can.Message) -> int:
-        """Steady time of arrival in ns: now, less the time since the driver stamped the frame."""
-        age = time.time() - message.timestamp
-        if not 0.0 < age < self._patience.largest_age:
-            age = 0.0
-        return time.monotonic_ns() - int(age * _S)

@@ -4,7 +4,7 @@ import time
 import can
 import numpy as np
 import pytest
-from power_daq.acquisition import Acquisition, BusState, Patience, SampleQueue
+from power_daq.acquisition import Acquisition, Arrivals, BusState, Patience, SampleQueue
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
 from power_daq.bus.generator import SignalGenerator
@@ -241,3 +241,45 @@ def test_bus_load_is_the_share_of_time_on_the_wire():
     frames, payload = 1000, 64_000
     seconds = 1.1 * frames * (29e-6 + (34 + 512) / 5e6)
     assert settings.load(frames, payload) == pytest.approx(seconds)
+
+
+class Clocks:
+    """A steady clock that is set by hand, and a system clock that is stepped."""
+
+    def __init__(self):
+        self.steady, self.offset = 5_000_000_000, 1_700_000_000_000_000_000
+
+    def arrivals(self):
+        return Arrivals(0.05, lambda: self.steady + self.offset, lambda: self.steady)
+
+    def stamp(self):
+        return (self.steady + self.offset) * 1e-9
+
+
+def test_a_frame_arrived_when_it_was_stamped_even_if_it_is_read_later():
+    clocks = Clocks()
+    arrivals = clocks.arrivals()
+    arrivals.of(clocks.stamp())
+    clocks.steady += 100_000_000
+    stamped, arrived = clocks.stamp(), clocks.steady
+    clocks.steady += 8_000_000
+    assert abs(arrivals.of(stamped) - arrived) < 1000
+    clocks.steady += 60_000_000
+    assert arrivals.of(stamped) == clocks.steady, 'as old as that it cannot be'
+
+
+@pytest.mark.parametrize('step', [20_000_000, -20_000_000, 1_500_000_000, -700_000_000])
+def test_a_step_of_the_system_clock_never_makes_a_frame_arrive_before_it_was_sent(step):
+    clocks = Clocks()
+    arrivals = clocks.arrivals()
+    waiting, worst = [], 0
+    for count in range(400):
+        clocks.steady += 1_000_000
+        if count == 200:
+            clocks.offset += step
+        waiting.append((clocks.steady, clocks.stamp()))
+        if count % 10 == 0:
+            for sent, stamp in waiting:
+                worst = max(worst, sent - arrivals.of(stamp))
+            waiting.clear()
+    assert worst < 1000, 'ns before it was sent, but for the rounding of stamps'
