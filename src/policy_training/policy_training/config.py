@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import yaml
+from policy_runner.gait import TROTS
 from power_daq.cli import InputError
 from power_daq.recording.files import write_whole
 from sim_bridge.bounded import bounded, check, from_mapping, read_named
@@ -156,6 +157,37 @@ class PpoConfig:
 
 
 @dataclass(frozen=True)
+class CurriculumConfig:
+    """Costs, pushes and rough starts come in slowly, so that walking is worth while early."""
+
+    begin: float = bounded(1.0, 0.0, 1.0, '', 'share of them at the start')
+    steps: float = bounded(0.0, 0.0, 1e12, '', 'policy steps until they are there in full')
+
+    def share(self, steps: float) -> float:
+        """Share after a number of policy steps."""
+        if steps >= self.steps:
+            return 1.0
+        return self.begin + (1.0 - self.begin) * steps / self.steps
+
+
+@dataclass(frozen=True)
+class ImitationConfig:
+    """A scripted gait to begin with, see `imitation.py`."""
+
+    gait: str = ''  # trot, trot_slow or trot_high; empty: begin with random networks
+    robots: int = bounded(128, 2, 4096, '', 'that are led by the gait')
+    seconds: float = bounded(8.0, 2.0, 600.0, 's', 'that they walk in each of three rounds')
+    epochs: int = bounded(24, 2, 1000, '', 'of learning after each')
+    critic_rounds: int = bounded(15, 0, 1000, '', 'in which the critic learns alone')
+
+    def __post_init__(self) -> None:
+        if self.gait and self.gait not in TROTS:
+            raise InputError(
+                f'imitation.gait is {self.gait!r}; it must be one of {", ".join(TROTS)}'
+            )
+
+
+@dataclass(frozen=True)
 class TrainingConfig:
     """A training run; InputError from `load` quotes the value that is wrong and its range."""
 
@@ -170,6 +202,8 @@ class TrainingConfig:
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     rewards: RewardConfig = field(default_factory=RewardConfig)
     power: PowerConfig = field(default_factory=PowerConfig)
+    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
+    imitation: ImitationConfig = field(default_factory=ImitationConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)
 
     def __post_init__(self) -> None:
@@ -241,5 +275,7 @@ _SECTIONS: Final[Mapping[str, type[Any]]] = {
     'noise': NoiseConfig,
     'rewards': RewardConfig,
     'power': PowerConfig,
+    'curriculum': CurriculumConfig,
+    'imitation': ImitationConfig,
     'ppo': PpoConfig,
 }

@@ -17,6 +17,7 @@ from policy_training.robots import Motion, Robots
 Floats = NDArray[np.float64]
 
 ACTION_CLIP: Final = 100.0
+_GRAVITY: Final = 9.81  # m/s²
 
 
 @dataclass(frozen=True)
@@ -24,9 +25,11 @@ class Outcome:
     """What came of an action: N robots."""
 
     observation: NDArray[np.float32]  # [N, size]
+    state: NDArray[np.float32]  # [N, size + 8], see `WalkingEnvironment.state`
     reward: Floats  # [N]
     done: NDArray[np.bool_]  # [N], started anew
     timed_out: NDArray[np.bool_]  # [N], of those done, not by falling
+    disturbed: NDArray[np.bool_]  # [N], not done, with a new command or a push after this step
     log: dict[str, float]  # means over the robots
 
 
@@ -69,8 +72,26 @@ class WalkingEnvironment:
 
     def observe(self) -> NDArray[np.float32]:
         """Noisy observation of each robot [N, size]."""
+        clean = self._clean()
+        shake = self._random.random(clean.shape, np.float32)
+        shake *= 2.0
+        shake -= 1.0
+        shake *= self._noise
+        return clean + shake
+
+    def state(self) -> NDArray[np.float32]:
+        """
+        What is so, for a critic [N, size + 8].
+
+        The observation without noise, load on each foot in units of half the weight, and how
+        long each has been in the air, s.
+        """
+        load = self.motion.foot_force / (0.5 * _GRAVITY * self.robots.mass[:, None])
+        return np.concatenate([self._clean(), load, self._feet.air], axis=1, dtype=np.float32)
+
+    def _clean(self) -> NDArray[np.float32]:
         motion = self.motion
-        clean = self.observation.assemble(
+        return self.observation.assemble(
             {
                 'base_velocity': motion.velocity,
                 'angular_velocity': motion.rate,
@@ -81,11 +102,6 @@ class WalkingEnvironment:
                 'last_action': self._last_action,
             }
         )
-        shake = self._random.random(clean.shape, np.float32)
-        shake *= 2.0
-        shake -= 1.0
-        shake *= self._noise
-        return clean + shake
 
     def step(self, actions: NDArray[np.floating]) -> Outcome:
         """Act for one step: targets are the default pose plus scaled actions [N, 12]."""
@@ -100,7 +116,8 @@ class WalkingEnvironment:
             acceleration=(motion.joint_velocity - self._last_velocity) / self.config.step_time,
             flight=self._feet.land(motion.foot_force),
         )
-        terms = self._rewards.terms(motion, moment)
+        hardness = self.config.curriculum.share(self.steps)
+        terms = self._rewards.terms(motion, moment, hardness)
         if self.power is not None:
             terms['power'] = self._power_term(self.power)
         reward = np.nan_to_num(self._rewards.total(terms), nan=0.0)
@@ -111,8 +128,10 @@ class WalkingEnvironment:
         self._last_velocity = motion.joint_velocity
         self.motion = motion
         self.steps += self.count
-        self._go_on(done)
-        return Outcome(self.observe(), reward, done, timed_out, log)
+        disturbed = self._go_on(done)
+        return Outcome(
+            self.observe(), self.state(), reward, done, timed_out, disturbed & ~done, log
+        )
 
     def _power_term(self, model: PowerModel) -> Floats:
         power = self.config.power
@@ -121,7 +140,7 @@ class WalkingEnvironment:
         weight = power.weight_at(self.steps) * self.config.step_time
         return np.asarray(-weight * self.watts.sum(axis=1) * counted, np.float64)
 
-    def _go_on(self, done: NDArray[np.bool_]) -> None:
+    def _go_on(self, done: NDArray[np.bool_]) -> NDArray[np.bool_]:
         over = np.flatnonzero(done)
         if len(over):
             self.motion = self._start(over)
@@ -130,10 +149,12 @@ class WalkingEnvironment:
             self.commands.draw(np.flatnonzero(fresh), self.steps)
         pushed = (self.age % self._new_push == 0) & ~done
         if pushed.any() and self.config.random.push:
-            self.robots.push(np.flatnonzero(pushed))
+            self.robots.push(np.flatnonzero(pushed), self.config.curriculum.share(self.steps))
+            self.motion = self.robots.motion(self.motion.torque)
+        return np.asarray(fresh | pushed)
 
     def _start(self, ids: NDArray[np.intp]) -> Motion:
-        self.robots.start(ids)
+        self.robots.start(ids, self.config.curriculum.share(self.steps))
         self._feet.start(ids)
         self.commands.draw(ids, self.steps)
         if self.power is not None:

@@ -3,7 +3,7 @@ Rough ground for N robots without a height field: a plane of its own under each 
 
 Where a foot touches, a height field is one of its triangles. The plane of that triangle is put
 under the foot before each time step, so that contact is that of a sphere on a plane, which
-takes two thirds of the time. Thighs, shanks and base touch a level plane under the robot.
+takes two thirds of the time. Thighs, shanks and base touch a level plane as high as the lowest.
 """
 
 from typing import Final
@@ -54,7 +54,7 @@ class Ground:
         height, slope = self.relief.at(soles[..., :2])
         self._position[:, self._planes, :2] = soles[..., :2]
         self._position[:, self._planes, 2] = height
-        self._position[:, self._floor, 2] = height.mean(axis=1)
+        self._position[:, self._floor, 2] = height.min(axis=1)
         # The rotation that takes z to (−∂h/∂x, −∂h/∂y, 1), by half angles.
         long = np.sqrt(1.0 + np.square(slope).sum(axis=-1))
         half = np.sqrt(0.5 * (1.0 + 1.0 / long))

@@ -13,7 +13,8 @@ from rsl_rl.algorithms import PPO
 
 from policy_training.config import TrainingConfig
 from policy_training.environment import WalkingEnvironment
-from policy_training.vec_env import GROUP, Mirror, TorchEnvironment
+from policy_training.imitation import imitate
+from policy_training.vec_env import GROUP, STATE, Mirror, TorchEnvironment
 
 
 @dataclass
@@ -82,6 +83,13 @@ class Learner:
         """Start from the networks of another run."""
         self.ppo.load(state, {'actor': True, 'critic': True}, True)
 
+    def begin_with_gait(self, report: Callable[[float], None]) -> float:
+        """Learn the config's scripted gait; what is left of its actions, root mean square."""
+        actor = self.ppo.actor.mlp.cpu()
+        left = imitate(self.config, actor, Mirror(self.environment.observation), report)
+        actor.to(self.device)
+        return left
+
     def actor_layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         """Weight [out, in] and bias [out] of each layer of the policy."""
         return [
@@ -89,6 +97,17 @@ class Learner:
             for module in self.ppo.get_policy().mlp
             if isinstance(module, torch.nn.Linear)
         ]
+
+    def _learn(self) -> dict[str, float]:
+        """A critic that knows nothing yet would spoil a gait that is there already."""
+        plan = self.config.imitation
+        if not plan.gait or self.iteration >= plan.critic_rounds:
+            losses: dict[str, float] = self.ppo.update()
+            return losses
+        kept = {name: value.clone() for name, value in self.ppo.actor.state_dict().items()}
+        losses = self.ppo.update()
+        self.ppo.actor.load_state_dict(kept)
+        return losses
 
     def _round(self) -> Round:
         config = self.config
@@ -102,7 +121,7 @@ class Learner:
                 logs.append(self._torch_environment.log)
             collected = time.perf_counter()
             self.ppo.compute_returns(self._observations)
-        losses = self.ppo.update()
+        losses = self._learn()
         ended = time.perf_counter()
         self.iteration += 1
         values = {name: float(np.mean([log[name] for log in logs])) for name in logs[0]}
@@ -126,7 +145,7 @@ def algorithm_settings(config: TrainingConfig, environment: WalkingEnvironment) 
         }
     return {
         'num_steps_per_env': ppo.steps,
-        'obs_groups': {'actor': [GROUP], 'critic': [GROUP]},
+        'obs_groups': {'actor': [GROUP], 'critic': [STATE]},
         'multi_gpu': None,
         'torch_compile_mode': None,
         'actor': {

@@ -12,6 +12,7 @@ from policy_training.robots import Motion
 Floats = NDArray[np.float64]
 
 _TOUCHING = 1.0  # N
+_TRACKING = ('velocity', 'yaw')
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,12 @@ class FootClock:
 
     def __init__(self, count: int, step: float, target: float) -> None:
         self._step, self._target = step, target
-        self._air = np.zeros((count, 4))
+        self.air: Floats = np.zeros((count, 4))  # s [N, 4]
         self._touched = np.ones((count, 4), bool)
 
     def start(self, ids: NDArray[np.intp]) -> None:
         """Forget the past of some robots."""
-        self._air[ids] = 0.0
+        self.air[ids] = 0.0
         self._touched[ids] = True
 
     def land(self, force: Floats) -> Floats:
@@ -48,10 +49,10 @@ class FootClock:
         touching = force > _TOUCHING
         firm = touching | self._touched
         self._touched = touching
-        landing = (self._air > 0.0) & firm
-        self._air += self._step
-        flight = np.where(landing, self._air - self._target, 0.0).sum(axis=1)
-        self._air[firm] = 0.0
+        landing = (self.air > 0.0) & firm
+        self.air += self._step
+        flight = np.where(landing, self.air - self._target, 0.0).sum(axis=1)
+        self.air[firm] = 0.0
         return np.asarray(flight)
 
 
@@ -70,10 +71,10 @@ class Rewards:
             if getattr(config, name)
         }
 
-    def terms(self, motion: Motion, moment: Moment) -> dict[str, Floats]:
-        """Each active term, weighted, [N]."""
+    def terms(self, motion: Motion, moment: Moment, share: float = 1.0) -> dict[str, Floats]:
+        """Each active term, weighted, [N]; of all but tracking a share."""
         return {
-            name: weight * self._raw(name, motion, moment)
+            name: weight * (1.0 if name in _TRACKING else share) * self._raw(name, motion, moment)
             for name, weight in self._weights.items()
         }
 

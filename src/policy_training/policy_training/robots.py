@@ -112,10 +112,11 @@ class Robots:
         position: Floats = self._qpos[:, :3]
         return position
 
-    def start(self, ids: NDArray[np.intp]) -> None:
-        """Put some robots down somewhere, in a random pose and in motion."""
+    def start(self, ids: NDArray[np.intp], hardness: float = 1.0) -> None:
+        """Put some robots down somewhere, in a random pose and in motion, of both a share."""
         random, spread, count = self._random, self._spread, len(ids)
-        pose = DEFAULT_POSE * random.uniform(1 - spread.pose, 1 + spread.pose, (count, 12))
+        bent, moving = hardness * spread.pose, hardness * spread.velocity
+        pose = DEFAULT_POSE * random.uniform(1 - bent, 1 + bent, (count, 12))
         where = random.uniform(-self._ground.relief.reach, self._ground.relief.reach, (count, 2))
         heading = random.uniform(-np.pi, np.pi, count)
         self._qpos[ids, :2] = where
@@ -124,16 +125,16 @@ class Robots:
         self._qpos[ids, 3], self._qpos[ids, 6] = np.cos(heading / 2), np.sin(heading / 2)
         self._qpos[ids, 7:] = pose
         self._qvel[ids] = 0.0
-        self._qvel[ids, :6] = random.uniform(-spread.velocity, spread.velocity, (count, 6))
+        self._qvel[ids, :6] = random.uniform(-moving, moving, (count, 6))
         self._warm[ids] = 0.0
         self.drives.start(ids, pose)
         self._batch.forward(ids=np.sort(ids))
         self._ground.follow(self._soles[:, self._sole_ids])
         self._batch.forward(ids=np.sort(ids))
 
-    def push(self, ids: NDArray[np.intp]) -> None:
-        """Change the velocity of some robots at once."""
-        most = self._spread.push
+    def push(self, ids: NDArray[np.intp], hardness: float = 1.0) -> None:
+        """Change the velocity of some robots at once, by a share of what the config says."""
+        most = hardness * self._spread.push
         self._qvel[ids, :2] += self._random.uniform(-most, most, (len(ids), 2))
 
     def step(self, targets: Floats) -> Motion:

@@ -70,6 +70,8 @@ def main(args: Sequence[str] | None = None) -> int:
         learner.restore(state)
     elif options.source is not None:
         learner.take_networks(read_checkpoint(options.source))
+    elif config.imitation.gait:
+        begin_with_gait(learner)
     if not options.resume:
         folder.start(config)
     train(learner, folder, seconds=options.seconds)
@@ -83,6 +85,15 @@ def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
     if config.power.model:
         power = load_power(config.power.model, config.physics.environments)
     return Learner(config, WalkingEnvironment(config, power=power), device)
+
+
+def begin_with_gait(learner: Learner) -> None:
+    """Have the policy learn the config's scripted gait."""
+    console = Console(stderr=True)
+    with Progress(console=console) as bar:
+        task = bar.add_task(f'{learner.config.imitation.gait} as a first gait', total=1.0)
+        left = learner.begin_with_gait(lambda share: bar.update(task, completed=share))
+    console.print(f'actions are those of the gait to {left:.2f} (rms)')
 
 
 def train(

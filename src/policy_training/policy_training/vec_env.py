@@ -12,6 +12,7 @@ from tensordict import TensorDict
 from policy_training.environment import WalkingEnvironment
 
 GROUP: Final = 'policy'
+STATE: Final = 'state'
 
 
 class TorchEnvironment(VecEnv):
@@ -29,24 +30,30 @@ class TorchEnvironment(VecEnv):
 
     def get_observations(self) -> TensorDict:
         """What every robot sees now."""
-        return self._pack(self.walking.observe())
+        return self._pack(self.walking.observe(), self.walking.state())
 
     def step(
         self, actions: torch.Tensor
     ) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
-        """Observations, rewards, dones and the marks of those that ran out of time."""
+        """
+        Observations, rewards, dones and the marks of those that ran out of time.
+
+        A new command or a push ends an episode as running out of time does, though the robot
+        goes on: what comes of it is no merit of the actions before, and with a few hundred
+        robots would drown what is.
+        """
         outcome = self.walking.step(actions.cpu().numpy())
         self.log = outcome.log
         return (
-            self._pack(outcome.observation),
+            self._pack(outcome.observation, outcome.state),
             torch.from_numpy(outcome.reward.astype(np.float32)).to(self.device),
-            torch.from_numpy(outcome.done).to(self.device),
-            {'time_outs': torch.from_numpy(outcome.timed_out).to(self.device)},
+            torch.from_numpy(outcome.done | outcome.disturbed).to(self.device),
+            {'time_outs': torch.from_numpy(outcome.timed_out | outcome.disturbed).to(self.device)},
         )
 
-    def _pack(self, observation: np.ndarray) -> TensorDict:
-        tensor = torch.from_numpy(observation).to(self.device)
-        return TensorDict({GROUP: tensor}, batch_size=[self.num_envs], device=self.device)
+    def _pack(self, observation: np.ndarray, state: np.ndarray) -> TensorDict:
+        seen = {GROUP: torch.from_numpy(observation), STATE: torch.from_numpy(state)}
+        return TensorDict(seen, batch_size=[self.num_envs]).to(self.device)
 
 
 class Mirror:
@@ -81,9 +88,12 @@ class Mirror:
     ) -> tuple[TensorDict | None, torch.Tensor | None]:
         """The batch with its mirror image behind it, twice as long."""
         if obs is not None:
-            seen = obs[GROUP]
-            both = torch.cat([seen, self.observations(seen)])
-            obs = TensorDict({GROUP: both}, batch_size=[len(both)], device=both.device)
+            seen, state = obs[GROUP], obs[STATE]
+            both = {
+                GROUP: torch.cat([seen, self.observations(seen)]),
+                STATE: torch.cat([state, self.states(state)]),
+            }
+            obs = TensorDict(both, batch_size=[2 * len(seen)], device=seen.device)
         if actions is not None:
             actions = torch.cat([actions, self.actions(actions)])
         return obs, actions
@@ -91,6 +101,12 @@ class Mirror:
     def observations(self, values: torch.Tensor) -> torch.Tensor:
         """Mirror images of observations [N, size]."""
         return values[:, self._order.to(values.device)] * self._flips.to(values.device)
+
+    def states(self, values: torch.Tensor) -> torch.Tensor:
+        """Mirror images of states [N, size + 8]: observation, load and time in the air."""
+        size = len(self._order)
+        feet = values[:, size:].view(-1, 2, 2, 2).flip(3).reshape(-1, 8)
+        return torch.cat([self.observations(values[:, :size]), feet], dim=1)
 
     def actions(self, values: torch.Tensor) -> torch.Tensor:
         """Mirror images of actions [N, 12]."""

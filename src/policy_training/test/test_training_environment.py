@@ -7,7 +7,7 @@ from policy_runner.observations import STANDARD
 from policy_training.environment import WalkingEnvironment
 from policy_training.export import export_policy
 from policy_training.power_term import WindowedNetwork, load_power, predict_step
-from policy_training.vec_env import Mirror
+from policy_training.vec_env import Mirror, TorchEnvironment
 from sim_bridge.robot import JOINT_NAMES
 
 QUIET = {
@@ -194,3 +194,52 @@ def test_mirrored_robots_under_mirrored_actions_stay_mirror_images(tiny):
     # the base's mass and the legs' products of inertia are not quite symmetric
     torch.testing.assert_close(mirror.observations(seen[:1])[0], seen[1], atol=0.05, rtol=0.0)
     assert (seen[0, 12:24] - seen[1, 12:24]).abs().max() > 0.05
+
+
+def test_the_state_is_the_observation_without_noise_and_the_feet(tiny):
+    environment = WalkingEnvironment(tiny)
+    calm = WalkingEnvironment(tiny.with_values(QUIET))
+    for _ in range(30):
+        environment.step(np.zeros((4, 12)))
+        calm.step(np.zeros((4, 12)))
+    state = environment.state()
+    assert state.shape == (4, 56)
+    np.testing.assert_allclose(state[:, :48], calm.observe(), atol=1e-6)
+    half = 0.5 * 9.81 * environment.robots.mass[:, None]
+    np.testing.assert_allclose(state[:, 48:52], environment.motion.foot_force / half, rtol=1e-6)
+
+
+def test_states_of_feet_are_mirrored_side_by_side():
+    feet = torch.arange(8.0)
+    state = torch.cat([torch.zeros(48), feet])[None]
+    image = Mirror(STANDARD).states(state)[0, 48:]
+    assert image.tolist() == [1.0, 0.0, 3.0, 2.0, 5.0, 4.0, 7.0, 6.0]
+
+
+def test_a_new_command_ends_an_episode_for_the_learner_but_not_for_the_robot(tiny):
+    config = tiny.with_values({'commands.period': 0.1, 'random.push': 0.0})
+    environment = TorchEnvironment(WalkingEnvironment(config), 'cpu')
+    environment.walking.age[:] = 0
+    ends = []
+    for _ in range(10):
+        _, _, dones, extras = environment.step(torch.zeros(4, 12))
+        ends.append((bool(dones.all()), bool(extras['time_outs'].all())))
+    assert ends == [((index + 1) % 5 == 0,) * 2 for index in range(10)]
+    assert (environment.walking.age == 10).all()
+
+
+def test_a_push_is_seen_at_once(tiny):
+    environment = WalkingEnvironment(tiny.with_values({'random.push_period': 0.2}))
+    environment.age[:] = 8
+    before = environment.step(np.zeros((4, 12))) and environment.motion.velocity.copy()
+    after = environment.step(np.zeros((4, 12)))
+    assert after.disturbed.all()
+    assert np.abs(environment.motion.velocity - before)[:, :2].max() > 0.2
+
+
+def test_costs_pushes_and_starts_grow_to_their_full_size(tiny):
+    config = tiny.with_values({'curriculum.begin': 0.2, 'curriculum.steps': 100.0})
+    shares = [config.curriculum.share(steps) for steps in (0, 50, 100, 200)]
+    assert shares == pytest.approx([0.2, 0.6, 1.0, 1.0])
+    easy, hard = (WalkingEnvironment(each) for each in (config, tiny))
+    assert np.abs(easy.motion.velocity).max() < 0.45 * np.abs(hard.motion.velocity).max()

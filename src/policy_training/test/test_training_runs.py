@@ -10,7 +10,7 @@ from policy_training.train_command import main
 
 TINY = (
     *('--environments', '4', '--threads', '1', '--set', 'ppo.steps=6', 'ppo.minibatches=2'),
-    *('ppo.epochs=1', 'ppo.hidden=[16]', 'checkpoint_every=1'),
+    *('ppo.epochs=1', 'ppo.hidden=[16]', 'checkpoint_every=1', "imitation.gait=''"),
 )
 
 
