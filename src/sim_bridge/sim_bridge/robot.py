@@ -22,6 +22,7 @@ TORQUE_LIMIT: Final = 80.0  # N·m
 VELOCITY_LIMIT: Final = 7.5  # rad/s
 ARMATURE: Final = 0.0675  # kg·m², mean of the drives fitted in arXiv 2509.06342
 FOOT_RADIUS: Final = 0.03  # m
+FRICTION: Final = 1.0  # of feet and limbs on the ground, sliding
 
 _SIDES: Final = {'LF': (1, 1), 'RF': (1, -1), 'LH': (-1, 1), 'RH': (-1, -1)}
 DEFAULT_POSE: Final = np.array([q for leg in LEGS for q in (0.0, 0.4, -0.8)]) * np.repeat(
@@ -52,7 +53,7 @@ def build_model(
     *,
     armature: float = ARMATURE,
     payload: float = 0.0,
-    friction: float = 0.8,
+    friction: float = FRICTION,
     timestep: float = TIMESTEP,
     contact_sensors: bool = False,
 ) -> mujoco.MjModel:
@@ -76,7 +77,7 @@ def build_spec(
     *,
     armature: float = ARMATURE,
     payload: float = 0.0,
-    friction: float = 0.8,
+    friction: float = FRICTION,
     timestep: float = TIMESTEP,
     contact_sensors: bool = False,
 ) -> mujoco.MjSpec:
@@ -84,7 +85,7 @@ def build_spec(
     ANYmal C standing on a terrain, with a torque actuator per joint in JOINT_NAMES' order.
 
     armature: inertia of rotor and gears at the joint, kg·m². payload: kg added at the base's
-    origin. friction: sliding friction of the ground. Actuators neither limit nor dampen; the
+    origin. friction: sliding, between robot and ground. Actuators neither limit nor dampen; the
     keyframe `default` stands in DEFAULT_POSE. Qpos [19] is base position, quaternion, joints.
     contact_sensors: add, by name of the geom, a sensor of what touches the ground: the force on
     each foot, N [3], and the number of contacts of base, hips, thighs and shanks.
@@ -99,7 +100,7 @@ def build_spec(
     spec.modelname = 'anymal_c'
     spec.compiler.degree = False
     _set_options(spec, timestep)
-    _add_ground(spec, terrain, friction)
+    _add_ground(spec, terrain)
     base = _add_base(spec, payload)
     for leg in LEGS:
         _add_leg(base, leg, armature)
@@ -107,6 +108,8 @@ def build_spec(
         motor = spec.add_actuator(name=joint, target=joint)
         motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
         motor.set_to_motor()
+    for geom in spec.geoms:
+        geom.friction[0] = friction  # the larger one of two that touch counts
     _add_sensors(spec)
     if contact_sensors:
         _add_contact_sensors(spec)
@@ -151,7 +154,7 @@ def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
-def _add_ground(spec: mujoco.MjSpec, terrain: Terrain, friction: float) -> None:
+def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
     world = spec.worldbody
     world.add_light(
         pos=[0, 0, 4], dir=[0.2, 0.2, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
@@ -159,7 +162,6 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain, friction: float) -> None:
     surface = {
         'contype': 1,
         'conaffinity': 1,
-        'friction': [friction, 0.005, 0.0001],
         'rgba': [0.55, 0.57, 0.55, 1.0],
     }
     floor = 0.0
