@@ -168,13 +168,13 @@ def test_impossible_model_is_refused():
         robot.build_model(armature=-1.0)
 
 
-@pytest.mark.parametrize(('friction', 'slides'), [(0.3, True), (0.6, False)])
+@pytest.mark.parametrize(('friction', 'slides'), [(0.1, True), (0.4, False)])
 def test_a_robot_slides_down_a_slope_that_is_steeper_than_its_friction(friction, slides):
     model = robot.build_model(friction=friction, timestep=0.005)
-    model.opt.gravity[:] = 9.81 * np.array([np.sin(0.45), 0.0, -np.cos(0.45)])
+    model.opt.gravity[:] = 9.81 * np.array([np.sin(0.2), 0.0, -np.cos(0.2)])
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     for _ in range(200):
         data.ctrl[:] = 400.0 * (robot.DEFAULT_POSE - data.qpos[7:]) - 10.0 * data.qvel[6:]
         mujoco.mj_step(model, data)
-    assert (data.qpos[0] > 0.3) is slides
+    assert bool(data.qpos[0] > 0.2) is slides
