@@ -49,10 +49,10 @@ class Truth:
     bandwidth: float
 
 
-def plant_blocks(motion: str, seconds: float) -> list[Block]:
+def plant_blocks(motion: str, seconds: float, frequency: float | None = None) -> list[Block]:
     """What the plant does at the terminals of the meter, for any meter and analyser."""
     blocks: list[Block] = []
-    played = Motion(bench_motion(motion, seconds=seconds))
+    played = Motion(bench_motion(motion, frequency=frequency, seconds=seconds))
     run = OfflineRun(
         Plant.load('anymal_c'),
         stand_world(DRIVE),
@@ -155,7 +155,8 @@ def estimates(found: Comparison, truth: Truth) -> dict[str, tuple[Value, float, 
     }
     if 'voltage' in channels:
         made['voltage gain'] = (channels['voltage'].gain, truth.voltage_gain, 1e6, 'ppm')
-        made['voltage offset'] = (channels['voltage'].offset, 0.0, 1e3, 'mV')
+        if not channels['voltage'].fixed:
+            made['voltage offset'] = (channels['voltage'].offset, 0.0, 1e3, 'mV')
     if found.response is not None and found.response.cutoff is not None:
         made['bandwidth'] = (found.response.cutoff, truth.bandwidth, 1.0, 'Hz')
     return made
@@ -167,8 +168,9 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=20)
     parser.add_argument('--seconds', type=float, default=20.0)
     parser.add_argument('--motion', default='chirp')
+    parser.add_argument('--frequency', type=float, metavar='HZ')
     options = parser.parse_args()
-    blocks = plant_blocks(options.motion, options.seconds)
+    blocks = plant_blocks(options.motion, options.seconds, options.frequency)
     rows: dict[str, list[tuple[Value, float, float, str]]] = {}
     errors = []
     for seed in track(range(options.seeds), description='meters'):

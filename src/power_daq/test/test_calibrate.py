@@ -35,7 +35,7 @@ def rig(walk, tmp_path, monkeypatch):
     run = walk(seconds=SECONDS, drive_names=(DRIVE,))
     time = (run.supply_stamps - run.supply_stamps[0]) / 1e9
     for name, values in zip(('voltage', 'current'), truth(time), strict=True):
-        noise = 0.02 * random.standard_normal(len(time))
+        noise = 0.005 * random.standard_normal(len(time))
         setattr(run, name, ((values - OFFSET[name]) / GAIN[name] + noise)[:, None])
     run.write(tmp_path / 'bag')
 
@@ -89,7 +89,7 @@ def test_gain_offset_clock_offset_and_drift_are_found_within_their_intervals(
     at = (found['time_offset_at'] - offset) / (1 + 1e-6 * drift)
     start = rig.run.supply_stamps[0] / 1e9
     assert found['time_offset'] == pytest.approx(start + at - found['time_offset_at'], abs=2e-5)
-    assert found['rmse_after_w'] < 0.7 < found['rmse_before_w']
+    assert found['rmse_after_w'] < 0.3 < found['rmse_before_w']
     assert abs(found['bias_after_w']) < 0.02
 
 
@@ -146,7 +146,7 @@ def test_any_of_voltage_current_and_power_will_do(rig, columns, channels):
             {'change': lambda v, a: (v, np.random.default_rng(0).normal(2, 1, len(a)))},
             ['does not fit', 'best correlation'],
         ),
-        ({'change': lambda v, a: truth(np.arange(len(v)) / 5000 + 977.0)}, ['best correlation']),
+        ({'change': lambda v, a: truth(np.arange(len(v)) / 5000 + 977.0)}, ['at any offset']),
         ({'start': 5.0, 'stop': 6.5}, ['3 s without gaps']),
         ({'rate': 10.0}, ['rows a second']),
         ({'change': lambda v, a: (v, np.full_like(a, 2.0) + 0 * v), 'rate': 8.0}, ['rows']),

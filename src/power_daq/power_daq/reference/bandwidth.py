@@ -98,10 +98,22 @@ def response(ours: Curve, reference: Curve, clock: Clock, seed: int = 0) -> Resp
         gamma.append(min(sxy**2 / (sxx * syy), 1.0 - 1e-9))
     magnitude, coherence = np.array(h), np.array(gamma)
     error = magnitude * np.sqrt((1.0 - coherence) / (2.0 * count * coherence))
+    error = np.hypot(error, magnitude * _folded(reference, np.array(f), rate)) if fast else error
     correction = np.sinc(np.array(f) * reference.period) if fast else 1.0
     scale = _slow(np.array(f), magnitude, error)
     magnitude, error = magnitude * correction / scale, error * correction / scale
     return _read(np.array(f), magnitude, error, coherence, np.random.default_rng(seed))
+
+
+def _folded(reference: Curve, frequency: Floats, rate: float) -> Floats:
+    """What our sampling folds onto each frequency, as a share of what is there."""
+    longest = max(reference.runs, key=lambda run: len(run[0]))[1][:, 0]
+    size = min(len(longest), round(_SEGMENT / (rate * reference.period)))
+    at, power = welch(longest, 1.0 / reference.period, nperseg=size)
+    smooth = np.convolve(power, np.ones(_BINS) / _BINS, 'same')
+    there, above = np.interp(frequency, at, smooth), np.interp(rate - frequency, at, smooth)
+    share: Floats = np.sqrt(above / there) * frequency / (rate - frequency)
+    return share
 
 
 def _below(curve: Curve, limit: float) -> Curve:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from power_daq.cli import InputError
 from power_daq.reference.bandwidth import Loss, Response, loss, response
 from power_daq.reference.curve import Curve
-from power_daq.reference.fit import Fit, Value
+from power_daq.reference.fit import Fit, Value, with_folds
 from power_daq.reference.log import Log
 from power_daq.reference.measured import Measured
 from power_daq.reference.pairing import Pair, one, paired, some
@@ -22,6 +22,7 @@ _ERROR_RATE = 400.0  # Hz, at which the aligned dataset has it
 _SLOWEST = 20.0  # Hz
 _SLOW = 500.0  # Hz, under which rows are tried as means over their period too
 _LEAST_CORRELATION = 0.6
+_LEAST_FITTED = 0.9  # of the better channel, once fitted
 _NEARLY = 0.05  # of correlation, within which other places are tried
 _ALIKE = 1.1  # ratio of the noise within which they are as good
 _GAINS = (0.5, 2.0)
@@ -163,6 +164,8 @@ def compare(
         raise InputError(f'{log.path} and {measured.path} overlap by less than 3 s')
     fits.sort(key=lambda item: _noise(item[1]))
     match, best = fits[0]
+    if max(best.correlation) < _LEAST_FITTED:
+        raise _unlike(measured, log, max(best.correlation), best.seconds)
     ambiguous = tuple(
         round(m.offset - match.offset, 3) for m, f in fits[1:] if _noise(f) < _ALIKE * _noise(best)
     )
@@ -172,6 +175,7 @@ def compare(
         other = averaged.fit(match)
         if other is not None and _noise(other) < _noise(best):
             best, means = other, True
+    best = with_folds(best, pair.folds(best.clock, measured.curve.period))
     channels = _channels(measured, log, names, best)
     progress('comparing power and bandwidth')
     return _judged(measured, log, channels, best, ambiguous, means)
@@ -194,10 +198,15 @@ def _check_match(measured: Measured, log: Log, found: Sequence[Match], opposed: 
             f'the reference correlates by {opposed.correlation:.3f}: its current has the other '
             'sign; multiply it, as in --columns time=…,current=NAME*-1'
         )
-    raise InputError(
+    raise _unlike(measured, log, best.correlation, best.overlap)
+
+
+def _unlike(measured: Measured, log: Log, correlation: float, overlap: float) -> InputError:
+    ours = measured.curve.span
+    return InputError(
         f'the reference does not fit the recording: the best correlation at any offset is '
-        f'{best.correlation:.2f} over {best.overlap:.1f} s ({lengths}); is it the same run, and '
-        'the right columns?'
+        f'{correlation:.2f} over {overlap:.1f} s ({measured.path} lasts {ours[1] - ours[0]:.1f} '
+        f's, {log.path} {log.duration:.1f} s); is it the same run, and the right columns?'
     )
 
 
@@ -252,8 +261,8 @@ def _judged(
             + ', '.join(f'{shift:+g} s' for shift in ambiguous)
             + ' fit as well; begin or end it inside the recording'
         )
-    place = 'current' if log.current is not None or log.power is None else 'power'
-    answer = _response(measured, log, found, place)
+    seen = 'current' if log.current is not None or log.power is None else 'power'
+    answer = _response(measured, log, found, seen)
     above = 0.45 / measured.curve.period
     if answer is not None and answer.cutoff is not None:
         above = answer.cutoff.value

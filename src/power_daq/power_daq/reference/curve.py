@@ -62,16 +62,18 @@ class Curve:
             return 0.0, 0.0
         return float(self.runs[0][0][0]), float(self.runs[-1][0][-1])
 
-    def low_passed(self, rate: float) -> 'Curve':
+    def low_passed(self, rate: float, *, raised: bool = True) -> 'Curve':
         """
         Without what a signal sampled at `rate` Hz cannot hold.
 
         A windowed sinc, flat to a quarter of the rate and 60 dB down from half of it on, that is
         the same function of time whatever the curve's own period, so that two curves are filtered
         alike (taps by whole numbers differ by 1e-3). Each run loses half the filter at both ends;
-        those that are too short are left out.
+        those that are too short are left out. What is slower than 500 Hz is brought up to about
+        1 kHz first, for `at` to be exact; without `raised` it is not.
         """
-        rising = round(_SLOW * self.period) if self.period > 2.0 / _SLOW else 1
+        slow = raised and self.period > 2.0 / _SLOW
+        rising = round(_SLOW * self.period) if slow else 1
         period = self.period / max(1, rising)
         taps = _taps(period, rate)
         half = len(taps) // 2

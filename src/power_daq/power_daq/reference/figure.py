@@ -111,7 +111,7 @@ def _response(found: Comparison, axis: Axes, ink: str, blue: str) -> None:
     else:
         words = f'−3 dB above {answer.reach:.0f} Hz'
     axis.text(0.03, 0.06, words, transform=axis.transAxes, fontsize=8)
-    axis.set_ylim(0, 1.35)
+    axis.set_ylim(0, 1.7)
     axis.set_xlim(0, float(answer.frequency[-1]) + 5)
     axis.legend(loc='upper right', frameon=False, fontsize=8)
 

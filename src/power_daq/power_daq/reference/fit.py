@@ -70,6 +70,9 @@ class Fit:
     noise: Floats
     blocks: int
     seconds: float
+    spread: Floats  # standard deviation of the reference [K]
+    mean: Floats  # of the reference [K]
+    rise: Floats  # RMS slope of the reference, per s [K]
 
 
 def fit(ours: Curve, reference: Curve, match: Match, rate: float) -> Fit | None:
@@ -125,6 +128,34 @@ class _Problem:
         return cls(time[known], values[known], reference, rise, rise.derivative())
 
 
+def with_folds(found: Fit, folds: Floats) -> Fit:
+    """
+    The fit with intervals that allow for what our sampling folds into the band, RMS [K].
+
+    A motion that repeats itself in step with our samples folds its fast harmonics onto the slow
+    ones at a fixed phase, so that no averaging takes them out: at worst they are a gain error of
+    fold/spread and a time error of fold/RMS slope. Added to the intervals as squares.
+    """
+    relative = folds / np.maximum(found.spread, 1e-12)
+    late = 1.0 / np.sqrt(np.sum((np.maximum(found.rise, 1e-12) / np.maximum(folds, 1e-12)) ** 2))
+    return replace(
+        found,
+        offset=_wider(found.offset, float(late)),
+        gain=tuple(_wider(g, r * g.value) for g, r in zip(found.gain, relative, strict=True)),
+        level=tuple(
+            level if fixed else _wider(level, float(r * abs(mean)))
+            for level, r, mean, fixed in zip(
+                found.level, relative, found.mean, found.fixed, strict=True
+            )
+        ),
+    )
+
+
+def _wider(value: Value, by: float) -> Value:
+    half = float(np.hypot(0.5 * (value.high - value.low), by))
+    return Value(value.value, value.value - half, value.value + half)
+
+
 def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> Fit:
     channels = problem.channels
     centre = 0.5 * (problem.time[0] + problem.time[-1])
@@ -178,6 +209,9 @@ def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> Fit:
         noise=residual.std(axis=0) / weights,
         blocks=len(changes),
         seconds=float(len(time) * np.median(np.diff(problem.time))),
+        spread=shown.std(axis=0),
+        mean=shown.mean(axis=0),
+        rise=np.sqrt((problem.rise.at(clock.reference(time)) ** 2).mean(axis=0)),
     )
 
 

@@ -1,12 +1,15 @@
 """Ours and the reference's side by side: the same signals, low-passed alike."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from power_daq.reference.curve import Curve
-from power_daq.reference.fit import Fit, fit
+from power_daq.reference.fit import Clock, Fit, fit
 from power_daq.reference.log import Log
 from power_daq.reference.measured import Measured
 from power_daq.reference.search import Match
+
+Floats = NDArray[np.float64]
 
 
 class Pair:
@@ -20,6 +23,29 @@ class Pair:
     def fit(self, match: Match) -> Fit | None:
         """Refine a match."""
         return fit(self._ours, self._reference, match, self._rate)
+
+    def folds(self, clock: Clock, period: float) -> Floats:
+        """
+        What sampling at a period in s folds into the band of the fit, RMS of each channel [K].
+
+        Of the reference as it is, damped as by a filter of first order at a third of our rate. 0
+        where the reference is not 2.5 times as fast as we sample, for then nobody knows.
+        """
+        if self.raw.period > 0.4 * period:
+            return np.zeros(self.raw.runs[0][1].shape[1])
+        sampled = []
+        for time, _ in self.raw.runs:
+            first, last = clock.ours(time[[2, -3]])
+            stamps = first + period * np.arange(max(0, int((last - first) / period)))
+            if len(stamps) > 4:
+                sampled.append((stamps, self.raw.at(clock.reference(stamps))))
+        folded = Curve(tuple(sampled), period).low_passed(self._rate)
+        rest = [values - self._reference.at(clock.reference(time)) for time, values in folded.runs]
+        both = np.concatenate(rest)
+        both = both[np.isfinite(both).all(axis=1)]
+        damping = 1.0 / np.sqrt(1.0 + 3.0**2)
+        folds: Floats = damping * both.std(axis=0)
+        return folds
 
 
 def paired(measured: Measured, log: Log) -> tuple[list[str], Curve, Curve]:

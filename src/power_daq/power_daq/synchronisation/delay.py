@@ -1,6 +1,6 @@
 """By how much a drive's electrical samples are late against its joint samples."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,9 +122,14 @@ class _Problem:
     time: Floats
     watts: Floats
     joint: Joint
+    known: dict[Spring, Curve] = field(default_factory=dict)
 
     def _features(self, spring: Spring) -> Curve:
-        return self.joint.features(spring).low_passed(_RATE)
+        if spring not in self.known:
+            if len(self.known) > 3:
+                self.known.clear()
+            self.known[spring] = self.joint.features(spring).low_passed(_RATE, raised=False)
+        return self.known[spring]
 
     def _rows(self, curve: Curve, delay: float) -> tuple[Floats, NDArray[np.bool_]]:
         x = curve.at(self.time - delay)
@@ -166,7 +171,7 @@ class _Problem:
                 break
             gained = error - reached
             delay, spring, error = later, tried, reached
-            if gained < 1e-4 * error:
+            if gained < 1e-3 * error:
                 break
         return delay, spring
 

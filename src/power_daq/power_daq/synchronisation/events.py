@@ -77,23 +77,27 @@ def _jumps(commands: JointSamples, drive: str) -> NDArray[np.int64]:
     if drive not in commands.names:
         return np.zeros(0, np.int64)
     column = commands.names.index(drive)
+    found = np.zeros(0, np.int64)
     for name in _FIELDS:
         values = getattr(commands, name)[:, column].astype(np.float64)
-        if not np.isfinite(values).all() or np.ptp(values) == 0.0:
-            continue
-        steps = np.abs(np.diff(values))
-        wide = float(np.ptp(values))
-        large = np.flatnonzero(steps > 0.25 * wide) + 1
-        stamps = commands.stamp_ns
-        first, last = (
-            np.searchsorted(stamps, stamps[large] + side) for side in (-_REST_NS, _REST_NS)
-        )
-        alone = [
-            float(steps[low : jump - 1].sum() + steps[jump : high - 1].sum()) < 0.02 * wide
-            for low, jump, high in zip(first, large, last, strict=True)
-        ]
-        return np.asarray(stamps[large[alone]], np.int64)
-    return np.zeros(0, np.int64)
+        given = np.isfinite(values)
+        if given.sum() > 8 and np.ptp(values[given]) > 0.0:
+            alone = _alone(commands.stamp_ns[given], values[given])
+            found = alone if len(alone) > len(found) else found
+    return found
+
+
+def _alone(stamps: NDArray[np.int64], values: Floats) -> NDArray[np.int64]:
+    """Stamps of the jumps beside which nothing moves."""
+    steps = np.abs(np.diff(values))
+    wide = float(np.ptp(values))
+    large = np.flatnonzero(steps > 0.25 * wide) + 1
+    first, last = (np.searchsorted(stamps, stamps[large] + side) for side in (-_REST_NS, _REST_NS))
+    alone = [
+        float(steps[low : jump - 1].sum() + steps[jump : high - 1].sum()) < 0.02 * wide
+        for low, jump, high in zip(first, large, last, strict=True)
+    ]
+    return np.asarray(stamps[large[alone]], np.int64)
 
 
 def _around(

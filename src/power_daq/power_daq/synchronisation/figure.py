@@ -111,7 +111,7 @@ def _jitter(found: Summary, axis: Axes, ink: str, blue: str) -> None:
     axis.set_yticks(range(len(rows)), [f'{s.topic}\n{s.rate:.0f} Hz' for s in rows], fontsize=8)
     axis.set_ylim(len(rows) - 0.4, -0.6)
     axis.set_xlabel('standard deviation, and (pale) 99th percentile [µs]')
-    axis.set_xlim(0, 1.35 * max(axis.get_xlim()[1], 0.1))
+    axis.set_xlim(0, 1.35 * max(axis.get_xlim()[1], 1.0))
 
 
 def _clock(found: Summary, axis: Axes, blue: str) -> None:
@@ -125,6 +125,8 @@ def _clock(found: Summary, axis: Axes, blue: str) -> None:
     axis.set_title(title, loc='left', fontsize=10)
     every = slice(None, None, max(1, len(clock.time) // 4000))
     axis.plot(clock.time[every], 1e6 * clock.residual[every], color=blue, lw=0.7)
+    most = max(1.0, 1.1e6 * float(np.abs(clock.residual).max()))
+    axis.set_ylim(-most, most)
 
 
 def _smoothing(axis: Axes, ink: str, blue: str) -> None:

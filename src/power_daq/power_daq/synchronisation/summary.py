@@ -41,18 +41,22 @@ class Summary:
 
     @property
     def common(self) -> Value | None:
-        """The delay of all drives, weighed by their intervals; None where none is known."""
+        """
+        The delay of all drives, weighed by their intervals; None where none is known.
+
+        Its interval is as wide as the drives differ and does not shrink with their number, for
+        what the proxy gets wrong on one drive it gets wrong on all.
+        """
         known = [d.delay for d in self.delays if d.delay is not None]
         if not known:
             return None
         half = np.array([max(0.5 * (d.high - d.low), 1e-7) for d in known])
         weights = 1.0 / half**2
         middle = float((weights * np.array([d.value for d in known])).sum() / weights.sum())
+        values = np.array([d.value for d in known])
         wide = float(1.0 / np.sqrt(weights.sum()))
         if len(known) > 1:
-            spread = np.array([d.value for d in known]) - middle
-            chi = float(np.sqrt((weights * spread**2).sum() / (len(known) - 1) * 1.96**2))
-            wide *= max(1.0, chi / 1.96)
+            wide = max(wide, 1.96 * float(values.std(ddof=1)))
         return Value(middle, middle - wide, middle + wide)
 
     @property
