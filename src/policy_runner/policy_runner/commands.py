@@ -1,5 +1,6 @@
-"""Velocity commands that vary over time, as a person with a joystick would give them."""
+"""Velocity commands over time: at random, as with a joystick, or one that is held."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,37 @@ class CommandRange:
             raise ValueError(
                 f'weights are {self.weights!r}; they must be 0 or more, and not all 0'
             )
+
+
+class SteadyCommand:
+    """The same (vx, vy, yaw rate) at all times but the first second, which stands."""
+
+    LIMITS = (1.5, 1.5, 2.0)  # m/s, m/s, rad/s
+
+    def __init__(self, velocity: Sequence[float]) -> None:
+        """velocity: vx, vy in m/s, yaw rate in rad/s [3]; ValueError beyond LIMITS."""
+        good = len(velocity) == 3 and all(
+            abs(v) <= limit for v, limit in zip(velocity, self.LIMITS, strict=True)
+        )
+        if not good:
+            raise ValueError(
+                f'velocity is {",".join(f"{v:g}" for v in velocity)}; expected VX,VY,YAW within '
+                '±1.5 m/s, ±1.5 m/s and ±2 rad/s'
+            )
+        self._velocity = np.array(velocity, dtype=np.float64)
+
+    @classmethod
+    def parse(cls, text: str) -> 'SteadyCommand':
+        """From VX,VY,YAW; ValueError if it is not."""
+        try:
+            velocity = [float(part) for part in text.split(',')]
+        except ValueError:
+            raise ValueError(f'velocity is {text!r}; expected VX,VY,YAW such as 0,0,0.8') from None
+        return cls(velocity)
+
+    def __call__(self, time: float) -> NDArray[np.float64]:
+        """The command at `time` s after the start: m/s, m/s, rad/s [3]."""
+        return self._velocity * min(max(time - 1.0, 0.0), 1.0)
 
 
 class RandomCommands:

@@ -6,6 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 
+import numpy as np
+from numpy.typing import NDArray
+
+from policy_runner.commands import RandomCommands, SteadyCommand
 from policy_runner.errors import InputError
 from policy_runner.policies import POLICIES
 
@@ -20,6 +24,7 @@ class Options:
     start: bool = False
     restart_after: float = 0.0
     random_commands: bool = False
+    velocity: str | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -27,8 +32,20 @@ class Options:
             raise InputError(
                 f'--restart-after is {self.restart_after}; give 0 (never) to 3600 seconds'
             )
+        if self.random_commands and self.velocity is not None:
+            raise InputError('--random-commands and --velocity exclude each other')
+        self.source()
         if self.seed < 0:
             raise InputError(f'--seed is {self.seed}; give 0 or more')
+
+    def source(self) -> Callable[[float], NDArray[np.float64]] | None:
+        """Velocity commands by time since walking began; None for those of cmd_vel."""
+        if self.random_commands:
+            return RandomCommands(max(self.seed, 0))
+        try:
+            return None if self.velocity is None else SteadyCommand.parse(self.velocity)
+        except ValueError as error:
+            raise InputError(f'--velocity: {error}') from None
 
 
 def parse(arguments: Sequence[str]) -> Options:
@@ -36,7 +53,7 @@ def parse(arguments: Sequence[str]) -> Options:
     parser = argparse.ArgumentParser(
         prog='ros2 run policy_runner run',
         description='Run a walking policy on the robot, safely. It waits for the service start.',
-        epilog='example: ros2 run policy_runner run --policy trot --start --random-commands',
+        epilog='example: ros2 run policy_runner run --policy pmp --start --velocity=0.6,0,0',
     )
     parser.add_argument(
         '--policy', default='trot', help=f'{", ".join(POLICIES)}, or a policy folder'
@@ -53,6 +70,11 @@ def parse(arguments: Sequence[str]) -> Options:
     )
     parser.add_argument(
         '--random-commands', action='store_true', help='walk about instead of following cmd_vel'
+    )
+    parser.add_argument(
+        '--velocity',
+        metavar='VX,VY,YAW',
+        help='hold it (m/s, m/s, rad/s) instead of following cmd_vel',
     )
     parser.add_argument('--seed', type=int, default=0, help='of the random commands')
     return Options(**vars(parser.parse_args(list(arguments))))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import TwistStamped
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
@@ -17,7 +18,6 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from policy_runner.commands import RandomCommands
 from policy_runner.kinematics import JOINT_NAMES
 from policy_runner.listening import Listener
 from policy_runner.options import InputError, Options, command, parse
@@ -48,7 +48,7 @@ class PolicyRunner(Node):
         )
         tilt = self._parameter('tilt', safety.tilt, 0.1, 1.5, 'rad; more from level: damping')
         self._start_wanted = options.start
-        source = RandomCommands(options.seed) if options.random_commands else None
+        source = options.source()
         self._supervisor = Supervisor(
             policy,
             SafetyConfig(stale_after=stale, tilt=tilt),
@@ -62,6 +62,9 @@ class PolicyRunner(Node):
         Listener(self, self._supervisor.inputs, self._now)
         self._commands = self.create_publisher(JointState, 'joint_commands', _COMMANDS)
         self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        if source is not None:
+            self._told_velocity = self.create_publisher(TwistStamped, 'cmd_vel', _COMMANDS)
+            self.create_timer(0.1, self._tell_velocity, clock=self._time)
         self.create_service(Trigger, 'start', lambda q, a: self._serve(a, self._supervisor.start))
         self.create_service(Trigger, 'stop', lambda q, a: self._serve(a, self._supervisor.stop))
         self.create_service(
@@ -128,6 +131,15 @@ class PolicyRunner(Node):
         else:
             message.position = output.targets.tolist()
         self._commands.publish(message)
+
+    def _tell_velocity(self) -> None:
+        """Let recordings know what the robot was told, as if a person had told it."""
+        message = TwistStamped()
+        message.header.stamp = self.get_clock().now().to_msg()
+        vx, vy, yaw = self._supervisor.command(self._now()).tolist()
+        message.twist.linear.x, message.twist.linear.y = vx, vy
+        message.twist.angular.z = yaw
+        self._told_velocity.publish(message)
 
     def _announce(self) -> None:
         state, reason = self._supervisor.state, self._supervisor.reason

@@ -1,6 +1,9 @@
+import re
+
 import numpy as np
 import pytest
-from policy_runner.commands import CommandRange, RandomCommands
+from policy_runner.commands import CommandRange, RandomCommands, SteadyCommand
+from policy_runner.options import InputError, parse
 
 TIMES = np.arange(0.0, 600.0, 0.05)
 
@@ -49,3 +52,29 @@ def test_the_first_second_stands():
 def test_impossible_spans_are_refused_with_their_value(field, value):
     with pytest.raises(ValueError, match='must'):
         CommandRange(**{field: value})
+
+
+def test_a_held_velocity_stands_for_a_second_and_comes_in_over_another():
+    held = SteadyCommand.parse('0.6,0,-0.8')
+    assert [held(time).tolist() for time in (0.0, 1.0, 1.5, 2.0, 99.0)] == [
+        [0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0],
+        [0.3, 0.0, -0.4],
+        [0.6, 0.0, -0.8],
+        [0.6, 0.0, -0.8],
+    ]
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['--velocity=fast'], "velocity is 'fast'; expected VX,VY,YAW"),
+        (['--velocity=0.5,0'], 'velocity is 0.5,0; expected VX,VY,YAW within'),
+        (['--velocity=1.6,0,0'], 'within ±1.5 m/s'),
+        (['--velocity=nan,0,0'], 'within ±1.5 m/s'),
+        (['--velocity=1,0,0', '--random-commands'], 'exclude each other'),
+    ],
+)
+def test_a_bad_velocity_is_refused_in_words(arguments, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        parse(arguments)

@@ -25,11 +25,12 @@ class FakeRobot:
         rclpy.init(context=self.context)
         self.node = rclpy.create_node('fake_robot', context=self.context)
         self.silent = False
-        self.commands, self.reasons = [], []
+        self.commands, self.reasons, self.told = [], [], []
         self.joints = self.node.create_publisher(JointState, 'joint_states', 10)
         self.imu = self.node.create_publisher(Imu, 'imu', 10)
         self.twist = self.node.create_publisher(TwistStamped, 'cmd_vel', 10)
         self.node.create_subscription(JointState, 'joint_commands', self.commands.append, 10)
+        self.node.create_subscription(TwistStamped, 'cmd_vel', self.told.append, 10)
         self.node.create_subscription(DiagnosticArray, 'diagnostics', self.on_diagnostics, 10)
         self.services = {
             name: self.node.create_client(Trigger, name) for name in ('start', 'stop', 'estop')
@@ -139,6 +140,24 @@ def test_a_velocity_command_makes_it_step(robot, node_process):
 
     def lifted():
         robot.twist.publish(twist)
+        knees = np.array([list(m.position) for m in robot.commands if len(m.position)])
+        return len(knees) > 0 and np.ptp(knees[:, 2]) > 0.5
+
+    wait_until(lifted, 'a lifted foot')
+
+
+def test_a_held_velocity_makes_it_step_and_is_told_on_cmd_vel(robot, node_process):
+    node_process('policy_runner', 'run', '--start', '--velocity=0.4,0,-0.2', *PATIENT)
+    wait_until(lambda: 'running' in robot.reasons, 'running')
+
+    def told():
+        twists = [message.twist for message in robot.told]
+        return any(t.linear.x == 0.4 and t.angular.z == -0.2 for t in twists)
+
+    wait_until(told, 'the whole velocity')
+    robot.commands.clear()
+
+    def lifted():
         knees = np.array([list(m.position) for m in robot.commands if len(m.position)])
         return len(knees) > 0 and np.ptp(knees[:, 2]) > 0.5
 

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.commands import RandomCommands
+from policy_runner.commands import RandomCommands, SteadyCommand
 from policy_runner.errors import InputError as PolicyError
 from policy_runner.inputs import Inputs
 from policy_runner.policies import POLICIES, Policy, load_policy
@@ -122,34 +122,16 @@ class Stand:
         """Nothing to forget."""
 
 
-class Steady:
-    """The same velocity command at all times but the first second, which stands."""
-
-    def __init__(self, velocity: Sequence[float]) -> None:
-        """vx, vy in m/s within ±1.5, yaw rate in rad/s within ±2; InputError otherwise."""
-        limits = (1.5, 1.5, 2.0)
-        good = len(velocity) == 3 and all(
-            abs(v) <= limit for v, limit in zip(velocity, limits, strict=True)
-        )
-        if not good:
-            raise InputError(
-                f'velocity is {",".join(f"{v:g}" for v in velocity)}; expected VX,VY,YAW within '
-                '1.5 m/s, 1.5 m/s and 2 rad/s'
-            )
-        self._velocity = np.array(velocity, dtype=np.float64)
-
-    def __call__(self, time: float) -> Floats:
-        """The command at `time` s after the start: m/s, m/s, rad/s [3]."""
-        return self._velocity * min(max(time - 1.0, 0.0), 1.0)
-
-
 def make_controller(name: str, seed: int, velocity: Sequence[float] | None = None) -> Controller:
     """
     A controller by name, or by a policy's folder; InputError for one that is not there.
 
     velocity: vx, vy in m/s, yaw rate in rad/s to hold; random ones from the seed if None.
     """
-    commands = RandomCommands(seed) if velocity is None else Steady(velocity)
+    try:
+        commands = RandomCommands(seed) if velocity is None else SteadyCommand(velocity)
+    except ValueError as error:
+        raise InputError(str(error)) from None
     if name == 'stand':
         return Stand()
     if name in TROTS:
