@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 from policy_runner.kinematics import JOINT_NAMES
 from policy_runner.listening import Listener
 from policy_runner.options import InputError, Options, command, parse
+from policy_runner.pace import Pace
 from policy_runner.parameters import real_parameter
 from policy_runner.policies import Policy, load_policy
 from policy_runner.safety import FaultKind, SafetyConfig
@@ -70,6 +71,7 @@ class PolicyRunner(Node):
         self.create_service(
             Trigger, 'estop', lambda q, a: self._serve(a, self._supervisor.emergency_stop)
         )
+        self._pace = Pace(1.0 / (self._rate or policy.rate))
         self._timer = self._make_timer(policy)
         self.add_on_set_parameters_callback(self._on_parameters)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -91,6 +93,7 @@ class PolicyRunner(Node):
             self._policy = str(parameter.value)
             self.get_logger().info(f'{self._policy}: {message}')
             self.destroy_timer(self._timer)
+            self._pace.change(1.0 / (self._rate or policy.rate))
             self._timer = self._make_timer(policy)
         return SetParametersResult(successful=True)
 
@@ -115,11 +118,13 @@ class PolicyRunner(Node):
 
     def _step(self) -> None:
         now = self._now()
+        self._pace.begin(now)
         if self._start_wanted and self._supervisor.start(now)[0]:
             self._start_wanted = False
         output = self._supervisor.update(now)
         if output is not None:
             self._send(output)
+            self._pace.end(self._now())
         self._announce()
 
     def _send(self, output: Output) -> None:
@@ -154,7 +159,11 @@ class PolicyRunner(Node):
         self._diagnose()
 
     def _diagnose(self) -> None:
-        figures = {'policy': self._policy, **self._supervisor.figures(self._now())}
+        figures = {
+            'policy': self._policy,
+            **self._supervisor.figures(self._now()),
+            **self._pace.figures(),
+        }
         fault = self._supervisor.fault
         sound = fault is None or fault.kind is FaultKind.STOP
         status = DiagnosticStatus(
