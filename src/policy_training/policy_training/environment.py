@@ -147,8 +147,8 @@ class WalkingEnvironment:
         fresh = (self.age % self._new_command == 0) & ~done
         if fresh.any():
             self.commands.draw(np.flatnonzero(fresh), self.steps)
-        pushed = (self.age % self._new_push == 0) & ~done
-        if pushed.any() and self.config.random.push:
+        pushed = (self.age % self._new_push == 0) & ~done & bool(self.config.random.push)
+        if pushed.any():
             self.robots.push(np.flatnonzero(pushed), self.config.curriculum.share(self.steps))
             self.motion = self.robots.motion(self.motion.torque)
         return np.asarray(fresh | pushed)

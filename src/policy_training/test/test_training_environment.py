@@ -237,6 +237,14 @@ def test_a_push_is_seen_at_once(tiny):
     assert np.abs(environment.motion.velocity - before)[:, :2].max() > 0.2
 
 
+def test_a_push_that_is_switched_off_disturbs_nobody(tiny):
+    environment = WalkingEnvironment(
+        tiny.with_values({'random.push': 0.0, 'random.push_period': 0.1})
+    )
+    environment.age[:] = 4
+    assert not environment.step(np.zeros((environment.count, 12))).disturbed.any()
+
+
 def test_costs_pushes_and_starts_grow_to_their_full_size(tiny):
     config = tiny.with_values({'curriculum.begin': 0.2, 'curriculum.steps': 100.0})
     shares = [config.curriculum.share(steps) for steps in (0, 50, 100, 200)]
