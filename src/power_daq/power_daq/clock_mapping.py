@@ -275,3 +275,20 @@ class RosTime:
     def of(self, steady: int) -> int:
         """ROS time (ns) of a steady time (ns)."""
         return steady + self.offset
+
+
+class Stamper:
+    """Stamps in ROS time, each later than the one before unless a clock has jumped between."""
+
+    def __init__(self, ros_time: RosTime) -> None:
+        self._ros_time = ros_time
+        self._last, self._epoch = 0, -1
+
+    def of(self, steady: int, jumps: int = 0) -> int:
+        """Stamp (ns) of a steady time (ns); jumps: how often the device's own clock has jumped."""
+        stamp = self._ros_time.of(steady)
+        epoch = jumps + self._ros_time.steps
+        if epoch == self._epoch:
+            stamp = max(stamp, self._last + 1)
+        self._last, self._epoch = stamp, epoch
+        return stamp

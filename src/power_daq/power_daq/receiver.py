@@ -12,7 +12,7 @@ from power_daq.bus.description import BusDescription
 from power_daq.bus.group import Route
 from power_daq.bus.layout import Floats
 from power_daq.calibration import Calibration
-from power_daq.clock_mapping import ClockMapping, RosTime
+from power_daq.clock_mapping import ClockMapping, RosTime, Stamper
 
 _REMEMBERED_IDS = 16
 
@@ -74,7 +74,7 @@ class Receiver:
         self._first_clock = {
             name: group.frames[0].clock for name, group in description.groups.items()
         }
-        self._stamps = dict.fromkeys(description.groups, (0, -1))
+        self._stampers = {name: Stamper(ros_time) for name in description.groups}
         self.counts = FrameCounts()
         self.unsettled: Counter[str] = Counter()
         self.unknown_ids: Counter[int] = Counter()
@@ -148,7 +148,8 @@ class Receiver:
         values = done.values
         if route.group == 'electrical' and self._calibration is not None:
             values[:2] = values[:2] * self._calibration.gain + self._calibration.offset
-        stamp = self._stamp(route.group, clock, done.device_time)
+        steady = clock.to_steady(done.device_time) - self._delay
+        stamp = self._stampers[route.group].of(steady, clock.epoch)
         return Sample(route.group, done.number, stamp, done.device_time, values)
 
     def _restart(self, clock: str) -> None:
@@ -156,16 +157,6 @@ class Receiver:
         for name, group in self._description.groups.items():
             if any(frame.clock == clock for frame in group.frames):
                 self.assemblers[name].restart()
-
-    def _stamp(self, group: str, clock: ClockMapping, device_time: int) -> int:
-        """ROS time, later than the sample before unless clocks have jumped between them."""
-        stamp = self._ros_time.of(clock.to_steady(device_time) - self._delay)
-        last, epoch = self._stamps[group]
-        now = clock.epoch + self._ros_time.steps
-        if epoch == now and stamp <= last:
-            stamp = last + 1
-        self._stamps[group] = stamp, now
-        return stamp
 
     @property
     def losses(self) -> Mapping[str, int]:

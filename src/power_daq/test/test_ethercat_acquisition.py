@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from power_daq.acquisition import SampleQueue
 from power_daq.calibration import Calibration
+from power_daq.clock_mapping import RosTime
 from power_daq.ethercat.acquisition import SegmentAcquisition, SegmentPatience
 from power_daq.ethercat.health import SegmentHealth
 from power_daq.ethercat.mapping import SegmentMapping
@@ -79,7 +80,7 @@ def good(frame):
 
 
 class Run:
-    def __init__(self, tmp_path, script, patience=None, calibration=None):
+    def __init__(self, tmp_path, script, patience=None, calibration=None, ros_time=None):
         path = tmp_path / 'ethercat.yaml'
         path.write_text(CONTENT)
         self.mapping = SegmentMapping.load(path)
@@ -92,6 +93,7 @@ class Run:
             self.said.append,
             calibration,
             patience or SegmentPatience(0.01, 0.05, 20),
+            ros_time,
         )
         self.health = SegmentHealth(self.acquisition, SampleQueue(10), 'eth9')
 
@@ -253,3 +255,22 @@ def test_a_mailbox_that_does_not_answer_is_tried_again(tmp_path):
     with run:
         run.until(lambda: run.samples)
     assert sum('cannot be read' in line for line in run.said) == 1
+
+
+@pytest.mark.parametrize('step', [-700_000_000, 700_000_000])
+def test_stamps_follow_a_system_clock_that_is_stepped(tmp_path, step):
+    moved = [0]
+    clock = RosTime(lambda: time.time_ns() + moved[0], period=10_000_000)
+    with Run(tmp_path, good, ros_time=clock) as run:
+        run.until(lambda: len(run.samples) > 10)
+        moved[0] = step
+        run.until(lambda: clock.steps)
+        more = len(run.samples) + 2
+        run.until(lambda: len(run.samples) > more + 20)
+    samples = run.samples[more : more + 20]
+    system = time.time_ns() - time.monotonic_ns() + step
+    for sample in samples:
+        assert abs(sample.stamp - sample.device_time - system) < 5e6
+    stamps = [sample.stamp for sample in samples]
+    assert stamps == sorted(set(stamps))
+    assert clock.steps == 1

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from drive_power_msgs.msg import DriveSupply
 from power_daq.bus.layout import Floats
 from power_daq.calibration import Calibration
-from power_daq.clock_mapping import RosTime
+from power_daq.clock_mapping import RosTime, Stamper
 from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.segment import (
     Segment,
@@ -70,9 +70,11 @@ class SegmentAcquisition:
         report: Callable[[str], None] = _log.warning,
         calibration: Calibration | None = None,
         patience: SegmentPatience | None = None,
+        ros_time: RosTime | None = None,
     ) -> None:
         self.mapping = mapping
-        self.ros_time = RosTime()
+        self.ros_time = ros_time or RosTime()
+        self._stamper = Stamper(self.ros_time)
         self.counts = CycleCounts()
         self.absence = 'not opened yet'
         self._make, self._sink, self._report = make_segment, sink, report
@@ -89,7 +91,6 @@ class SegmentAcquisition:
         self._toggles: list[bool | None] = [None] * len(self._channels)
         self._start: float | None = None
         self._lost = 0
-        self._last_stamp = 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='ethercat', daemon=True)
         self._error: BaseException | None = None
@@ -214,8 +215,7 @@ class SegmentAcquisition:
         self._count(flags)
         voltage, current = np.split(values * self._ratio + self._offset, 2)
         status = np.bitwise_or(*np.split(flags, 2))
-        stamp = max(self.ros_time.of(triggered), self._last_stamp + 1)
-        self._last_stamp = stamp
+        stamp = self._stamper.of(triggered)
         self.counts.cycles += 1
         packed = np.stack([voltage, current, status.astype(np.float64)])
         self._sink(Sample('electrical', slot, stamp, triggered, packed))
