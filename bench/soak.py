@@ -4,8 +4,9 @@ Half an hour of acquisition at full rate with faults, and an account of every sa
 12 drives at 1 kHz and 400 Hz over the Unix-socket bus, a bench supply at 100 Hz over TCP, DAQ,
 supply node and recorder as processes on DDS. Once a cycle: the system clock is stepped forward
 and back, the bus goes off and on, the recorder is killed hard, the supply is unplugged, the disk
-fills up. Every sample carries a number: those that are in no bag are listed by reason, and the
-sums are set against the counters of the nodes.
+fills up. Every sample carries a number: those that are in no bag are listed by reason. The account
+closes if none is missing inside of a bag but those that a node counted, and if none of the ends of
+a bag costs more than it may.
 
     python bench/soak.py                       30 minutes, six cycles
     python bench/soak.py --seconds 60 -o soak  one minute, one cycle
@@ -27,6 +28,7 @@ from rich.console import Console
 from rich.progress import Progress
 from soak_account import Account, Check, Counters, account, markdown, supply_account
 from soak_bags import messages, rows
+from soak_devices import RATES
 from soak_system import SmallDisk, SoakError, System, Take, until
 
 Event = tuple[float, str, Callable[[], None]]
@@ -149,11 +151,11 @@ class Soak:
             figures = ('samples', 'lost', 'unsettled', 'dropped unpublished', 'published')
             counters = Counters(*(int(daq[f'{name} {figure}']) for figure in figures))
             own = [bag[name] for bag in bags]
-            found.append(account(name, measured[name], kept.withheld, counters, own))
+            found.append(account(name, RATES[name], measured[name], kept.withheld, counters, own))
         excuses = int(supply['connections lost']) + int(supply['not an answer'])
         own = [bag['supply'] for bag in bags]
         readings = int(supply['readings'])
-        found.append(supply_account(measured['supply'], readings, excuses, own))
+        found.append(supply_account(RATES['supply'], measured['supply'], readings, excuses, own))
         found[0].checks += self.checks
         self.figures = {'daq': daq, 'supply': supply}
         return found

@@ -17,8 +17,8 @@ from soak_account import BagRows
 from soak_devices import current_numbers, position_numbers, supply_numbers
 
 STREAMS = {'electrical': 'drive_supply', 'joints': 'joint_states', 'supply': 'supply'}
-_CAME = re.compile(r'all (\d+) samples of drive_supply came')
-_LOST = re.compile(r'drive_supply lost (\d+) samples in \d+ places \((\d+) came\)')
+_CAME = r'(?:all |places \()(\d+) (?:samples of drive_supply )?came'
+_LOST = r'drive_supply lost (\d+) samples'
 
 
 def rows(
@@ -35,7 +35,7 @@ def rows(
     """
     raw = _raw(path)
     kept = _kept(path)
-    came, lost = _told(said)
+    lost = told_lost(said)
     found = {}
     for stream, topic in STREAMS.items():
         samples = raw.get(topic)
@@ -49,7 +49,7 @@ def rows(
             kept.get(topic, 0),
             None if electrical is None else electrical.sequence.astype(np.int64),
             None if electrical is None else electrical.device_time.astype(np.int64),
-            came if stream == 'electrical' else None,
+            told_came(said, topic),
             lost if stream == 'electrical' else None,
         )
     return found
@@ -98,9 +98,16 @@ def _kept(path: Path) -> dict[str, int]:
     }
 
 
-def _told(said: str) -> tuple[int | None, int | None]:
-    if found := _CAME.search(said):
-        return int(found[1]), 0
-    if found := _LOST.search(said):
-        return int(found[2]), int(found[1])
-    return None, None
+def told_came(said: str, topic: str) -> int | None:
+    """Samples of a topic that a recorder said came; None where it did not."""
+    words = _CAME if topic == 'drive_supply' else rf'^/?{topic} +(\d+) messages'
+    found = re.search(words, said, re.MULTILINE)
+    return int(found[1]) if found else None
+
+
+def told_lost(said: str) -> int | None:
+    """Samples of drive_supply that a recorder said were lost; None where it did not."""
+    if re.search(_CAME, said) is None:
+        return None
+    found = re.search(_LOST, said)
+    return int(found[1]) if found else 0

@@ -17,6 +17,7 @@ _MS = 1_000_000
 _DIGITS = 4  # base 100, each in the value of one drive
 _POSITION, _CURRENT = 0.01, 0.1  # rad and A of one count
 _VOLTS, _AMPERES = 2000, 10_000  # counts of 10 mV from 40 V, and of 10 mA
+RATES = {'electrical': 1000.0, 'joints': 400.0, 'supply': 100.0}  # Hz
 _CHUNK = 0.05  # s between looks at whether to stop
 
 
