@@ -1,83 +1,15 @@
 """The supply's poller against a simulated instrument, over real TCP on loopback."""
 
-import itertools
 import threading
 import time
 
 import pytest
 from power_daq.cli import InputError
 from power_daq.supply.instrument import Instrument, InstrumentSettings
-from power_daq.supply.output import OutputRequest
-from power_daq.supply.poller import Poller, Retry
 from sim_bridge.scpi_instrument import ScpiInstrument, SupplyState, Terminals, whole
+from supply_bench import Bench
 
-PATIENCE = 120.0
 LINE = '48.00 V, 2.00 A, 96.0 W'
-
-
-class Bench:
-    """An instrument whose current rises with every look at it, and what a poller reads of it."""
-
-    def __init__(self):
-        self.count = itertools.count(1)
-        self.asked = {}
-        self.state = SupplyState(self.terminals)
-        self.instrument = ScpiInstrument(self.state)
-        self.port = self.instrument.port
-        self.readings, self.said = [], []
-        self.poller = None
-
-    def terminals(self):
-        current = round(next(self.count) / 100, 2)
-        self.asked[current] = time.time_ns()
-        return Terminals(48.0, current)
-
-    def poll(self, rate=100.0, timeout=5.0, prepare=None, **options):
-        settings = InstrumentSettings('127.0.0.1', self.port, timeout, **options)
-        self.poller = Poller(
-            lambda: Instrument(settings),
-            self.readings.append,
-            rate,
-            self.said.append,
-            Retry(0.01, 0.05),
-            prepare,
-        )
-        self.poller.start()
-        return self.poller
-
-    def until(self, condition):
-        end = time.monotonic() + PATIENCE
-        while not condition():
-            assert time.monotonic() < end, f'waited in vain; it said {self.said}'
-            if self.poller is not None and self.poller.failed:
-                self.poller.join()
-            time.sleep(0.01)
-
-    def read(self, more=20):
-        """Wait for more readings."""
-        enough = len(self.readings) + more
-        self.until(lambda: len(self.readings) >= enough)
-
-    @property
-    def counts(self):
-        return self.poller.state.counts
-
-    def spoil(self, how, every=5):
-        """From now on, answer every so many MEAS:ARR? by how(answer)."""
-        number = itertools.count(1)
-
-        def send(question, answer):
-            if question.startswith('MEAS:ARR') and next(number) % every == 0:
-                return how(answer)
-            return whole(question, answer)
-
-        self.instrument.send = send
-
-    def close(self):
-        if self.poller is not None:
-            self.poller.stop()
-            self.poller.join(PATIENCE)
-        self.instrument.close()
 
 
 @pytest.fixture
@@ -279,76 +211,6 @@ def test_an_exception_of_the_sink_comes_out_of_join(bench):
     with pytest.raises(ZeroDivisionError):
         bench.until(lambda: False)
     bench.poller = None
-
-
-def test_an_output_is_switched_on_only_when_asked_and_once(bench):
-    bench.state.output = False
-    done = []
-    bench.poll(
-        timeout=0.5,
-        prepare=lambda instrument: done.append(OutputRequest(24.0, 5.0).switch_on(instrument)),
-    )
-    bench.read(5)
-    assert bench.state.output
-    assert (bench.state.voltage, bench.state.current) == (24.0, 5.0)
-    assert not bench.state.remote, 'the panel has control again'
-    assert done == ['output of PSB 9080-120 3U switched on: 24 V, at most 5 A']
-    bench.state.output = False
-    bench.instrument.drop()
-    bench.until(lambda: bench.counts.connections == 2)
-    bench.read(5)
-    assert not bench.state.output
-
-
-@pytest.mark.parametrize(
-    ('voltage', 'current', 'words'),
-    [
-        (0.0, 5.0, 'set_voltage is 0 V; to switch the output on give more than 0 and at most 60'),
-        (61.0, 5.0, 'set_voltage is 61 V'),
-        (24.0, -1.0, 'set_current is -1 A'),
-        (float('nan'), 1.0, 'set_voltage is nan V'),
-    ],
-)
-def test_an_output_without_sane_limits_is_refused_before_anything_is_sent(voltage, current, words):
-    with pytest.raises(InputError, match=words):
-        OutputRequest(voltage, current)
-
-
-def switch_on(bench, request):
-    instrument = Instrument(InstrumentSettings('127.0.0.1', bench.port, 5.0))
-    try:
-        return request.switch_on(instrument)
-    finally:
-        instrument.close()
-
-
-def test_an_output_beyond_the_rating_stays_off(bench, monkeypatch):
-    monkeypatch.setattr('sim_bridge.scpi_instrument.RATED_VOLTAGE', 40.0)
-    bench.state.output = False
-    with pytest.raises(InputError, match='48 V is more than the 40 V that PSB'):
-        switch_on(bench, OutputRequest(48.0, 5.0))
-    assert 'SYST:LOCK ON' not in bench.state.heard
-    assert not bench.state.output
-
-
-def test_an_output_stays_off_where_the_panel_keeps_control(bench, monkeypatch):
-    never = property(lambda state: False, lambda state, wanted: None)
-    monkeypatch.setattr(SupplyState, 'remote', never, raising=False)
-    bench.state.output = False
-    with pytest.raises(InputError, match='controlled by NONE: release it at its panel'):
-        switch_on(bench, OutputRequest(48.0, 5.0))
-    assert not bench.state.output
-
-
-def test_an_output_stays_off_where_a_setting_reads_back_otherwise(bench):
-    bench.state.output = False
-    bench.instrument.send = lambda question, answer: whole(
-        question, '12.00 V' if question == 'VOLT?' else answer
-    )
-    with pytest.raises(InputError, match='VOLT 48 V was set, 12 V read back'):
-        switch_on(bench, OutputRequest(48.0, 5.0))
-    assert not bench.state.output
-    assert not bench.state.remote
 
 
 @pytest.mark.parametrize('host', ['', 'a b', '10.0.0.1::5025'])

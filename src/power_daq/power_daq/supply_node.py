@@ -29,6 +29,7 @@ from power_daq.supply.poller import Poller
 from power_daq.supply.reading import Reading
 
 _PERIOD = 1.0
+_QUESTIONS = 32
 _S = 1_000_000_000
 _LOSSLESS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000
@@ -64,11 +65,13 @@ class SupplyNode(Node):
         request = self._output_request(given)
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time: readings of a supply are in system time')
-        self._energy, self._balance = EnergyCounter(largest_gap=10.0 / rate), PowerBalance()
+        self._energy, self._balance = EnergyCounter(1.0 / rate), PowerBalance()
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         self._battery = BatteryPublisher(
             self.create_publisher(BatteryState, 'supply', qos), frame_id, settings.resource
         )
+        # A switching-on under way is waited for: cut off it would leave the panel locked.
+        self._ending = _PERIOD + _QUESTIONS * settings.timeout
         prepare = None if request is None else partial(self._switch_on, request)
         self._poller = Poller(
             partial(Instrument, settings),
@@ -142,7 +145,7 @@ class SupplyNode(Node):
     def stop(self) -> None:
         """End the thread; raises what it failed by."""
         self._poller.stop()
-        self._poller.join(_PERIOD)
+        self._poller.join(self._ending)
 
 
 @command

@@ -1,5 +1,6 @@
 """Energy out of a supply, and what of its power the drives do not account for."""
 
+import math
 import threading
 from collections import deque
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ _S = 1_000_000_000
 _WH = 3600.0
 _LEAST_SPAN = 0.9
 _LATE = 2
+_BRIDGED = 10.0  # periods
 _STEPPED = 10  # s that the clock goes back before the books start over
 
 
@@ -33,27 +35,30 @@ class EnergyCounter:
     """
     Integral of power by the trapezoid rule.
 
-    Between readings further apart than largest_gap (s) nothing is known, so nothing is counted.
+    Between readings further apart than ten periods, and beside one that is not a number, nothing
+    is known, so nothing is counted.
     """
 
-    def __init__(self, largest_gap: float = 0.1) -> None:
-        self._largest = largest_gap
+    def __init__(self, period: float = 0.01) -> None:
+        """period: s between readings; may be set anew when it turns out to be another."""
+        self.period = period
         self._lock = threading.Lock()
         self._last: tuple[int, float] | None = None
         self._energy = Energy()
 
     def add(self, steady: int, power: float) -> None:
-        """Take a reading: ns on the steady clock, W drawn; in the order of time."""
+        """Take a reading: ns on the steady clock, W drawn; a clock that goes back adds nothing."""
         with self._lock:
             if self._last is not None:
                 since, before = self._last
                 span = (steady - since) / _S
                 old = self._energy
-                if span <= self._largest:
-                    joule = old.joule + 0.5 * (before + power) * span
-                    self._energy = Energy(joule, old.seconds + span, old.uncounted)
+                joule = 0.5 * (before + power) * span
+                if 0.0 <= span <= _BRIDGED * self.period and math.isfinite(joule):
+                    self._energy = Energy(old.joule + joule, old.seconds + span, old.uncounted)
                 else:
-                    self._energy = Energy(old.joule, old.seconds, old.uncounted + span)
+                    uncounted = old.uncounted + max(span, 0.0)
+                    self._energy = Energy(old.joule, old.seconds, uncounted)
             self._last = steady, power
 
     def total(self) -> Energy:

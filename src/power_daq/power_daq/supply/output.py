@@ -1,10 +1,12 @@
 """Switching a supply's output on: only on request, within limits, and each step read back."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from power_daq.cli import InputError
 from power_daq.supply.answers import AnswerError, quantity, switch
-from power_daq.supply.instrument import Instrument
+from power_daq.supply.instrument import Instrument, LostError
 
 LARGEST_VOLTAGE = 60.0
 LARGEST_CURRENT = 120.0
@@ -37,8 +39,36 @@ class OutputRequest:
         """
         Set voltage and current, read them back, switch on; a sentence that says what is on.
 
-        The output stays off with InputError where the supply refuses or reads back otherwise.
+        Only an output that is off is touched. Whatever fails, lost connections included, is an
+        InputError that says what state the output is in; after `OUTP ON` it is switched off
+        again, and read back.
         """
+        self._check_ratings(instrument)
+        with _told('nothing was set or switched'):
+            instrument.errors()
+            if switch(instrument.ask('OUTP?')):
+                raise InputError(
+                    f'the output of {instrument.identity.model} is on already: switch it off at '
+                    'its panel first, or leave out switch_output_on to read only'
+                )
+            instrument.tell('SYST:LOCK ON')
+            owner = instrument.ask('SYST:LOCK:OWN?').strip().upper()
+            if owner != 'REMOTE':
+                raise InputError(f'the supply is controlled by {owner}: release it at its panel')
+        try:
+            with _told('the output was not switched on'):
+                self._set(instrument)
+            _switch(instrument)
+        except InputError:
+            with suppress(LostError):
+                instrument.tell('SYST:LOCK OFF')
+            raise
+        with _told('the output is ON, and the panel may still be locked'):
+            instrument.tell('SYST:LOCK OFF')
+        model = instrument.identity.model
+        return f'output of {model} switched on: {self.voltage:g} V, at most {self.current:g} A'
+
+    def _check_ratings(self, instrument: Instrument) -> None:
         for value, rated, unit in (
             (self.voltage, instrument.rated_voltage, 'V'),
             (self.current, instrument.rated_current, 'A'),
@@ -48,17 +78,6 @@ class OutputRequest:
                     f'{value:g} {unit} is more than the {rated:g} {unit} that '
                     f'{instrument.identity.model} is made for'
                 )
-        instrument.errors()
-        instrument.tell('SYST:LOCK ON')
-        owner = instrument.ask('SYST:LOCK:OWN?').strip().upper()
-        if owner != 'REMOTE':
-            raise InputError(f'the supply is controlled by {owner}: release it at its panel')
-        try:
-            self._set(instrument)
-        finally:
-            instrument.tell('SYST:LOCK OFF')
-        model = instrument.identity.model
-        return f'output of {model} switched on: {self.voltage:g} V, at most {self.current:g} A'
 
     def _set(self, instrument: Instrument) -> None:
         for command, value, unit, rated in (
@@ -70,11 +89,38 @@ class OutputRequest:
             found = quantity(instrument.ask(f'{command}?'), unit)
             if abs(found - value) > _READ_BACK * min(rated, 10 * value):
                 raise InputError(f'{command} {value:g} {unit} was set, {found:g} {unit} read back')
+
+
+@contextmanager
+def _told(state: str) -> Iterator[None]:
+    """Make every failure an InputError that says what state the output is in."""
+    try:
+        yield
+    except (LostError, AnswerError, InputError) as error:
+        raise InputError(f'{error}; {state}') from error
+
+
+def _switch(instrument: Instrument) -> None:
+    """Switch on, or off again where that fails."""
+    try:
         instrument.tell('OUTP ON')
         _check(instrument, 'OUTP ON')
-        answer = instrument.ask('OUTP?')
-        if not switch(answer):
-            raise AnswerError(answer, 'ON')
+        if not switch(instrument.ask('OUTP?')):
+            raise InputError('the output went off at once after OUTP ON')
+    except (LostError, AnswerError, InputError) as error:
+        raise InputError(f'{error}; {_switch_off(instrument)}') from error
+
+
+def _switch_off(instrument: Instrument) -> str:
+    """Switch off and read back; what state the output is in now."""
+    try:
+        instrument.tell('OUTP OFF')
+        instrument.resynchronise()
+        if switch(instrument.ask('OUTP?')):
+            return 'the output is ON although OUTP OFF was sent: switch it off at its panel'
+    except (LostError, AnswerError) as error:
+        return f'the output may be ON ({error}): look at its panel'
+    return 'the output was switched off and is off'
 
 
 def _check(instrument: Instrument, command: str) -> None:

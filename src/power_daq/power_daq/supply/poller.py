@@ -54,8 +54,9 @@ class Poller:
 
     Readings belong to slots of 1/rate s. A slot without an answer is lost, and never made up
     for: neither repeated nor filled by two questions in a row. connect may raise LostError
-    or AnswerError: it is tried again with growing pauses. prepare is called with the first
-    connection only. Anything else that is raised in the thread ends it, and comes out of `join`.
+    or AnswerError: it is tried again with growing pauses. prepare is called once, with the first
+    connection, and never again, even if it fails. What it raises, whatever that is, ends the
+    thread and comes out of `join`, as does anything else that is raised in the thread.
     """
 
     def __init__(
@@ -121,11 +122,18 @@ class Poller:
         instrument = self._wait_for_instrument()
         if instrument is None:
             return
+        try:
+            prepare, self._prepare = self._prepare, None
+            if prepare is not None:
+                prepare(instrument)
+            self._serve(instrument)
+        finally:
+            instrument.close()
+
+    def _serve(self, instrument: Instrument) -> None:
+        """Read until the connection is lost, or the end."""
         state = self.state
         try:
-            if self._prepare is not None:
-                self._prepare(instrument)
-                self._prepare = None
             state.identity, state.absence = instrument.identity, ''
             state.counts.connections += 1
             who = instrument.identity
@@ -136,8 +144,6 @@ class Poller:
             state.absence = str(error)
             self._report(f'supply lost, will try again: {error}')
             self._stop.wait(self._retry.first)
-        finally:
-            instrument.close()
 
     def _wait_for_instrument(self) -> Instrument | None:
         pause = self._retry.first
