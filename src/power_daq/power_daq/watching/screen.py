@@ -134,11 +134,11 @@ def _sides(view: View, width: int) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
     table.add_column(no_wrap=True, width=_SIDE)
     table.add_column(no_wrap=True, overflow='ellipsis', width=max(10, width - _SIDE - 2))
-    bus = _of(view.reports, 'bus')
+    bus, segment = _of(view.reports, 'bus'), _of(view.reports, 'segment')
     right = [
-        ('bus', _bus(bus)),
+        ('segment' if segment and not bus else 'bus', _devices(bus, segment)),
         ('clock', _clock(bus)),
-        ('lost', _losses(view, bus)),
+        ('lost', _losses(view, bus, segment)),
         ('recorder', _recorder(view)),
         ('nodes', _nodes(view)),
     ]
@@ -150,12 +150,17 @@ def _sides(view: View, width: int) -> Table:
     return table
 
 
-def _bus(report: Report | None) -> str:
-    if report is None:
-        return 'no diagnostics of the DAQ'
-    load = report.figures.get('bus load [%]')
-    state = report.figures.get('bus state', '?')
-    return f'{state}, load {load} %' if load else state
+def _devices(bus: Report | None, segment: Report | None) -> str:
+    """State of the CAN bus, of the EtherCAT segment, or of both where two DAQs run."""
+    found = []
+    if bus is not None:
+        load = bus.figures.get('bus load [%]')
+        state = bus.figures.get('bus state', '?')
+        found.append(f'{state}, load {load} %' if load else state)
+    if segment is not None:
+        state = segment.figures.get('segment state', '?')
+        found.append(f'segment {state}' if found else state)
+    return ', '.join(found) or 'no diagnostics of the DAQ'
 
 
 def _clock(report: Report | None) -> str:
@@ -177,11 +182,13 @@ def _text(figures: Mapping[str, str], key: str, digits: int) -> str:
         return '-'
 
 
-def _losses(view: View, report: Report | None) -> str:
-    on_bus = '-' if report is None else report.figures.get('electrical lost', '-')
+def _losses(view: View, bus: Report | None, segment: Report | None) -> str:
+    lost = [f'bus {bus.figures.get("electrical lost", "-")}'] if bus else []
+    if segment is not None:
+        lost.append(f'cycles {segment.figures.get("cycles lost", "-")}')
     bag = _of(view.reports, 'bag')
     in_bag = '' if bag is None else f', recorder {bag.figures.get("samples lost", "-")}'
-    return f'bus {on_bus}, this view {view.missed}{in_bag}'
+    return f'{", ".join(lost) or "bus -"}, this view {view.missed}{in_bag}'
 
 
 def _recorder(view: View) -> str:
