@@ -80,6 +80,30 @@ def test_energy_goes_on_from_look_to_look_and_a_gap_adds_nothing():
     assert view.missed == 9000 - 1001
 
 
+def test_a_gap_is_what_is_long_for_the_stream():
+    """1 kHz for half a second, 20 ms of nothing, half a second again: 48 W over 2 × 0.499 s."""
+    state = State(0.0)
+    feed(state, 'drive_supply', supply_messages(500, [1.0, 0.0]), 0.5)
+    feed(state, 'drive_supply', supply_messages(500, [1.0, 0.0], first=519), 1.0)
+    assert state.look(1.0).drive_energy == pytest.approx(48.0 * 2 * 0.499)
+
+
+@pytest.mark.parametrize('rate', [1, 5, 20, 100, 200])
+def test_a_supply_of_any_rate_that_its_node_allows_has_an_energy(rate):
+    """40 s at 200 W, looked at twice a second; then a minute of nothing, and 10 s more."""
+    state = State(0.0)
+    stamps = [i * 1_000_000_000 // rate for i in range(40 * rate + 1)]
+    stamps += [100_000_000_000 + i * 1_000_000_000 // rate for i in range(10 * rate + 1)]
+    for look in range(1, 222):
+        now, before = 0.5 * look, 0.5 * (look - 1)
+        part = [stamp for stamp in stamps if before <= stamp / 1e9 < now]
+        if part:
+            batteries = cdr.encode_batteries(part, [50.0] * len(part), [-4.0] * len(part))
+            feed(state, 'supply', batteries, now)
+        view = state.look(now)
+    assert view.supply_energy == pytest.approx(200.0 * 50.0)
+
+
 def test_status_flags_are_words():
     state = a_second(status=0)
     feed(state, 'drive_supply', supply_messages(1, [1, 1], first=1001, status=6), 1.0)
@@ -175,6 +199,39 @@ def test_twelve_drives_fit_on_a_terminal_of_80_by_24():
     assert 'bus 7, this view 0, recorder 2' in text
     assert 'recording, 12.3 MB' in text
     assert '! power_daq: bus: in the last second: 3 electrical lost' in text
+
+
+def on_ethercat(state, interface='eth0', absence=''):
+    figures = {
+        'interface': interface,
+        'segment': 'EK1100, EL3681',
+        'segment state': absence or 'operating',
+        'cycles lost': '13',
+    }
+    state.report('power_daq: segment', 2 if absence else 0, 'measuring', figures, 1.0)
+
+
+@pytest.mark.parametrize('absence', ['', 'no slave answers'])
+def test_a_daq_on_ethercat_shows_its_segment_and_the_cycles_that_it_lost(absence):
+    state = a_second()
+    on_ethercat(state, absence=absence)
+    text = re.sub(
+        r'\x1b\[[0-9;]*m', '', rendered(state, environment={'NO_COLOR': '1', 'TERM': 'xterm'})
+    )
+    assert re.search(rf'segment +{absence or "operating"}', text)
+    assert 'cycles 13, this view 0' in text
+    assert 'no diagnostics of the DAQ' not in text
+    assert 'bus' not in text
+
+
+def test_two_daqs_on_a_bus_and_on_ethercat_are_both_shown():
+    state = twelve_drives()
+    on_ethercat(state)
+    rows = rendered(state, width=90, environment={'NO_COLOR': '1', 'TERM': 'xterm'}).splitlines()
+    text = '\n'.join(re.sub(r'\x1b\[[0-9;]*m', '', row) for row in rows)
+    assert 'active, load 43.1 %, segment operating' in text
+    assert 'bus 7, cycles 13, this view 0, recorder 2' in text
+    assert len(rows) <= 24
 
 
 def test_however_many_nodes_complain_it_stays_on_24_rows():

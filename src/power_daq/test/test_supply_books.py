@@ -31,12 +31,22 @@ def test_power_given_back_is_taken_off():
 
 
 def test_nothing_is_counted_across_a_gap_and_its_length_is_told():
-    counter = EnergyCounter(largest_gap=0.1)
+    counter = EnergyCounter(period=0.01)
     for time in (0.0, 0.05, 5.05, 5.1):
         counter.add(round(time * S), 100.0)
     energy = counter.total()
     assert energy.joule == pytest.approx(10.0)
     assert (energy.seconds, energy.uncounted) == (pytest.approx(0.1), pytest.approx(5.0))
+
+
+def test_a_reading_that_is_no_number_and_a_clock_that_goes_back_add_nothing():
+    counter = EnergyCounter(period=0.05)
+    readings = ((0.0, 100.0), (0.1, 100.0), (0.2, float('nan')), (0.3, 100.0), (0.1, 100.0))
+    for time, power in readings:
+        counter.add(round(time * S), power)
+    energy = counter.total()
+    assert energy.joule == pytest.approx(10.0)
+    assert (energy.seconds, energy.uncounted) == (pytest.approx(0.1), pytest.approx(0.2))
 
 
 def test_a_reset_tells_what_was_counted_and_goes_on_from_zero():

@@ -1,5 +1,6 @@
 """What is known of a running measurement, and the figures of the latest look at it."""
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import nan
@@ -9,12 +10,14 @@ from numpy.typing import NDArray
 
 from power_daq.recording.background import SequenceCheck
 from power_daq.recording.samples import DriveSamples, EstimateSamples, SupplySamples
+from power_daq.supply.books import EnergyCounter
 from power_daq.watching.taps import Counter, Tap
 
 TOPICS = ('drive_supply', 'joint_states', 'supply', 'power_estimate', 'diagnostics')
 """Topics that are watched."""
 FRESH = 2.0  # s, after which a figure no longer counts as of now
-_BRIDGED = 0.05  # s between samples at most, for their energy to count
+_SLOWEST = 1.0  # s between samples of the slowest stream
+_STEPS = 1000
 _FLAGS = {1: 'under range', 2: 'over range', 4: 'device error', 8: 'stale'}
 _ESTIMATE = ('ok', 'warming up', 'input stale', 'outside its training data')
 
@@ -75,24 +78,30 @@ class View:
         return self.supply - self.total
 
 
-@dataclass
-class _Integral:
-    """Energy in J over samples that follow on each other, and the time that it covers in s."""
+class _StreamEnergy:
+    """Energy of a stream whose period is not told: it is the median of its latest steps."""
 
-    energy: float = 0.0
-    covered: float = 0.0
-    _last: tuple[int, float] | None = None
+    def __init__(self) -> None:
+        self._counter = EnergyCounter(_SLOWEST)
+        self._steps: deque[float] = deque(maxlen=_STEPS)
+        self._last: int | None = None
 
     def add(self, stamp_ns: NDArray[np.int64], power: NDArray[np.floating]) -> None:
-        if self._last is not None:
-            stamp_ns = np.concatenate([[self._last[0]], stamp_ns])
-            power = np.concatenate([[self._last[1]], power])
-        step = np.diff(stamp_ns) / 1e9
-        middle = 0.5 * (power[1:] + power[:-1])
-        good = (step > 0) & (step <= _BRIDGED) & np.isfinite(middle)
-        self.energy += float(np.sum(middle[good] * step[good]))
-        self.covered += float(np.sum(step[good]))
-        self._last = (int(stamp_ns[-1]), float(power[-1]))
+        stamps: list[int] = stamp_ns.tolist()
+        before = stamps[:1] if self._last is None else [self._last]
+        steps = np.diff([*before, *stamps]) / 1e9
+        self._last = stamps[-1]
+        self._steps.extend(steps[steps > 0].tolist())
+        if self._steps:
+            self._counter.period = min(float(np.median(self._steps)), _SLOWEST)
+        for stamp, watts in zip(stamps, power.tolist(), strict=True):
+            self._counter.add(stamp, watts)
+
+    @property
+    def joule(self) -> float:
+        """Energy so far, J; NaN where no time is covered."""
+        energy = self._counter.total()
+        return energy.joule if energy.seconds else nan
 
 
 @dataclass
@@ -110,7 +119,7 @@ class State:
         self.taps = {name: Tap(name) for name in ('drive_supply', 'supply', 'power_estimate')}
         self.counters = {name: Counter() for name in ('joint_states', 'diagnostics')}
         self._sequence = SequenceCheck()
-        self._drive_energy, self._supply_energy = _Integral(), _Integral()
+        self._drive_energy, self._supply_energy = _StreamEnergy(), _StreamEnergy()
         self._looked = self.started
         self._before = dict.fromkeys(TOPICS, 0)
         self._drives: DriveSamples | None = None
@@ -189,8 +198,8 @@ class State:
             supply=nan if supply is None else _mean(supply.power),
             voltage=nan if supply is None else _mean(supply.voltage),
             current=nan if supply is None else _mean(supply.current),
-            drive_energy=self._drive_energy.energy if self._drive_energy.covered else nan,
-            supply_energy=self._supply_energy.energy if self._supply_energy.covered else nan,
+            drive_energy=self._drive_energy.joule,
+            supply_energy=self._supply_energy.joule,
             missed=self._sequence.lost,
             topics=topics,
             reports=dict(self.reports),
