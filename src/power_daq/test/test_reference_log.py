@@ -114,6 +114,51 @@ def test_gaps_and_fields_that_are_no_numbers_are_left_out_and_told(tmp_path):
     assert '3 of 151 rows' in ' '.join(log.notes)
 
 
+def rows_of(times):
+    return np.column_stack([times, 1.0 + np.sin(0.17 * np.arange(len(times)))])
+
+
+@pytest.mark.parametrize('rate', [100.0, 20.0])
+@pytest.mark.parametrize('digits', [2, 3, 6])
+def test_a_row_that_is_left_out_ends_a_run_and_moves_no_stamp(rate, digits):
+    times = np.arange(round(20 * rate)) / rate
+    rows = rows_of(np.round(times, digits))
+    lost = [round(rate * at) for at in (3.0, 6.0, 9.0, 9.5)]
+    rows[lost, 1] = np.nan
+    log = Log.of(Path('a'), ['time', 'current'], rows)
+    kept = np.delete(times, lost)
+    assert len(log.starts) == 5
+    assert log.rate == pytest.approx(rate, rel=1e-6)
+    np.testing.assert_allclose(log.time, kept, atol=1e-9)
+
+
+@pytest.mark.parametrize('digits', [2, 3, 6])
+def test_a_row_that_the_analyser_skipped_ends_a_run_and_moves_no_stamp(digits):
+    times = np.delete(np.arange(2000) / 100.0, [300, 600, 601, 950])
+    log = Log.of(Path('a'), ['time', 'current'], rows_of(np.round(times, digits)))
+    assert log.starts.tolist() == [0, 300, 599, 947]
+    np.testing.assert_allclose(log.time, times, atol=1e-9)
+
+
+@pytest.mark.parametrize(('rate', 'digits'), [(97.3, 2), (730.0, 3), (20_000.0, 3)])
+def test_rounding_of_the_print_is_taken_out_and_no_stamp_moves_by_more(rate, digits):
+    times = np.arange(20_000) / rate
+    printed = np.round(times, digits)
+    log = Log.of(Path('a'), ['time', 'current'], rows_of(printed))
+    assert len(log.starts) == 1
+    assert np.abs(log.time - printed).max() <= 0.51 * 10.0**-digits
+    assert np.abs(np.diff(log.time - times)).max() < 1e-8
+    assert log.rate == pytest.approx(rate, rel=1e-5)
+
+
+def test_stamps_of_a_clock_that_jitters_stay_as_they_are_and_in_one_run():
+    random = np.random.default_rng(5)
+    times = np.round(np.arange(2000) / 100.0 + random.uniform(0.0, 0.004, 2000), 6)
+    log = Log.of(Path('a'), ['time', 'current'], rows_of(times))
+    assert len(log.starts) == 1
+    np.testing.assert_allclose(log.time, times - times[0], atol=1e-9)
+
+
 def test_what_is_no_log_is_refused_in_a_line(tmp_path):
     path = tmp_path / 'a.csv'
     refused(path, 'cannot read')

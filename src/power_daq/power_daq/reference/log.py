@@ -16,7 +16,9 @@ Floats = NDArray[np.float64]
 QUANTITIES = ('voltage', 'current', 'power')
 _KEYS = ('time', *QUANTITIES)
 _FEWEST = 100  # rows
-_GAP = 2.5  # periods
+_GAP = 0.5  # periods beyond one, where stamps are even
+_WIDEST_GAP = 1.5  # the same, however uneven they are
+_SHARED = 0.25  # of the rows have the stamp of the row before
 _CLIPPED = 0.002  # share of the rows at which the log is refused
 _ALIASES: Mapping[str, tuple[str, ...]] = {
     'time': ('time', 'timestamp', 'date', 'datetime', 'zeit', 't', 'x'),
@@ -36,7 +38,7 @@ _EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 @dataclass(frozen=True)
 class Log:
     """
-    N rows of an analyser with ascending stamps, in runs without gaps.
+    N rows of an analyser with ascending stamps, in runs without gaps or rows left out.
 
     voltage (V), current (A), power (W): [N] or None where the file has no such column.
     """
@@ -188,19 +190,20 @@ def _checked(path: Path, names: Sequence[str], rows: Floats, bad: int) -> Log:
     lost = int((~whole).sum())
     if lost:
         notes.append(f'{lost} of {len(rows)} rows have a field that is no number; left out')
+    number = np.flatnonzero(whole)
     rows = rows[whole]
     back = np.zeros(len(rows), np.bool_)
     if len(rows):
         back = rows[:, 0] < np.maximum.accumulate(rows[:, 0])
     if back.any():
         notes.append(f'{int(back.sum())} rows whose time runs backwards left out')
-        rows = rows[~back]
+        rows, number = rows[~back], number[~back]
     if len(rows) < _FEWEST:
         raise InputError(
             f'{path} has {len(rows)} rows of use; at least {_FEWEST} are needed'
             + ''.join(f'; {note}' for note in notes)
         )
-    time, period, starts, stops = _regular(path, rows[:, 0] - rows[0, 0])
+    time, period, starts, stops = _regular(path, rows[:, 0] - rows[0, 0], np.diff(number) > 1)
     values = {key: rows[:, column].copy() for column, key in enumerate(names) if key != 'time'}
     log = Log(
         path=path,
@@ -217,12 +220,16 @@ def _checked(path: Path, names: Sequence[str], rows: Floats, bad: int) -> Log:
     return _without_clipping(log)
 
 
-def _regular(path: Path, time: Floats) -> tuple[Floats, float, NDArray[np.intp], NDArray[np.intp]]:
+def _regular(
+    path: Path, time: Floats, left_out: NDArray[np.bool_]
+) -> tuple[Floats, float, NDArray[np.intp], NDArray[np.intp]]:
     """
     Stamps without the rounding of their print, the period, and the runs between gaps.
 
-    A log of 20 kHz is often printed in ms: rows that share a stamp are spread evenly, as long as
-    no stamp moves by more than its resolution.
+    left_out: rows were left out after the row [N − 1]; a run ends there, as at any step that
+    neither rounding nor jitter explains. A log of 20 kHz is often printed in ms: stamps are laid
+    on an even clock if none moves by more than half the step of print (and what a line through so
+    few is uncertain by); else rows that share a stamp are spread within it, and others stay.
     """
     steps = np.diff(time)
     if not steps.size or time[-1] <= 0:
@@ -231,24 +238,44 @@ def _regular(path: Path, time: Floats) -> tuple[Floats, float, NDArray[np.intp],
     period = float(np.median(time[stride:] - time[:-stride])) / stride
     if period <= 0:
         raise InputError(f'{path}: most rows have the same time; is it the right column?')
-    resolution = float(np.median(steps[steps > 0]))
-    cuts = np.flatnonzero(steps > _GAP * max(period, resolution)) + 1
+    rounding = _print_step(time)
+    longer = min(len(steps) // 8, int(np.ceil(20.0 * rounding / period)))
+    if longer > stride:
+        period = float(np.median(time[longer:] - time[:-longer])) / longer
+    unit = period
+    if np.mean(steps == 0) > _SHARED:
+        unit = max(period, float(np.median(steps[steps > 0])))
+        rounding = max(rounding, unit)
+    uneven = max(0.0, float(np.median(np.abs(steps[steps > 0] - unit))) - rounding)
+    beyond = max(_GAP * unit, rounding * (1.0 - 1e-6), min(6.0 * uneven, _WIDEST_GAP * unit))
+    cuts = np.flatnonzero((steps > unit + beyond) | left_out) + 1
     starts = np.concatenate([[0], cuts]).astype(np.intp)
     stops = np.concatenate([cuts, [len(time)]]).astype(np.intp)
     smooth = time.copy()
     slopes: list[tuple[int, float]] = []
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        if stop - start < 3:
+        count = stop - start
+        if count < 3:
             continue
-        index = np.arange(stop - start, dtype=np.float64)
+        index = np.arange(count, dtype=np.float64)
         slope, origin = np.polyfit(index, time[start:stop], 1)
         even = origin + slope * index
-        if np.abs(even - time[start:stop]).max() <= 1.5 * max(resolution, period):
+        most = rounding * (0.5 + 1.0 / np.sqrt(count))
+        if slope > 0 and np.abs(even - time[start:stop]).max() <= most:
             smooth[start:stop] = even
-            slopes.append((stop - start, float(slope)))
+            slopes.append((count, float(slope)))
         elif (np.diff(time[start:stop]) <= 0).any():
             smooth[start:stop] = _spread(time[start:stop], period)
     return smooth, max(slopes)[1] if slopes else period, starts, stops
+
+
+def _print_step(time: Floats) -> float:
+    """The power of ten in s that all stamps are multiples of, 0 if they are finer than 1 µs."""
+    for digits in range(7):
+        parts = time * 10.0**digits
+        if np.abs(parts - np.rint(parts)).max() < 0.1:
+            return float(10.0**-digits)
+    return 0.0
 
 
 def _spread(time: Floats, period: float) -> Floats:
