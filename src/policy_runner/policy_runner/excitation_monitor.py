@@ -53,7 +53,7 @@ class JointInputs(Inputs):
 
 class ExcitationMonitor(SafetyMonitor):
     """
-    The safety monitor, which also knows speed, torque and how far a drive lags behind.
+    The safety monitor, which also knows speed, torque, warmth and how far a drive lags.
 
     interlock: why it must not go on although the drives are well, such as a recorder that ended.
     """
@@ -74,6 +74,10 @@ class ExcitationMonitor(SafetyMonitor):
         yield from super()._input_faults(inputs, now)
         if self.interlock:
             yield Fault(FaultKind.RECORDING, self.interlock)
+        for drive in self._exciting.heeded:
+            unknown = self._exciting.windings.fault(drive, now)
+            if unknown is not None:
+                yield unknown
         if not self._exciting.active:
             return
         if self._exciting.blocked:

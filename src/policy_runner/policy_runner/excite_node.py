@@ -115,9 +115,9 @@ class ExciteNode(Node):
         return run.introduction
 
     def _on_supply(self, message: DriveSupply) -> None:
-        if self._run is not None and len(message.temperature):
-            named = zip(message.name, message.temperature, strict=False)
-            self._run.exciting.temperature = {name: float(value) for name, value in named}
+        if self._run is not None:
+            windings = self._run.exciting.windings
+            windings.on_supply(message.name, message.temperature, self._now())
 
     def _step(self) -> None:
         run, now = self._run, self._now()
@@ -157,6 +157,8 @@ class ExciteNode(Node):
             self.get_logger().info('waiting for joint_states', throttle_duration_sec=10.0)
             return
         self._run.count_publishers(self.count_publishers('joint_commands'))
+        if self._start_wanted and (why := self._run.unsound(self._now())):
+            self.get_logger().info(f'waiting: {why}', throttle_duration_sec=5.0)
         self._diagnose(self._run)
 
     def _diagnose(self, run: ExcitationRun) -> None:

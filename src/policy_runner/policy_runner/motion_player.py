@@ -1,6 +1,5 @@
 """A motion as a policy of the supervisor: some drives move, the others hold."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -13,6 +12,7 @@ from policy_runner.joint_limits import JointLimits
 from policy_runner.motion_plan import Plan
 from policy_runner.playing import Player
 from policy_runner.segment_path import Mounting, Ramps
+from policy_runner.windings import Windings
 
 Floats = NDArray[np.float64]
 _LONGEST_STEP = 0.03  # s; after a stall the motion takes longer instead of jumping
@@ -24,7 +24,7 @@ class Exciting:
 
     `prepare` comes first: it plans from where the joints are. Then it is a Policy; `velocity`
     and `effort` hold what is fed forward, rad/s and N·m [D], or commanded where `mode` says so.
-    temperature: of windings by drive, °C, as far as known. blocked: why it cannot go on, or ''.
+    windings: temperatures as far as known. blocked: why it cannot go on, or ''.
     """
 
     rate = 200.0
@@ -45,7 +45,7 @@ class Exciting:
         self._mounting, self._limits = mounting, limits
         self._players: dict[int, Player] = {}
         self._last: float | None = None
-        self.temperature: dict[str, float] = {}
+        self.windings = Windings()
         self.mode, self.blocked = 'position', ''
 
     def prepare(self, position: Floats) -> None:
@@ -82,7 +82,7 @@ class Exciting:
         since = 0.0 if self._last is None else min(max(time - self._last, 0.0), _LONGEST_STEP)
         self._last = time
         for place, player in self._players.items():
-            warmth = self.temperature.get(self._drives[place], math.nan)
+            warmth = self.windings.at(self._drives[place], time)
             measured = float(inputs.position[place])
             before = player.place
             target = player.step(since, measured, warmth)
@@ -104,6 +104,13 @@ class Exciting:
     def active(self) -> bool:
         """Whether drives are told to move."""
         return self._last is not None
+
+    @property
+    def heeded(self) -> tuple[str, ...]:
+        """Drives that must not go on, or begin, without the temperature of their winding."""
+        if not self.active:
+            return tuple(self._drives.values()) if self.motion.warms else ()
+        return tuple(self._drives[place] for place, one in self._players.items() if one.heeds)
 
     @property
     def left(self) -> float:

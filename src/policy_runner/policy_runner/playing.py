@@ -39,6 +39,11 @@ class Player:
         """The segment that is played."""
         return self.plan.paths[self._place].segment
 
+    @property
+    def heeds(self) -> bool:
+        """Whether the segment goes on for as long as the winding is not warm yet."""
+        return bool(self.segment.until_warmer) and self._warm != self._place
+
     def step(self, seconds: float, position: float, temperature: float = math.nan) -> Target:
         """The target some seconds on; position, rad, and temperature, °C, are measured."""
         self.elapsed += seconds
@@ -56,7 +61,7 @@ class Player:
             return
         self._cold = temperature if self._cold is None else self._cold
         wanted, hottest = self.segment.until_warmer, self.segment.hottest
-        if not wanted or self._warm == self._place:
+        if not self.heeds:
             return
         if temperature - self._cold >= wanted or temperature >= hottest:
             leap = self.plan.skip(self.elapsed)

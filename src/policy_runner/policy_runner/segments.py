@@ -16,6 +16,7 @@ _NUMBERS: Final = (
 )
 _LONGEST: Final = 36_000.0  # s
 _HOTTEST: Final = 90.0  # °C
+_HOTTEST_EVER: Final = 120.0  # °C
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Segment:
     With a shape the drive itself is in the mode, and the shape has amplitude in the mode's unit;
     a chirp rises from lowest to frequency. saturate: the drive cannot follow, and shall not be
     expected to. until_warmer: it ends early once the winding is so many K warmer than at the
-    start, or as warm as hottest (°C).
+    start, or as warm as hottest (°C, at most 120).
     """
 
     mode: str
@@ -157,12 +158,16 @@ def segment_of(content: object, where: str) -> Segment:
         raise InputError(
             f'{where}: seconds must lie above 0, up to {_LONGEST:g}, in {dict(content)!r}'
         )
-    for key, most in (('frequency', 100.0), ('lowest', 100.0), ('until_warmer', 200.0)):
+    for key, most, unit in (
+        ('frequency', 100.0, 'Hz'),
+        ('lowest', 100.0, 'Hz'),
+        ('until_warmer', 200.0, 'K'),
+        ('hottest', _HOTTEST_EVER, '°C'),
+    ):
         if not 0.0 <= numbers.get(key, 0.0) <= most:
-            raise InputError(
-                f'{where}: {key} is {numbers[key]:g}; it must be 0..{most:g} '
-                f'{"K" if key == "until_warmer" else "Hz"}'
-            )
+            raise InputError(f'{where}: {key} is {numbers[key]:g}; it must be 0..{most:g} {unit}')
+    if 'hottest' in numbers and not numbers.get('until_warmer'):
+        raise InputError(f'{where}: hottest goes with until_warmer only; give that, too')
     if numbers.get('until_warmer') and (
         shape not in (None, 'sine', 'hold') or numbers.get('speed') or numbers.get('low')
     ):

@@ -165,6 +165,8 @@ def test_a_load_that_is_none_is_refused(text):
         ({'shape': 'chirp', 'frequency': 2, 'lowest': 3}, 'lowest is 3; a chirp rises'),
         ({'shape': 'ladder', 'until_warmer': 3}, 'goes with rest, holds and sines only'),
         ({'saturate': 'yes'}, "saturate is 'yes'"),
+        ({'until_warmer': 20, 'hottest': 500}, r'hottest is 500; it must be 0\.\.120 °C'),
+        ({'hottest': 60}, 'hottest goes with until_warmer only'),
     ],
 )
 def test_a_shape_that_makes_no_sense_is_refused(entry, words):
@@ -229,6 +231,7 @@ class Rig:
         self.now, self.sent = 50.0, []
         self.position = np.array([others[0], 0.2, others[1]])
         self.velocity = np.zeros(3)
+        self.supply = None
 
     def go(self, seconds):
         for _ in range(round(seconds / 0.005)):
@@ -241,6 +244,8 @@ class Rig:
                 [0.1] * 3,
                 self.now,
             )
+            if self.supply is not None:
+                self.run.exciting.windings.on_supply(('B',), self.supply, self.now)
             self.sent.append(self.run.update(self.now))
             command = self.sent[-1]
             if command is not None and command.position is not None:
@@ -306,3 +311,62 @@ def test_a_run_that_may_fit_tells_what_it_changed():
     rig.go(0.05)
     assert rig.run.notes[0].startswith('+3 rad/s, 2 s and back: 3 times')
     assert rig.run.start(rig.now)[0]
+
+
+SOAK = Segment('position', 60.0, frequency=2.0, amplitude=0.3, until_warmer=5.0)
+
+
+@pytest.mark.parametrize(
+    ('supply', 'words'),
+    [
+        (None, 'stale input: drive_supply has no winding temperature of B'),
+        ([], 'stale input: drive_supply has no winding temperature of B'),
+        ([math.nan], 'not finite: winding temperature of B: nan °C'),
+    ],
+)
+def test_a_soak_does_not_begin_without_a_winding_temperature(supply, words):
+    rig = Rig(SOAK)
+    rig.supply = supply
+    rig.go(0.1)
+    assert rig.run.start(rig.now) == (False, words)
+    rig.supply = [30.0]
+    rig.go(0.1)
+    assert rig.run.start(rig.now)[0]
+
+
+@pytest.mark.parametrize(
+    ('supply', 'seconds', 'words'),
+    [
+        (None, 2.1, 'stale input: the winding temperature of B is 2.0 s old, limit 2 s'),
+        ([], 0.01, 'stale input: drive_supply has no winding temperature of B'),
+        ([math.nan], 0.01, 'not finite: winding temperature of B: nan °C'),
+    ],
+)
+def test_a_soak_is_damped_once_nobody_knows_how_warm_the_winding_is(supply, seconds, words):
+    rig = Rig(Segment('rest', 1.0), SOAK)
+    rig.supply = [30.0]
+    rig.go(0.1)
+    assert rig.run.start(rig.now)[0]
+    rig.go(3.0)
+    rig.supply = supply
+    rig.go(seconds)
+    assert rig.run.reason == words
+    assert rig.run.code == 1
+    assert rig.sent[-1].position is None
+
+
+def test_while_a_drive_rests_or_cools_nobody_asks_for_its_temperature():
+    rig = Rig(Segment('rest', 5.0), SOAK, Segment('rest', 5.0))
+    rig.supply = [30.0]
+    rig.go(0.1)
+    assert rig.run.start(rig.now)[0]
+    rig.supply = None
+    rig.go(4.0)
+    assert rig.run.active
+    rig.supply = [30.0]
+    rig.go(3.0)
+    rig.supply = [35.0]
+    rig.go(0.01)
+    rig.supply = [math.nan]
+    rig.go(8.0)
+    assert rig.run.code == 0
