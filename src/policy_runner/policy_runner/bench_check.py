@@ -34,15 +34,16 @@ class Row:
 
 @dataclass(frozen=True)
 class Check:
-    """Rows of a table, and figures by name for cards and files."""
+    """Rows of a table, and figures by name for cards and files; None where nothing is known."""
 
     rows: tuple[Row, ...]
-    figures: dict[str, float]
+    figures: dict[str, float | None]
 
     @property
     def usable(self) -> bool:
-        """Whether there are samples of drives and joints."""
-        return bool(self.figures.get('supply_samples')) and bool(self.figures.get('joint_samples'))
+        """Whether there are good samples of drives, and samples of joints."""
+        known = self.figures.get('power_mean') is not None
+        return known and bool(self.figures.get('joint_samples'))
 
     @property
     def amiss(self) -> tuple[str, ...]:
@@ -70,7 +71,11 @@ def check(
     rows += more
     figures |= reached
     more, reached = _electrical(motion, supply, meter, complete)
-    return Check(tuple(rows + more), figures | reached)
+    known = {
+        name: value if math.isfinite(value) else None
+        for name, value in (figures | reached).items()
+    }
+    return Check(tuple(rows + more), known)
 
 
 def _counts(
@@ -120,8 +125,12 @@ def _coverage(
         np.asarray(values[moving, place], np.float64)
         for values in (joints.position, joints.velocity, joints.effort)
     )
-    if len(speed) < 2 * _SMOOTH:
-        return [Row('motion', 'recorded', 'nothing', 'too short to tell')], {}
+    read = np.isfinite(position) & np.isfinite(speed)
+    unread = int(np.count_nonzero(~read))
+    if np.count_nonzero(read) < 2 * _SMOOTH:
+        return [Row('motion', 'recorded', 'nothing', 'too few readings to tell')], {
+            'unread': unread
+        }
     seconds = np.median(np.diff(joints.stamp_ns[moving])) * 1e-9
     smooth = np.convolve(speed, np.full(_SMOOTH, 1.0 / _SMOOTH), 'valid')
     reached = {
@@ -136,6 +145,9 @@ def _coverage(
         'acceleration': max(map(_sharpest, motion.segments)),
     }
     rows = []
+    if unread:
+        text = f'{unread} without position or speed'
+        rows.append(Row('readings', 'all finite', text, text))
     for name, unit in (('speed', 'rad/s'), ('torque', 'N·m'), ('acceleration', 'rad/s²')):
         wanted, got = asked[name], reached[name]
         short = complete and not saturates and got < _FELL_SHORT * wanted < math.inf
@@ -144,11 +156,12 @@ def _coverage(
             Row(
                 name,
                 f'{wanted:.3g} {unit}' if 0.0 < wanted < math.inf else '–',
-                f'{got:.3g} {unit}' + (f' ({note})' if note else ''),
+                (f'{got:.3g} {unit}' if math.isfinite(got) else 'unknown')
+                + (f' ({note})' if note else ''),
                 f'only {100 * got / wanted:.0f} % of what was asked' if short else '',
             )
         )
-    low, high = float(position.min()), float(position.max())
+    low, high = float(position[read].min()), float(position[read].max())
     beyond = max(limits.low - low, high - limits.high)
     rows.append(
         Row(
@@ -158,16 +171,20 @@ def _coverage(
             f'{beyond:.2g} rad beyond' if beyond > 0.0 else '',
         )
     )
-    clipped = 100.0 * float(np.mean(np.abs(torque) >= _AT_LIMIT * limits.torque))
-    fast = 100.0 * float(np.mean(np.abs(speed) > limits.speed))
+    known = np.isfinite(torque)
+    at_limit = np.abs(torque[known]) >= _AT_LIMIT * limits.torque
+    clipped = 100.0 * float(at_limit.mean()) if known.any() else math.nan
+    fast = 100.0 * float(np.mean(np.abs(speed[read]) > limits.speed))
     rows.append(_share('torque at the limit', limits.torque, 'N·m', clipped, saturates))
     rows.append(_share('speed over the limit', limits.speed, 'rad/s', fast, saturates))
     figures = {f'{name}_reached': value for name, value in reached.items()}
-    figures |= {'position_low': low, 'position_high': high}
+    figures |= {'position_low': low, 'position_high': high, 'unread': unread}
     return rows, {**figures, 'torque_clipped_percent': clipped, 'speed_over_percent': fast}
 
 
 def _share(name: str, limit: float, unit: str, percent: float, meant: bool) -> Row:
+    if math.isnan(percent):
+        return Row(name, f'never ({limit:g} {unit})', 'unknown')
     text = f'{percent:.1f} % of the time'
     return Row(name, f'never ({limit:g} {unit})', text, text if percent and not meant else '')
 
@@ -175,16 +192,24 @@ def _share(name: str, limit: float, unit: str, percent: float, meant: bool) -> R
 def _electrical(
     motion: MotionFile, supply: DriveSamples, meter: int, complete: bool
 ) -> tuple[list[Row], dict[str, float]]:
-    power = np.asarray(supply.power[:, meter], np.float64)
-    voltage = supply.voltage[:, meter]
-    flagged = int(np.count_nonzero(supply.status[:, meter]))
-    power_text = f'{power.mean():.1f} W, {power.min():.0f} to {power.max():.0f} W'
-    rows = [
-        Row('power', '–', power_text, '' if power.any() else 'zero throughout'),
-        Row('voltage', '–', f'{voltage.min():.1f} to {voltage.max():.1f} V'),
-        Row('meter', 'no flags', f'{flagged} flagged', f'{flagged} flagged' if flagged else ''),
-    ]
-    figures = {'power_mean': float(power.mean()), 'power_peak': float(power.max())}
+    measured = np.asarray(supply.power[:, meter], np.float64)
+    sound = supply.status[:, meter] == 0
+    good = sound & np.isfinite(measured)
+    flagged, unread = (int(np.count_nonzero(each)) for each in (~sound, sound & ~good))
+    told = f'{flagged} flagged' + (f', {unread} without a value' if unread else '')
+    meter_row = Row('meter', 'no flags', told, told if flagged or unread else '')
+    figures = {'power_mean': math.nan, 'power_peak': math.nan}
+    if good.any():
+        power, voltage = measured[good], supply.voltage[good, meter]
+        power_text = f'{power.mean():.1f} W, {power.min():.0f} to {power.max():.0f} W'
+        rows = [
+            Row('power', '–', power_text, '' if power.any() else 'zero throughout'),
+            Row('voltage', '–', f'{voltage.min():.1f} to {voltage.max():.1f} V'),
+            meter_row,
+        ]
+        figures = {'power_mean': float(power.mean()), 'power_peak': float(power.max())}
+    else:
+        rows = [Row('power', '–', 'unknown', 'no good sample'), meter_row]
     warmth = supply.temperature[:, meter]
     known = warmth[np.isfinite(warmth)]
     if len(known):
@@ -199,11 +224,13 @@ def _electrical(
             )
         )
         figures |= {'winding_rise': rise, 'winding_end': float(known[-1])}
-    return rows, {**figures, 'flagged': flagged}
+    return rows, {**figures, 'flagged': flagged, 'without_value': unread}
 
 
 def _most(values: Floats) -> float:
-    return float(np.percentile(np.abs(values), _MOST))
+    """Size that only single values exceed, NaN ones left out; NaN if there are no others."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(np.percentile(known, _MOST)) if len(known) else math.nan
 
 
 def _sharpest(segment: Segment) -> float:

@@ -33,7 +33,10 @@ def file_away(
             'complete': complete,
             'ended': 'done' if complete else reason,
             'fitted': list(run.notes),
-            'check': {name: round(value, 4) for name, value in found.figures.items()},
+            'check': {
+                name: None if value is None else round(value, 4)
+                for name, value in found.figures.items()
+            },
             'amiss': list(found.amiss),
         }
         replace(card, drives=run.drives, other={**card.other, **told}).save(bag)
@@ -50,7 +53,8 @@ def file_away(
             'figures': found.figures,
             'rows': [asdict(row) for row in found.rows],
         }
-        write_whole(options.json, json.dumps(content, indent=1, ensure_ascii=False) + '\n')
+        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+        write_whole(options.json, f'{text}\n')
     if not complete:
         print(f'{bag} is kept, incomplete: {reason}', file=out)
         return 1
