@@ -75,6 +75,9 @@ class ExcitationRun:
             monitor=self.monitor,
             limiter=TargetLimiter(config.target_rate, ranges),
         )
+        self._strongest = np.array(
+            [limits[joint].torque if joint in limits else 0.0 for joint in joints]
+        )
         self._damp_others, self._fit = damp_others, fit
         self._mounting, self.limits = mounting, limits
         self.notes: tuple[str, ...] = ()
@@ -220,13 +223,14 @@ class ExcitationRun:
         if output.targets is None:
             return self.damping
         exciting = self.exciting
+        effort = np.clip(exciting.effort, -self._strongest, self._strongest)
         if exciting.mode == 'position':
-            return Command(self.joints, output.targets, exciting.velocity, exciting.effort)
+            return Command(self.joints, output.targets, exciting.velocity, effort)
         places = [place for place, _ in exciting.watched()]
         names = tuple(self.joints[place] for place in places)
         if exciting.mode == 'velocity':
             return Command(names, None, exciting.velocity[places])
-        return Command(names, None, None, exciting.effort[places])
+        return Command(names, None, None, effort[places])
 
     @property
     def damping(self) -> Command:

@@ -65,11 +65,11 @@ class Plan:
         """InputError for the first segment that a drive cannot or may not be put through."""
         for number, path in enumerate(self.paths[: self._count], 1):
             where = f'segment {number} ({path.segment})'
-            for value, most, unit in (
-                (path.segment.fastest, limits.speed, 'rad/s'),
-                (path.segment.strongest, limits.torque, 'N·m'),
+            for value, most, unit, exempt in (
+                (path.segment.fastest, limits.speed, 'rad/s', path.segment.saturate),
+                (path.segment.strongest, limits.torque, 'N·m', False),
             ):
-                if value > most and not path.segment.saturate:
+                if value > most and not exempt:
                     raise InputError(
                         f'{where}: {value:.4g} {unit} asked of {drive}; its limits are '
                         f'0..{most:g} {unit}'

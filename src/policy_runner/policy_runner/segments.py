@@ -30,8 +30,9 @@ class Segment:
 
     With a shape the drive itself is in the mode, and the shape has amplitude in the mode's unit;
     a chirp rises from lowest to frequency. saturate: the drive cannot follow, and shall not be
-    expected to. until_warmer: it ends early once the winding is so many K warmer than at the
-    start, or as warm as hottest (°C, at most 120).
+    expected to; its speed may be more than the limit, its torque not. until_warmer: it ends early
+    once the winding is so many K warmer than at the start, or as warm as hottest (°C, at most
+    120).
     """
 
     mode: str

@@ -313,6 +313,23 @@ def test_a_run_that_may_fit_tells_what_it_changed():
     assert rig.run.start(rig.now)[0]
 
 
+@pytest.mark.parametrize('mode', ['torque', 'position'])
+def test_a_motion_that_saturates_may_ask_for_any_speed_but_for_no_more_torque(mode):
+    strong = {'amplitude': 300.0} if mode == 'torque' else {'amplitude': 0.1, 'load': 300.0}
+    square = wave('square', mode, frequency=1.0, saturate=True, **strong)
+    with pytest.raises(InputError, match=r'300 N·m asked of LF_KFE; its limits are 0\.\.80 N·m'):
+        Plan(motion(square), 0.0, Mounting(), Ramps()).check('LF_KFE', KFE)
+
+
+def test_no_command_holds_more_torque_than_the_limit_even_if_the_plan_does(monkeypatch):
+    monkeypatch.setattr(Plan, 'check', lambda *_: None)
+    rig = Rig(wave('square', 'torque', 300.0, 4.0, frequency=0.5), damp_others=True)
+    rig.go(0.05)
+    assert rig.run.start(rig.now)[0]
+    assert rig.go(0.5).effort.tolist() == [25.0]
+    assert rig.go(1.0).effort.tolist() == [-25.0]
+
+
 SOAK = Segment('position', 60.0, frequency=2.0, amplitude=0.3, until_warmer=5.0)
 
 
