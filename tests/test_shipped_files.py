@@ -112,7 +112,7 @@ def test_the_foxglove_layout_shows_what_the_live_view_shows():
     assert '/drive_supply.temperature' in shown
     panels = foxglove_layout()['configById'].values()
     selected = {panel.get('selectedName') for panel in panels} - {None}
-    assert selected == {'power_daq: bus', 'recorder: bag'}
+    assert selected == {'power_daq: bus', 'power_daq: segment', 'recorder: bag'}
 
 
 def test_the_diagnostics_panel_shows_the_topic_of_the_nodes():
