@@ -42,15 +42,15 @@ class SampleQueue:
     """
     A bounded queue between threads; when it is full, new samples are dropped and counted.
 
-    refused and given count samples by group: those for which there was no room, and those that
-    went out.
+    refused and published count samples by group: those for which there was no room, and those
+    that went out, which whoever publishes them adds.
     """
 
     def __init__(self, size: int) -> None:
         self._queue: SimpleQueue[Sample] = SimpleQueue()
         self._size = size
         self.refused: Counter[str] = Counter()
-        self.given: Counter[str] = Counter()
+        self.published: Counter[str] = Counter()
 
     @property
     def dropped(self) -> int:
@@ -67,11 +67,9 @@ class SampleQueue:
     def get(self, timeout: float) -> Sample | None:
         """The oldest sample, or None when none has come within timeout (s)."""
         try:
-            sample = self._queue.get(timeout=timeout)
+            return self._queue.get(timeout=timeout)
         except Empty:
             return None
-        self.given[sample.group] += 1
-        return sample
 
     def __len__(self) -> int:
         return self._queue.qsize()
@@ -143,12 +141,13 @@ class Acquisition:
         """Ask the thread to end; it does so within the time of one read."""
         self._stop.set()
 
-    def join(self, timeout: float | None = None) -> None:
-        """Wait for the thread to end; raises what ended it."""
+    def join(self, timeout: float | None = None) -> bool:
+        """Wait for the thread to end; whether it has. Raises what ended it."""
         if self._thread.ident is not None:
             self._thread.join(timeout)
         if self._error is not None:
             raise self._error
+        return not self._thread.is_alive()
 
     @property
     def failed(self) -> bool:

@@ -5,12 +5,14 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 
@@ -23,9 +25,10 @@ from power_daq.publishing import JointStatePublisher, PublishingThread, SupplyPu
 from power_daq.receiver import Sample
 from power_daq.reporting import Reporter
 from power_daq.source import open_source
-from power_daq.spinning import spin
+from power_daq.spinning import ignore_signals, interrupt_on_signals, spin
 
 _PERIOD = 1.0
+_PUBLISHING_ENDS = 10.0
 _QUEUED_SAMPLES = 4000
 _LOSSLESS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000
@@ -50,6 +53,7 @@ class DaqNode(Node):
         super().__init__('power_daq')
         given = DeviceParameters(self)
         self._queue = SampleQueue(_QUEUED_SAMPLES)
+        self._supply: SupplyPublisher | None = None
         self._source = source = open_source(given, self._queue, self.get_logger().warning)
         applied = self.get_parameter('calibration').value
         self._calibration = label(Path(applied).expanduser()) if applied else NONE
@@ -58,7 +62,7 @@ class DaqNode(Node):
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time: samples of a device are in system time')
         self._publishers_by_group = self._make_publishers(frame_id, per_message)
-        self._publishing = PublishingThread(self._queue, self._publish)
+        self._publishing = PublishingThread(self._queue, self._publish, self._flush)
         self._acquisition = source.acquisition
         self._reporter = Reporter(self, source.part, source.hardware)
         self.create_timer(_PERIOD, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -67,9 +71,9 @@ class DaqNode(Node):
 
     def _make_publishers(
         self, frame_id: str, per_message: int
-    ) -> dict[str, Callable[[Sample], None]]:
-        """By group: what publishes its samples."""
-        made: dict[str, Callable[[Sample], None]] = {}
+    ) -> dict[str, Callable[[Sample], int]]:
+        """By group: what publishes its samples, and says how many went out."""
+        made: dict[str, Callable[[Sample], int]] = {}
         drives = self._source.drives
         if 'electrical' in drives:
             supply = SupplyPublisher(
@@ -79,6 +83,7 @@ class DaqNode(Node):
                 per_message,
                 drives.get('temperature', ()),
             )
+            self._supply = supply
             made = {'electrical': supply.take, 'temperature': supply.take_temperature}
         if 'joints' in drives:
             publisher = self.create_publisher(JointState, 'joint_states', _LOSSLESS)
@@ -87,10 +92,16 @@ class DaqNode(Node):
 
     def _publish(self, sample: Sample) -> None:
         publish = self._publishers_by_group.get(sample.group)
-        if publish is None:
-            return
+        if publish is not None:
+            self._count(sample.group, partial(publish, sample))
+
+    def _flush(self) -> None:
+        if self._supply is not None:
+            self._count('electrical', self._supply.flush)
+
+    def _count(self, group: str, publish: Callable[[], int]) -> None:
         try:
-            publish(sample)
+            self._queue.published[group] += publish()
         except RuntimeError:
             if self.context.ok():
                 raise
@@ -106,9 +117,24 @@ class DaqNode(Node):
     def stop(self) -> None:
         """End both threads, publish what is left; raises what one of them failed by."""
         self._acquisition.stop()
-        self._acquisition.join(_PERIOD)
-        self._publishing.stop()
-        self._publishing.join(_PERIOD)
+        try:
+            self._end_acquisition()
+        finally:
+            self._publishing.stop()
+            if not self._publishing.join(_PUBLISHING_ENDS):
+                self.get_logger().error(f'{len(self._queue)} samples were not published')
+
+    def _end_acquisition(self) -> None:
+        source, logger = self._source, self.get_logger()
+        if self._acquisition.join(min(_PERIOD, source.ending)):
+            return
+        left = source.ending - _PERIOD
+        if left > 0:
+            logger.warning(f'waiting up to {left:.0f} s for {source.hardware} to end')
+        if not self._acquisition.join(max(left, 0.0)):
+            logger.error(
+                f'{source.hardware} did not end within {source.ending:.0f} s: {source.abandoned}'
+            )
 
 
 @command
@@ -123,7 +149,8 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(remove_ros_args(arguments))
-    rclpy.init(args=arguments)
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    interrupt_on_signals()
     node = None
     try:
         node = DaqNode()
@@ -131,6 +158,7 @@ def main(args: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         pass
     finally:
+        ignore_signals()
         if node is not None:
             node.stop()
             node.destroy_node()

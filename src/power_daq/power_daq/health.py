@@ -44,7 +44,7 @@ class Health:
             counts[f'{name} counter jumps'] = assembler.counter_jumps
             counts[f'{name} unsettled'] = receiver.unsettled[name]
             counts[f'{name} dropped unpublished'] = self._queue.refused[name]
-            counts[f'{name} published'] = self._queue.given[name]
+            counts[f'{name} published'] = self._queue.published[name]
             for slot, missing in enumerate(assembler.missing):
                 if missing:
                     frame = self._description.groups[name].frames[slot]

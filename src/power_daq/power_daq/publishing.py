@@ -53,26 +53,28 @@ class SupplyPublisher:
         ]
         self._temperature_stamp: int | None = None
 
-    def take(self, sample: Sample) -> None:
-        """Take a sample; publish what it completes, and what it does not follow."""
-        samples = self._samples
+    def take(self, sample: Sample) -> int:
+        """Take a sample; publish what it completes or does not follow; how many went out."""
+        samples, sent = self._samples, 0
         if samples and sample.sequence != samples[-1].sequence + 1:
-            self.flush()
+            sent += self.flush()
         samples.append(sample)
         if len(samples) >= self._size:
-            self.flush()
+            sent += self.flush()
+        return sent
 
-    def take_temperature(self, sample: Sample) -> None:
-        """Take winding temperatures, which go out with the next messages."""
+    def take_temperature(self, sample: Sample) -> int:
+        """Take winding temperatures, which go out with the next messages; counts as one."""
         celsius = [nan if c is None else sample.values[0, c] for c in self._columns]
         self._message.temperature = array('f', celsius)
         self._temperature_stamp = sample.stamp
+        return 1
 
-    def flush(self) -> None:
-        """Publish what has been taken and not yet published."""
+    def flush(self) -> int:
+        """Publish what has been taken and not yet published; how many samples went out."""
         samples, message = self._samples, self._message
         if not samples:
-            return
+            return 0
         first = samples[0]
         _set_stamp(message.header, first.stamp)
         message.sequence = first.sequence
@@ -86,7 +88,9 @@ class SupplyPublisher:
         message.status = array('B', values[2].astype(np.uint8).tobytes())
         self._forget_old_temperature(first.stamp)
         self._publisher.publish(message)
+        sent = len(samples)
         samples.clear()
+        return sent
 
     def _forget_old_temperature(self, now: int) -> None:
         stamp = self._temperature_stamp
@@ -103,22 +107,32 @@ class JointStatePublisher:
         self._message = JointState()
         self._message.name = list(drives)
 
-    def take(self, sample: Sample) -> None:
-        """Publish a sample."""
+    def take(self, sample: Sample) -> int:
+        """Publish a sample; how many went out."""
         message, values = self._message, sample.values
         _set_stamp(message.header, sample.stamp)
         message.position = array('d', values[0].tobytes())
         message.velocity = array('d', values[1].tobytes())
         message.effort = array('d', values[2].tobytes())
         self._publisher.publish(message)
+        return 1
 
 
 class PublishingThread:
-    """Publishes what a queue holds, so that a slow subscriber never keeps the bus waiting."""
+    """
+    Publishes what a queue holds, so that a slow subscriber never keeps the bus waiting.
 
-    def __init__(self, queue: SampleQueue, publish: Callable[[Sample], None]) -> None:
+    finish is called at the end, when the queue is empty.
+    """
+
+    def __init__(
+        self,
+        queue: SampleQueue,
+        publish: Callable[[Sample], None],
+        finish: Callable[[], None] = lambda: None,
+    ) -> None:
         self._queue = queue
-        self._publish = publish
+        self._publish, self._finish = publish, finish
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='publishing', daemon=True)
         self._error: BaseException | None = None
@@ -136,12 +150,13 @@ class PublishingThread:
         """Whether the thread has ended by an exception."""
         return self._error is not None
 
-    def join(self, timeout: float | None = None) -> None:
-        """Wait for the thread to end; raises what ended it."""
+    def join(self, timeout: float | None = None) -> bool:
+        """Wait for the thread to end; whether it has. Raises what ended it."""
         if self._thread.ident is not None:
             self._thread.join(timeout)
         if self._error is not None:
             raise self._error
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         try:
@@ -150,6 +165,7 @@ class PublishingThread:
                 if sample is not None:
                     self._publish(sample)
                 elif self._stop.is_set():
+                    self._finish()
                     return
         except BaseException as error:
             self._error = error

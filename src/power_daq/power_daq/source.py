@@ -15,7 +15,7 @@ from power_daq.clock_mapping import RosTime
 from power_daq.ethercat.acquisition import SegmentAcquisition
 from power_daq.ethercat.health import SegmentHealth
 from power_daq.ethercat.mapping import SegmentMapping
-from power_daq.ethercat.soem import SoemSegment
+from power_daq.ethercat.soem import SoemSegment, longest_call
 from power_daq.health import Health
 from power_daq.parameters import DeviceParameters
 from power_daq.receiver import Receiver
@@ -37,8 +37,8 @@ class Acquires(Protocol):
     def stop(self) -> None:
         """Ask it to end."""
 
-    def join(self, timeout: float | None = None) -> None:
-        """Wait for its end; raises what ended it."""
+    def join(self, timeout: float | None = None) -> bool:
+        """Wait for its end; whether it came. Raises what ended it."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,8 @@ class Source:
     """
     A measuring device: its name, drives by group, thread, and how it does.
 
-    part: what diagnostics call it; report takes the time in s on a steady clock.
+    part: what diagnostics call it; report takes the time in s on a steady clock; ending: s that
+    the thread may take to end; abandoned: what is so if it does not, for the log.
     """
 
     device: str
@@ -55,6 +56,8 @@ class Source:
     drives: Mapping[str, tuple[str, ...]]
     acquisition: Acquires
     report: Callable[[float], Report]
+    ending: float = 1.0
+    abandoned: str = 'the bus may be left open'
 
 
 def open_source(
@@ -109,5 +112,12 @@ def _ethercat(
     health = SegmentHealth(acquisition, queue, channel)
     drives = {'electrical': mapping.names}
     return Source(
-        mapping.device, 'segment', f'{ETHERCAT} {channel}', drives, acquisition, health.report
+        mapping.device,
+        'segment',
+        f'{ETHERCAT} {channel}',
+        drives,
+        acquisition,
+        health.report,
+        longest_call(len(mapping.segment), mapping.frame_timeout),
+        'the slaves stay in the state that they are in: power them off and on',
     )

@@ -1,5 +1,8 @@
 """How a node of the suite spins until its end, and ends in good order."""
 
+import signal
+from types import FrameType
+
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -23,3 +26,24 @@ def spin(node: Node, until: Future | None = None) -> None:
     except RuntimeError:
         if node.context.ok():
             raise
+
+
+def interrupt_on_signals() -> None:
+    """
+    Make SIGINT and SIGTERM a KeyboardInterrupt, which ends `spin`, in the context's stead.
+
+    To go with rclpy.init and SignalHandlerOptions.NO: the context stays valid, so that a node can
+    still publish what it has. A node without a timer may notice late.
+    """
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)
+
+
+def ignore_signals() -> None:
+    """Let nothing but SIGKILL cut the end off; launch files send SIGINT twice."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)

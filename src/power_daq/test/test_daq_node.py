@@ -107,6 +107,25 @@ def test_the_publishing_thread_empties_its_queue_before_it_ends():
     assert [sample.sequence for sample in done] == list(range(50))
 
 
+def test_what_was_packed_and_not_yet_sent_goes_out_at_the_end_and_counts_only_then():
+    queue, topic = SampleQueue(100), Topic()
+    publisher = SupplyPublisher(topic, ['hip', 'knee'], 'board', samples_per_message=10)
+    sent = []
+    thread = PublishingThread(
+        queue,
+        lambda sample: sent.append(publisher.take(sample)),
+        lambda: sent.append(publisher.flush()),
+    )
+    for sequence in range(17):
+        queue.put(electrical(sequence))
+    thread.start()
+    thread.stop()
+    assert thread.join()
+    assert [len(m['device_time']) for m in topic.sent] == [10, 7]
+    assert sent == [0] * 9 + [10] + [0] * 7 + [7]
+    assert queue.published.total() == 0, 'to be counted by who publishes'
+
+
 def test_an_error_while_publishing_comes_out_of_join():
     def refuse(sample):
         raise OSError('no room')
@@ -239,6 +258,18 @@ def test_parameters_change_the_packing_and_the_name_of_the_device(tmp_path, list
     assert (ends[:-1] == [m.sequence for m in listener.supply][1:]).all()
     assert len(listener.supply[5].voltage) == 120
     assert listener.supply[0].header.frame_id == 'board_7'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_node_that_is_stopped_publishes_what_it_has(tmp_path, listener, robot, number):
+    process = start(tmp_path, 'samples_per_message:=1000')
+    try:
+        listener.until(lambda: listener.supply)
+        assert len(listener.supply[0].device_time) == 1000
+    finally:
+        code, errors = finish(process, number)
+    assert (code, errors.count('Traceback')) == (0, 0), errors
+    listener.until(lambda: len(listener.supply[-1].device_time) < 1000)
 
 
 def test_a_bus_that_is_absent_is_an_error_on_diagnostics_and_no_end(tmp_path, listener):

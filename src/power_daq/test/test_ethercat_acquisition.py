@@ -13,6 +13,7 @@ from power_daq.ethercat.acquisition import SegmentAcquisition, SegmentPatience
 from power_daq.ethercat.health import SegmentHealth
 from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.segment import SegmentError
+from power_daq.ethercat.soem import longest_call
 from power_daq.ethercat.terminals import Identity
 from power_daq.reporting import Level
 
@@ -274,3 +275,31 @@ def test_stamps_follow_a_system_clock_that_is_stepped(tmp_path, step):
     stamps = [sample.stamp for sample in samples]
     assert stamps == sorted(set(stamps))
     assert clock.steps == 1
+
+
+def test_a_stop_while_the_segment_comes_up_ends_it_at_the_call_under_way_and_closes(tmp_path):
+    run = Run(tmp_path, good)
+    reached, go_on, calls = threading.Event(), threading.Event(), []
+
+    def read(slave, index, subindex):
+        calls.append(index)
+        reached.set()
+        go_on.wait(60.0)
+        return b'\0'
+
+    run.frames.read = read
+    run.acquisition.start()
+    assert reached.wait(60.0)
+    run.acquisition.stop()
+    assert not run.acquisition.join(0.05), 'it is still inside of the call'
+    assert run.frames.closed == 0
+    go_on.set()
+    assert run.acquisition.join(60.0)
+    assert run.frames.closed == 1
+    assert len(calls) == 1
+    assert run.acquisition.counts.times_operating == 0
+
+
+def test_the_longest_call_covers_what_soem_waits_for_each_slave():
+    assert longest_call(2, 0.002) == pytest.approx(2 * (2.0 + 2 * 0.7) + 2 * 2.0 + 402 * 0.002)
+    assert longest_call(1, 0.5) == pytest.approx((10.0 + 2 * 10.0) + 2 * 10.0 + 402 * 0.5)

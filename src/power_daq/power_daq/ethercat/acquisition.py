@@ -100,15 +100,16 @@ class SegmentAcquisition:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the thread to end; it does so after the cycle under way."""
+        """Ask the thread to end; it does so after the call of the segment under way."""
         self._stop.set()
 
-    def join(self, timeout: float | None = None) -> None:
-        """Wait for the thread to end; raises what ended it."""
+    def join(self, timeout: float | None = None) -> bool:
+        """Wait for the thread to end; whether it has. Raises what ended it."""
         if self._thread.ident is not None:
             self._thread.join(timeout)
         if self._error is not None:
             raise self._error
+        return not self._thread.is_alive()
 
     @property
     def failed(self) -> bool:
@@ -141,7 +142,8 @@ class SegmentAcquisition:
         segment = self._make()
         try:
             expected = self._bring_up(segment)
-            self._exchange(segment, expected)
+            if expected is not None:
+                self._exchange(segment, expected)
         except SegmentError as error:
             if str(error) != self.absence:
                 self._report(f'EtherCAT: {error}; will try again')
@@ -149,11 +151,14 @@ class SegmentAcquisition:
         finally:
             segment.close()
 
-    def _bring_up(self, segment: Segment) -> int:
+    def _bring_up(self, segment: Segment) -> int | None:
+        """The working counter of a whole exchange; None where it is to end before that."""
         wanted = self.mapping.segment
         check_order(wanted, segment.find())
-        for line in assert_settings(segment, wanted):
+        for line in assert_settings(segment, wanted, self._stop.is_set):
             self._report(f'EtherCAT: {line}')
+        if self._stop.is_set():
+            return None
         expected = segment.operate()
         check_inputs(segment, wanted)
         self.absence = ''

@@ -1,6 +1,6 @@
 """What the acquisition needs of an EtherCAT segment, whoever drives it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from power_daq.ethercat.terminals import Identity, TerminalType, describe
@@ -54,15 +54,22 @@ def check_order(wanted: Sequence[TerminalType], found: Sequence[Identity]) -> No
         )
 
 
-def assert_settings(segment: Segment, wanted: Sequence[TerminalType]) -> list[str]:
+def assert_settings(
+    segment: Segment,
+    wanted: Sequence[TerminalType],
+    stopped: Callable[[], bool] = lambda: False,
+) -> list[str]:
     """
     Make every setting of the terminals hold, and read it back; what was changed, in words.
 
+    Ends before the next setting once stopped says so.
     SegmentError where one cannot be made to hold: a filter would eat what is to be measured.
     """
-    changed = []
+    changed: list[str] = []
     for place, kind in enumerate(wanted):
         for index, subindex, value, meaning in kind.settings:
+            if stopped():
+                return changed
             if _read(segment, place, index, subindex) == value:
                 continue
             segment.write(place, index, subindex, bytes([value]))

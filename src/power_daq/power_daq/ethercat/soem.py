@@ -13,7 +13,20 @@ from power_daq.ethercat.terminals import Identity
 
 _US = 1_000_000
 _STATE_TIMEOUT = 2.0
+_MAILBOX_TIMEOUT = 0.7
 _OPERATE_FRAMES = 200
+
+
+def longest_call(slaves: int, timeout: float) -> float:
+    """
+    Time in s that a call of SoemSegment takes at most; timeout: s until a frame is lost.
+
+    By SOEM's limits: a state and its mailbox (both directions) of each slave, two states of the
+    whole, and the frames in between.
+    """
+    state = max(_STATE_TIMEOUT, 20 * timeout)
+    mailbox = max(_MAILBOX_TIMEOUT, 20 * timeout)
+    return slaves * (state + 2 * mailbox) + 2 * state + 2 * (_OPERATE_FRAMES + 1) * timeout
 
 
 class SoemSegment:
@@ -31,7 +44,7 @@ class SoemSegment:
         limits.ret = self._timeout
         for name in ('safe', 'eeprom', 'tx_mailbox', 'rx_mailbox', 'state'):
             setattr(limits, name, max(getattr(limits, name), 20 * self._timeout))
-        self._mailbox = max(700_000, 20 * self._timeout)
+        self._mailbox = max(round(_US * _MAILBOX_TIMEOUT), 20 * self._timeout)
         self._master: Any = None
 
     def find(self) -> Sequence[Identity]:
