@@ -12,6 +12,7 @@ from power_daq.cli import InputError
 from power_daq.recording.reader import Recording
 from power_daq.sound.alignment import Alignment, align_sound
 from power_daq.sound.comparison import (
+    ENOUGH,
     Difference,
     Levels,
     Stretch,
@@ -161,7 +162,7 @@ class Analysis:
             for band in sorted(common)
         }
 
-    def differences(self) -> dict[str, tuple[Mapping[str, Difference], float]]:
+    def differences(self) -> dict[str, tuple[Mapping[str, Difference], float | None]]:
         """By how much each policy but the first is louder than the first."""
         first, *others = self.policies
         base = [take.stretch for take in self.of(first)]
@@ -285,6 +286,17 @@ def sentences(analysis: Analysis) -> list[str]:
             if sure
             else f'{name} and {first} cannot be told apart: {leq.value:+.1f} dB (Leq, {span}).'
         )
+        fewest = min(len(analysis.of(name)), len(analysis.of(first)))
+        if fewest == 1:
+            found[-1] += (
+                ' With a single file of either, the interval knows nothing of what differs from '
+                f'file to file: record at least {ENOUGH} of each.'
+            )
+        elif fewest < ENOUGH:
+            found[-1] += (
+                f' {fewest} files tell little of how files differ, and the interval is wide for '
+                f'it: record at least {ENOUGH} of each.'
+            )
     return found
 
 
@@ -324,6 +336,7 @@ def summary(analysis: Analysis) -> dict[str, Any]:
             {
                 'name': name,
                 'against': analysis.policies[0],
+                'interval_by': 'blocks' if block is not None else 'files',
                 'block_s': block,
                 **{
                     key: {

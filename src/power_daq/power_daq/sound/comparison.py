@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from arch.bootstrap import optimal_block_length
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 Floats = NDArray[np.float64]
 
@@ -14,6 +15,8 @@ _PIECE = 0.125  # s
 _DRAWS = 1000
 _SEED = 7
 _LOWEST = 1e-30
+ENOUGH = 4
+"""Files of each policy under which an interval from files is told to be wide for want of them."""
 
 
 @dataclass(frozen=True)
@@ -72,40 +75,63 @@ class Difference:
 
 def levels(stretches: Sequence[Stretch]) -> Levels:
     """Levels over all of a policy's sounds together."""
-    energy = np.concatenate([s.energy for s in stretches])
-    detector = np.concatenate([s.detector for s in stretches])
-    leq, l10, l50, l90 = _figures(energy[None], detector[None])[:, 0].tolist()
+    leq, l10, l50, l90 = _together(stretches).tolist()
     peak = float(decibels(np.array(max(s.peak for s in stretches))))
     return Levels(sum(s.seconds for s in stretches), leq, l10, l50, l90, peak)
 
 
 def differences(
     first: Sequence[Stretch], second: Sequence[Stretch]
-) -> tuple[Mapping[str, Difference], float]:
+) -> tuple[Mapping[str, Difference], float | None]:
     """
     By how much the second policy is louder than the first, by figure; and the block length in s.
 
-    Intervals are from a block bootstrap within each sound: neighbouring pieces resemble each
-    other, so blocks are drawn that are as long as the likeness lasts (Politis and White 2004).
-    Of a policy with several sounds, sounds are drawn first, then blocks of them.
+    With two files and more of both, it is the difference of the mean levels of files, and
+    intervals are Welch's t on these levels: files count as independent, and whatever varies within
+    one is in how files differ. Block length None.
+
+    With a single file of either, what differs between files is unknown, and intervals are from a
+    block bootstrap within each: neighbouring pieces resemble each other, so blocks are drawn that
+    are as long as the likeness lasts (Politis and White 2004). Of a policy with several files,
+    files are drawn first, then blocks of them.
     """
-    random = np.random.default_rng(_SEED)
-    block = max(block_length(s) for s in (*first, *second))
-    drawn = _draws(second, block, random) - _draws(first, block, random)
-    whole = [
-        _figures(
-            np.concatenate([s.energy for s in side])[None],
-            np.concatenate([s.detector for s in side])[None],
-        )[:, 0]
-        for side in (first, second)
-    ]
-    value = whole[1] - whole[0]
-    low, high = np.quantile(drawn, [0.025, 0.975], axis=1)
+    block = None
+    if min(len(first), len(second)) > 1:
+        value, low, high = _welch(_each(first), _each(second))
+    else:
+        random = np.random.default_rng(_SEED)
+        block = max(block_length(s) for s in (*first, *second))
+        drawn = _draws(second, block, random) - _draws(first, block, random)
+        value = _together(second) - _together(first)
+        low, high = np.quantile(drawn, [0.025, 0.975], axis=1)
     found = {
         name: Difference(float(value[i]), (float(low[i]), float(high[i])))
         for i, name in enumerate(FIGURES)
     }
-    return found, block * _PIECE
+    return found, None if block is None else block * _PIECE
+
+
+def _each(stretches: Sequence[Stretch]) -> Floats:
+    """Figures of each sound, [sound, figure]."""
+    return np.stack([_together([stretch]) for stretch in stretches])
+
+
+def _together(stretches: Sequence[Stretch]) -> Floats:
+    """Figures of all sounds joined, [figure]."""
+    energy = np.concatenate([s.energy for s in stretches])
+    detector = np.concatenate([s.detector for s in stretches])
+    return _figures(energy[None], detector[None])[:, 0]
+
+
+def _welch(first: Floats, second: Floats) -> tuple[Floats, Floats, Floats]:
+    """Second less first, low and high of the mean levels [figure] (Welch 1947)."""
+    value = second.mean(axis=0) - first.mean(axis=0)
+    parts = np.stack([side.var(axis=0, ddof=1) / len(side) for side in (first, second)])
+    error = parts.sum(axis=0)
+    rest = parts**2 / np.array([[len(first) - 1.0], [len(second) - 1.0]])
+    freedom = np.maximum(error**2 / np.maximum(rest.sum(axis=0), _LOWEST), 1.0)
+    half = stdtrit(freedom, 0.975) * np.sqrt(error)
+    return value, value - half, value + half
 
 
 def block_length(stretch: Stretch) -> int:

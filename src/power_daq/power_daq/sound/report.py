@@ -58,16 +58,20 @@ def write_report(path: Path, analysis: Analysis) -> None:
         page.table(
             ('policy', 'figure', 'dB louder', '95 % interval', 'block s'),
             [
-                (name, key.title(), f'{d.value:+.2f}', _span(d.interval), f'{block:.2f}')
+                (
+                    *(name, key.title(), f'{d.value:+.2f}', _span(d.interval)),
+                    'by files' if block is None else f'{block:.2f}',
+                )
                 for name, (figures, block) in found.items()
                 for key, d in figures.items()
             ],
             numbers=(2, 3, 4),
         )
         page.text(
-            'Intervals by a block bootstrap within each file, with blocks as long as a level says '
-            'something of what follows. They know nothing of what differs between set-ups, such '
-            'as where the microphone stood: record each policy several times for that.',
+            "Intervals of two files and more on both sides are Welch's t on the mean level of "
+            'files. With a single file they are a block bootstrap, with blocks as long as a level '
+            'says something of what follows, and know nothing of what differs between set-ups, '
+            'such as where the microphone stood: record each policy several times for that.',
             faint=True,
         )
     page.heading('Third-octave spectrum')
