@@ -28,7 +28,6 @@ from rich.console import Console
 from rich.progress import Progress
 from soak_account import Account, Check, Counters, account, markdown, supply_account
 from soak_bags import messages, rows
-from soak_devices import RATES
 from soak_system import SmallDisk, SoakError, System, Take, until
 
 Event = tuple[float, str, Callable[[], None]]
@@ -141,7 +140,6 @@ class Soak:
         system.supply.unplug()
         supply = system.diagnostics.fresh('supply: instrument')
         system.stop_recording()
-        measured = system.measured()
         bags = [
             rows(take.path, take.begun, take.ended, take.how, take.process.said)
             for take in system.takes
@@ -151,11 +149,11 @@ class Soak:
             figures = ('samples', 'lost', 'unsettled', 'dropped unpublished', 'published')
             counters = Counters(*(int(daq[f'{name} {figure}']) for figure in figures))
             own = [bag[name] for bag in bags]
-            found.append(account(name, RATES[name], measured[name], kept.withheld, counters, own))
+            found.append(account(name, kept.times, kept.withheld, counters, own))
         excuses = int(supply['connections lost']) + int(supply['not an answer'])
         own = [bag['supply'] for bag in bags]
         readings = int(supply['readings'])
-        found.append(supply_account(RATES['supply'], measured['supply'], readings, excuses, own))
+        found.append(supply_account(system.supply.times, readings, excuses, own))
         found[0].checks += self.checks
         self.figures = {'daq': daq, 'supply': supply}
         return found

@@ -22,8 +22,8 @@ _REASONS = {
 NO_RECORDER, UNMATCHED = 'no recorder ran', 'the new recorder was not matched yet'
 _MOST = {
     _REASONS['killed']: 1.0,
-    _REASONS['stopped']: 0.1,
-    _REASONS['disk full']: 2.0,
+    _REASONS['stopped']: 1.0,
+    _REASONS['disk full']: 5.0,
     UNMATCHED: 2.0,
 }  # s of samples at one end of one bag
 
@@ -117,17 +117,18 @@ class Account:
 
 def account(
     stream: str,
-    rate: float,
-    measured: int,
+    times: Sequence[float],
     withheld: Mapping[str, Sequence[int]],
     counters: Counters,
     bags: Sequence[BagRows],
 ) -> Account:
     """
-    The account of a stream of the DAQ, of `rate` Hz.
+    The account of a stream of the DAQ.
 
-    withheld: numbers of samples that never went on the wire, by reason.
+    times: when each sample was measured, s on a steady clock. withheld: numbers of samples that
+    never went on the wire, by reason.
     """
+    measured = len(times)
     found = Account(stream, measured)
     fate = np.full(measured, _OPEN, np.int8)
     for why, numbers in withheld.items():
@@ -155,7 +156,8 @@ def account(
             counters.received,
             counters.published + counters.unsettled + counters.dropped,
         ),
-        *_common(found, at_ends, rate, entered),
+        *_common(found, entered),
+        *_within(bags, at_ends, np.asarray(times)),
         *_by_sequence(bags),
         *_by_recorder(bags),
     ]
@@ -163,14 +165,16 @@ def account(
 
 
 def supply_account(
-    rate: float, measured: int, readings: int, excuses: int, bags: Sequence[BagRows]
+    times: Sequence[float], readings: int, excuses: int, bags: Sequence[BagRows]
 ) -> Account:
     """
-    The account of the bench supply: questions that it answered, at `rate` Hz.
+    The account of the bench supply: questions that it answered.
 
-    readings: answers that the node counted. excuses: connections lost and answers that were none,
-    each of which may have cost one answer.
+    times: when it answered each, s on a steady clock. readings: answers that the node
+    counted. excuses: connections lost and answers that were none, each of which may have cost one
+    answer.
     """
+    measured = len(times)
     found = Account('supply', measured)
     fate = np.full(measured, _OPEN, np.int8)
     entered = _enter(bags, fate)
@@ -186,7 +190,8 @@ def supply_account(
     _close(found, fate, bags, at_ends)
     found.checks = [
         Check('answers cut, and what may have cut them', never, excuses, at_most=True),
-        *_common(found, at_ends, rate, entered),
+        *_common(found, entered),
+        *_within(bags, at_ends, np.asarray(times)),
         *_by_recorder(bags),
     ]
     return found
@@ -206,25 +211,34 @@ def _close(
     found.left_out = sum(len(bag.numbers) - bag.kept for bag in bags)
 
 
-def _common(
-    found: Account,
-    at_ends: Sequence[Mapping[str, int]],
-    rate: float,
-    entered: tuple[int, int],
-) -> list[Check]:
+def _common(found: Account, entered: tuple[int, int]) -> list[Check]:
     """Checks of any stream; entered: rows with impossible numbers, and with one that was there."""
-    worst = {reason: max((part.get(reason, 0) for part in at_ends), default=0) for reason in _MOST}
     return [
         Check('missing inside of bags, counted by no node', found.unaccounted, 0),
         Check('rows below zero', sum(count < 0 for count in found.rows.values()), 0),
-        *(
-            Check(f'{reason}: worst, and the most', count, round(_MOST[reason] * rate), True)
-            for reason, count in worst.items()
-            if count
-        ),
         Check('rows with a number that was never measured, or withheld', entered[0], 0),
         Check('rows with a number that is there already', entered[1], 0),
     ]
+
+
+def _within(
+    bags: Sequence[BagRows], at_ends: Sequence[Mapping[str, int]], times: NDArray[np.float64]
+) -> list[Check]:
+    """For each reason the bag of which most is missing beyond what was measured in so long."""
+    worst: dict[str, Check] = {}
+    for bag, missing in zip(bags, at_ends, strict=False):
+        for reason, count in missing.items():
+            if reason == UNMATCHED:
+                until = times[bag.begun : bag.begun + 1] + _MOST[reason]
+                most = int(np.searchsorted(times, until, 'right').sum()) - bag.begun
+            else:
+                since = times[max(bag.ended - 1, 0) : bag.ended] - _MOST[reason]
+                most = bag.ended - int(np.searchsorted(times, since, 'right').sum())
+            name = f'{reason}: worst, and what {_MOST[reason]:g} s are'
+            check, before = Check(name, count, most, at_most=True), worst.get(reason)
+            if count and (before is None or count - most > before.one - before.other):
+                worst[reason] = check
+    return list(worst.values())
 
 
 def _enter(bags: Sequence[BagRows], fate: NDArray[np.int8]) -> tuple[int, int]:

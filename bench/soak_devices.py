@@ -17,7 +17,6 @@ _MS = 1_000_000
 _DIGITS = 4  # base 100, each in the value of one drive
 _POSITION, _CURRENT = 0.01, 0.1  # rad and A of one count
 _VOLTS, _AMPERES = 2000, 10_000  # counts of 10 mV from 40 V, and of 10 mA
-RATES = {'electrical': 1000.0, 'joints': 400.0, 'supply': 100.0}  # Hz
 _CHUNK = 0.05  # s between looks at whether to stop
 
 
@@ -49,8 +48,13 @@ def current_numbers(values: NDArray[np.float32]) -> NDArray[np.int64]:
 class Kept:
     """Numbers of samples of a group that were measured, and why some never went on the wire."""
 
-    measured: int = 0
+    times: list[float] = field(default_factory=list)  # s, steady
     withheld: dict[str, list[int]] = field(default_factory=dict)
+
+    @property
+    def measured(self) -> int:
+        """How many there are."""
+        return len(self.times)
 
     def withhold(self, why: str, number: int) -> None:
         """Note a sample that never went on the wire."""
@@ -143,10 +147,11 @@ class SoakDrives:
             position = numbered(joint, drives, _POSITION)
             still = np.zeros(drives)
             messages += bus.encode_joints(joint, 2500 * joint, position, still, still)
+        now = time.monotonic()
         why = self._put(messages)
         for name, index in (('electrical', number), ('joints', joint)):
             if index is not None:
-                self.kept[name].measured = index + 1
+                self.kept[name].times.append(now)
                 if why:
                     self.kept[name].withhold(why, index)
 
@@ -167,10 +172,15 @@ class SoakSupply:
     """A simulated bench supply that numbers its measurements, and can be unplugged."""
 
     def __init__(self) -> None:
-        self.measured = 0
+        self.times: list[float] = []  # s, steady
         self._instrument: ScpiInstrument | None = None
         self._port = 0
         self.plug()
+
+    @property
+    def measured(self) -> int:
+        """How many questions for a measurement it has answered."""
+        return len(self.times)
 
     @property
     def port(self) -> int:
@@ -194,7 +204,7 @@ class SoakSupply:
             volts, amperes = divmod(self.measured, _AMPERES)
             voltage, current = 40.0 + 0.01 * (volts % _VOLTS), 0.01 * amperes
             answer = f'{voltage:.2f} V, {current:.2f} A, {voltage * current:.1f} W'
-            self.measured += 1
+            self.times.append(time.monotonic())
         return [(0.0, answer.encode('ascii') + b'\n')]
 
 
