@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -30,6 +31,10 @@ _SPARE = 600.0  # s that a recorder outlasts its motion at most, should nobody e
 
 class BenchNode(ExciteNode):
     """Starts the recorder once all is there, the motion once that records, and watches both."""
+
+    services: ClassVar = {
+        name: action for name, action in ExciteNode.services.items() if name != 'start'
+    }
 
     def __init__(self, options: argparse.Namespace, motion: MotionFile) -> None:
         super().__init__(options, motion)

@@ -2,7 +2,8 @@
 
 import argparse
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import ClassVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -34,7 +35,17 @@ _STEADY = ClockType.STEADY_TIME
 
 
 class ExciteNode(Node):
-    """Feeds the run of a motion from joint_states and sends what it gives."""
+    """
+    Feeds the run of a motion from joint_states and sends what it gives.
+
+    services: what others may call, by name.
+    """
+
+    services: ClassVar[Mapping[str, Callable[[ExcitationRun, float], tuple[bool, str]]]] = {
+        'start': ExcitationRun.start,
+        'stop': ExcitationRun.stop,
+        'estop': ExcitationRun.emergency_stop,
+    }
 
     def __init__(self, options: argparse.Namespace, motion: MotionFile) -> None:
         super().__init__('policy_runner')
@@ -61,9 +72,8 @@ class ExciteNode(Node):
         self.create_subscription(JointState, 'joint_states', self._on_joints, _SENSORS)
         if motion.warms:
             self.create_subscription(DriveSupply, 'drive_supply', self._on_supply, _SENSORS)
-        self._service('start', ExcitationRun.start)
-        self._service('stop', ExcitationRun.stop)
-        self._service('estop', ExcitationRun.emergency_stop)
+        for name, action in self.services.items():
+            self._service(name, action)
         self.create_timer(1.0 / rate, self._step, clock=self._time)
         self.create_timer(1.0, self._look_around, clock=Clock(clock_type=_STEADY))
 

@@ -158,9 +158,14 @@ class ExcitationRun:
         return '' if fault is None else str(fault)
 
     def plan(self) -> None:
-        """Plan from where the joints are; InputError if the motion leaves the limits."""
+        """
+        Plan from where the joints are.
+
+        InputError if the motion leaves the limits, or is under way: then it would begin anew.
+        """
+        if self.active:
+            raise InputError(f'{self.motion.name} is under way; stop it before planning it anew')
         self._prepare()
-        self._planned = True
 
     def start(self, now: float) -> tuple[bool, str]:
         """Begin, if that is safe; tells whether it does, and why not."""
@@ -189,6 +194,7 @@ class ExcitationRun:
         if self._fit:
             self._fit_to_limits()
         self.exciting.prepare(self.inputs.position)
+        self._planned = True
 
     def _fit_to_limits(self) -> None:
         for drive in self.drives:

@@ -30,6 +30,12 @@ segments:
 - {mode: velocity, speed: -0.5, seconds: 1.5}
 """
 LONG = MOTION.replace('seconds: 1.5', 'seconds: 12')
+SOAK = """
+format: motion/1
+drives: [LF_KFE]
+segments:
+- {mode: position, amplitude: 0.3, frequency: 1.0, until_warmer: 20, seconds: 600}
+"""
 
 
 class Drive:
@@ -40,7 +46,7 @@ class Drive:
         rclpy.init(context=self.context)
         self.node = rclpy.create_node('drive', context=self.context)
         self.position, self.velocity, self.sequence = 0.1, 0.0, 0
-        self.commands = []
+        self.commands, self.temperature = [], []
         self.joints = self.node.create_publisher(JointState, 'joint_states', 10)
         self.supply = self.node.create_publisher(DriveSupply, 'drive_supply', 1000)
         self.node.create_subscription(JointState, 'joint_commands', self.on_command, 10)
@@ -70,6 +76,7 @@ class Drive:
         power.device_time = array.array('Q', [self.sequence * 10_000_000])
         power.voltage, power.current = array.array('f', [48.0]), array.array('f', [0.5])
         power.status = array.array('B', [0])
+        power.temperature = array.array('f', self.temperature)
         self.supply.publish(power)
         self.sequence += 1
 
@@ -162,6 +169,16 @@ def moving(drive, node):
     wait_until(lambda: drive.position > 0.4, 'motion')
 
 
+def test_nobody_else_can_start_what_is_not_recorded_yet(drive, bench):
+    node = bench(LONG)
+    moving(drive, node)
+    offered = {name for name, _ in drive.node.get_service_names_and_types()}
+    assert {'/stop', '/estop'} <= offered
+    assert '/start' not in offered
+    assert drive.call_estop().success
+    assert node.wait(PATIENCE) == 1
+
+
 def test_an_emergency_stop_damps_and_the_bag_is_kept_as_incomplete(drive, bench, tmp_path):
     node = bench(LONG)
     moving(drive, node)
@@ -185,6 +202,23 @@ def test_ctrl_c_damps_first_and_then_closes_the_bag(drive, bench, tmp_path):
     recording = Recording.open(tmp_path / 'bag')
     assert recording.problems == (), 'the bag has its index'
     assert len(drive.commands[-1].position) == 0
+
+
+def test_a_soak_waits_for_a_thermometer_and_is_damped_once_that_falls_silent(
+    drive, bench, tmp_path
+):
+    node = bench(SOAK)
+    node.wait_for_output('waiting: .*has no winding temperature of LF_KFE', PATIENCE)
+    assert not drive.commands
+    drive.temperature = [30.0]
+    node.wait_for_output('segment 1 of 1', PATIENCE)
+    wait_until(lambda: drive.position > 0.3, 'motion')
+    drive.temperature = []
+    assert node.wait(PATIENCE) == 1
+    assert_damped(drive)
+    assert card_in(tmp_path)['ended'] == (
+        'stale input: drive_supply has no winding temperature of LF_KFE'
+    )
 
 
 def test_joint_states_that_stop_damp_with_the_reason_in_the_card(drive, bench, tmp_path):

@@ -359,3 +359,22 @@ def test_a_drive_that_is_not_there_or_has_no_limits_is_refused():
         ExcitationRun(motion(hold(1.0)), JOINTS, ('D',), PENDULUM, {}, SafetyConfig())
     with pytest.raises(InputError, match='no limits are known for B'):
         ExcitationRun(motion(hold(1.0)), JOINTS, ('B',), PENDULUM, {}, SafetyConfig())
+
+
+def test_a_motion_under_way_is_not_planned_anew():
+    rig = Rig(turn(1.0, 2.0)).begun()
+    left = rig.run.exciting.left
+    with pytest.raises(InputError, match='next is under way; stop it before planning it anew'):
+        rig.run.plan()
+    assert rig.run.exciting.left == left
+    rig.go(0.1)
+    assert rig.run.exciting.left == pytest.approx(left - 0.1)
+
+
+def test_a_start_before_the_first_step_plans_once():
+    rig = Rig(turn(1.0, 2.0))
+    rig.run.inputs.on_joint_states(1, JOINTS, rig.position, rig.velocity, rig.effort, rig.now)
+    assert rig.run.start(rig.now)[0]
+    left = rig.run.exciting.left
+    rig.go(0.5)
+    assert rig.run.exciting.left == pytest.approx(left - 0.5, abs=0.02)
