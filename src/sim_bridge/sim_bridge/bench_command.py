@@ -31,7 +31,7 @@ examples:
   ros2 run sim_bridge bench sine -o bags/sine
   ros2 run sim_bridge bench ladder --mode velocity --duration 40 -o bags/ladder
   ros2 run sim_bridge bench holds --load 4kg@0.3m --drive RH_HFE -o bags/holds
-  ros2 run sim_bridge bench sine --unit 3 -o bags/fig2 --analyser fig2.csv
+  ros2 run sim_bridge bench sine --frequency 4.0371 --unit 3 -o bags/fig2 --analyser fig2.csv
 """
 
 

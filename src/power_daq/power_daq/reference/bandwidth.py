@@ -1,6 +1,6 @@
 """Up to which frequency a meter follows a reference, and what it misses above."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +54,11 @@ def response(ours: Curve, reference: Curve, clock: Clock, seed: int = 0) -> Resp
     """
     Compare one signal of ours with the reference's, both as sampled; None if too short.
 
-    A reference of 2.5 times our rate and more tells up to 0.45 of our rate; of a slower one it is
-    not known whether its rows are means, and it tells up to a tenth of its own.
+    A reference of 2.5 times our rate and more tells up to 0.45 of our rate; a slower one up to a
+    tenth of its own. Whether the analyser's rows are samples or means over their period is not
+    known: the −3 dB point is that between both, and its interval that of both together. At 336 Hz
+    they differ by 0.05 % of magnitude at 20 kHz, 0.7 % at 5 kHz and 3 % at 2.5 kHz. What
+    `Curve.of` averaged is known, and taken out.
 
     Spectra by Welch over whole stretches, in bands of 8 bins where the coherence is above 0.5; the
     magnitude's error is √((1 − γ²)/(2 n γ²)) (Bendat and Piersol, Random Data). A cubic in f²
@@ -99,10 +102,37 @@ def response(ours: Curve, reference: Curve, clock: Clock, seed: int = 0) -> Resp
     magnitude, coherence = np.array(h), np.array(gamma)
     error = magnitude * np.sqrt((1.0 - coherence) / (2.0 * count * coherence))
     error = np.hypot(error, magnitude * _folded(reference, np.array(f), rate)) if fast else error
-    correction = np.sinc(np.array(f) * reference.period) if fast else 1.0
     scale = _slow(np.array(f), magnitude, error)
-    magnitude, error = magnitude * correction / scale, error * correction / scale
-    return _read(np.array(f), magnitude, error, coherence, np.random.default_rng(seed))
+    samples, means = (
+        _read(np.array(f), magnitude * c, error * c, coherence, np.random.default_rng(seed))
+        for c in (c / scale for c in _averaging(reference, np.array(f)))
+    )
+    return _between(samples, means)
+
+
+def _averaging(reference: Curve, frequency: Floats) -> tuple[Floats, Floats]:
+    """What is left of the reference at each frequency, its rows being samples, and means."""
+    mean: Floats = np.sinc(frequency * reference.period)
+    return mean / np.sinc(frequency * reference.period / reference.rows), mean
+
+
+def _between(samples: Response, means: Response) -> Response:
+    """One answer for both, as wide as they are together."""
+    first, second = samples.cutoff, means.cutoff
+    cutoff = None
+    if first is not None and second is not None:
+        middle = 0.5 * (first.value + second.value)
+        cutoff = Value(middle, min(first.low, second.low), max(first.high, second.high))
+    elif first is not None or second is not None:
+        known = first if first is not None else second
+        assert known is not None
+        cutoff = Value(known.value, known.low, max(known.high, samples.reach, means.reach))
+    return replace(
+        samples,
+        magnitude=0.5 * (samples.magnitude + means.magnitude),
+        error=np.hypot(samples.error, 0.5 * (samples.magnitude - means.magnitude)),
+        cutoff=cutoff,
+    )
 
 
 def _folded(reference: Curve, frequency: Floats, rate: float) -> Floats:

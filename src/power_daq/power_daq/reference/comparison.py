@@ -26,6 +26,7 @@ _LEAST_FITTED = 0.9  # of the better channel, once fitted
 _NEARLY = 0.05  # of correlation, within which other places are tried
 _ALIKE = 1.1  # ratio of the noise within which they are as good
 _GAINS = (0.5, 2.0)
+_FOLDED = 5e-4  # of a gain, from which on it is told
 
 
 @dataclass(frozen=True)
@@ -175,10 +176,33 @@ def compare(
         other = averaged.fit(match)
         if other is not None and _noise(other) < _noise(best):
             best, means = other, True
-    best = with_folds(best, pair.folds(best.clock, measured.curve.period))
-    channels = _channels(measured, log, names, best)
+    allowed = with_folds(best, pair.folds(best.clock, measured.curve.period))
+    channels = _channels(measured, log, names, allowed)
     progress('comparing power and bandwidth')
-    return _judged(measured, log, channels, best, ambiguous, means)
+    folding = _folding(names, best, allowed, 1.0 / measured.curve.period)
+    return _judged(measured, log, channels, allowed, ambiguous, means, folding)
+
+
+def _folding(names: Sequence[str], before: Fit, after: Fit, rate: float) -> list[str]:
+    """What the allowance for folding makes most of, where that matters, and what to do."""
+
+    def mostly(a: Value, b: Value) -> bool:
+        return b.high - b.low > np.sqrt(2.0) * (a.high - a.low)
+
+    wide = [
+        f'{name} gain'
+        for name, a, b in zip(names, before.gain, after.gain, strict=True)
+        if mostly(a, b) and 0.5 * (b.high - b.low) > _FOLDED * b.value
+    ]
+    if not wide:
+        return []
+    if mostly(before.offset, after.offset):
+        wide.append('time offset')
+    return [
+        f'most of the interval of {", ".join(wide)} allows for what our sampling folds into the '
+        f'band. A motion in step with our {rate:.0f} Hz folds at a fixed phase, and a longer '
+        'recording does not help: 4 Hz is in step, --frequency 4.0371 is not'
+    ]
 
 
 def _noise(found: Fit) -> float:
@@ -236,6 +260,7 @@ def _judged(
     found: Fit,
     ambiguous: tuple[float, ...],
     means: bool,
+    folding: Sequence[str],
 ) -> Comparison:
     rate = min(_ERROR_RATE, 0.5 * log.rate, 0.5 / measured.curve.period)
     gain, offset = np.ones(2), np.zeros(2)
@@ -243,7 +268,7 @@ def _judged(
         if name in channels:
             gain[place], offset[place] = channels[name].gain.value, channels[name].offset.value
     before, after, true = _errors(measured, log, found, (gain, offset), rate, means)
-    notes = [*measured.notes, *log.notes]
+    notes = [*measured.notes, *log.notes, *folding]
     if 'voltage' not in channels:
         notes.append('the reference says nothing of voltage; ours is taken as it is')
     if 'current' not in channels:

@@ -24,6 +24,7 @@ class Curve:
 
     runs: tuple[tuple[Floats, Floats], ...]
     period: float  # s between samples
+    rows: int = 1  # that each sample is the mean of
 
     @classmethod
     def of(
@@ -40,7 +41,6 @@ class Curve:
         What is sampled faster than 8 kHz is averaged down to 4 kHz or a little more.
         """
         every = max(1, int(1.0 / period / _FAST))
-        every = every if every > 1 else 1
         runs = []
         for start, stop in zip(starts, stops, strict=True):
             count = (stop - start) // every
@@ -53,7 +53,7 @@ class Curve:
                     values[rows].reshape(count, every, -1).mean(axis=1),
                 )
             )
-        return cls(tuple(runs), period * every)
+        return cls(tuple(runs), period * every, every)
 
     @property
     def span(self) -> tuple[float, float]:
