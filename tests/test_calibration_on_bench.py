@@ -26,14 +26,22 @@ def trials():
 
 
 @pytest.mark.parametrize(
-    'name',
-    ['voltage gain', 'current gain', 'current offset', 'time offset', 'drift', 'voltage offset'],
+    ('name', 'widest'),
+    [
+        ('voltage gain', 0.002),
+        ('voltage offset', 0.08),  # V
+        ('current gain', 0.004),
+        ('current offset', 0.02),  # A
+        ('time offset', 8e-6),  # s
+        ('drift', 1.0),  # ppm
+    ],
 )
-def test_intervals_hold_the_truth_of_meters_and_clocks_that_are_off(trials, name):
+def test_intervals_hold_the_truth_of_meters_and_clocks_that_are_off(trials, name, widest):
     held = 0
     for found, truth in trials:
         value, true, _, _ = estimates(found, truth)[name]
         half = 0.5 * (value.high - value.low)
+        assert half < widest
         assert abs(value.value - true) < 2.5 * half
         held += value.low <= true <= value.high
     assert held >= SEEDS - 1
@@ -41,7 +49,9 @@ def test_intervals_hold_the_truth_of_meters_and_clocks_that_are_off(trials, name
 
 def test_the_bandwidth_is_that_of_the_meters_filter_delay_and_steps(trials):
     for found, truth in trials:
-        assert found.response.cutoff.value == pytest.approx(truth.bandwidth, rel=0.1)
+        cutoff = found.response.cutoff
+        assert cutoff.value == pytest.approx(truth.bandwidth, rel=0.1)
+        assert 0 < cutoff.high - cutoff.low < 200.0
         assert 0 < found.loss.rms < found.loss.total
 
 
