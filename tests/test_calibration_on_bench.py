@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from calibration import estimates, plant_blocks, trial
 from power_daq.calibrate_command import main as calibrate
@@ -10,10 +11,10 @@ from power_daq.recording.reader import Recording
 from power_daq.synchronisation.delay import delay_of
 from power_daq.synchronisation.events import answer_of
 from sim_bridge.bench_command import main as bench
-from sim_bridge.motions import Motion, bench_motion
+from sim_bridge.drive import JointCommand
 from sim_bridge.offline import OfflineRun, simulate_recording
 from sim_bridge.plant import Plant
-from sim_bridge.world import stand_world
+from sim_bridge.world import Stand, stand_world
 
 SEEDS = 5
 
@@ -78,23 +79,28 @@ def test_bench_writes_a_log_that_calibrate_reads(tmp_path, capsys):
     assert bench([*wanted[:-1], str(tmp_path / 'a.txt'), '--overwrite']) == 2
 
 
-def stand(motion, mode=None, plant='anymal_c', seconds=8.0):
-    played = Motion(bench_motion(motion, mode, seconds=seconds))
-    run = OfflineRun(
-        Plant.load(plant),
-        stand_world('LF_KFE'),
-        played,
-        duration=min(played.seconds, seconds + 4.0),
-        seed=3,
-    )
-    return simulate_recording(run)
+class Jumps:
+    """Torque that jumps every quarter of a second and pushes as much one way as the other."""
+
+    period = 5
+    velocity = None
+    name = 'jumps'
+
+    def command(self, simulation):
+        efforts = (30.0, 5.0, -30.0, -5.0)
+        return JointCommand(effort=np.array([efforts[int(4 * simulation.time + 1e-9) % 4]]))
+
+    def reset(self):
+        pass
 
 
-def test_jumps_of_torque_come_when_the_meters_delay_says():
-    found = answer_of(stand('square', 'torque'), 'LF_KFE')
-    assert found.events >= 5
-    # 0.4 ms, the filter of 450 Hz, half a period of 1 kHz: the jump lies between samples
-    assert found.current_half.value == pytest.approx(0.0006, abs=0.0006)
+def test_jumps_of_torque_are_answered_when_the_meters_delay_says():
+    heavy = stand_world('LF_KFE', Stand(inertia=5.0))
+    run = OfflineRun(Plant.load('anymal_c'), heavy, Jumps(), duration=5.0, seed=3)
+    found = answer_of(simulate_recording(run), 'LF_KFE')
+    assert found.events == 19
+    # 0.4 ms of delay and ln 2 / (2 pi 450 Hz), seen through samples 1 ms apart
+    assert found.current_half.value == pytest.approx(0.00065, abs=3e-4)
 
 
 def shifted(recording, by):

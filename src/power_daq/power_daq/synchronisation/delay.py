@@ -204,7 +204,8 @@ class _Problem:
 def _solved(x: Floats, y: Floats) -> Floats:
     size = np.sqrt((x**2).sum(axis=0))
     size = np.where(size > 0, size, 1.0)
-    solution: Floats = np.linalg.lstsq(x / size, y, rcond=None)[0] / size
+    scaled = x / size
+    solution: Floats = np.linalg.lstsq(scaled.T @ scaled, scaled.T @ y, rcond=None)[0] / size
     return solution
 
 
