@@ -1,8 +1,9 @@
 """
 The whole loop in about six minutes, from walking to a hidden effect that is found.
 
-The robot walks and is measured, a network learns and estimates live, and a model of effects is
-completed by the one that it misses.
+The robot walks and is measured, a network learns and estimates live while a policy that was
+trained to save power walks, both policies are compared, and a model of effects is completed by
+the one that it misses.
 
 Everything runs as a user would run it: by `ros2 run`, each node in a process of its own.
 """
@@ -146,7 +147,9 @@ class Demo:
         finally:
             node.stop()
 
-    def live(self, name: str, seconds: float, seed: int, model: Path | None = None) -> Path:
+    def live(
+        self, name: str, policy: str, seconds: float, seed: int, model: Path | None = None
+    ) -> Path:
         """Walk live with every node in its own process; returns the recording."""
         bag = self.output / name
         with tempfile.TemporaryDirectory(prefix='wattwalk') as folder, ExitStack() as stack:
@@ -160,11 +163,11 @@ class Demo:
             if model is not None:
                 estimate = ('estimate', '--ros-args', '-p', f'model:=ppn:{model}')
                 nodes.append(start(self.node(name, 'power_estimator', *estimate)))
-            walk = ('--policy', 'trot', '--start', '--random-commands', '--restart-after', '1')
+            walk = ('--policy', policy, '--start', '--random-commands', '--restart-after', '1')
             runner = start(self.node(name, 'policy_runner', 'run', *walk, '--seed', str(seed)))
             nodes.append(runner)
             runner.wait_for('running')
-            card = ('--card', 'robot=anymal_c', 'controller=trot', 'notes=demo, simulated')
+            card = ('--card', 'robot=anymal_c', f'controller={policy}', 'notes=demo, simulated')
             record = ('-o', str(bag), '--duration', str(seconds), *card)
             recorder = start(self.node(name, 'power_daq', 'record', *record))
             self._watch(recorder, nodes, seconds)
@@ -186,9 +189,9 @@ class Demo:
                 time.sleep(0.5)
                 progress.update(task, advance=0.5)
 
-    def offline(self, names: Sequence[str], seconds: float, seed: int) -> list[Path]:
-        """Simulate recordings side by side, faster than real time."""
-        bags = [self.output / name for name in names]
+    def offline(self, policies: Sequence[str], seconds: float, seed: int) -> list[Path]:
+        """Simulate a recording of each policy side by side, faster than real time."""
+        bags = [self.output / f'offline_{policy}' for policy in policies]
         with ExitStack() as stack, self.console.status('simulating'):
             nodes = [
                 stack.enter_context(
@@ -198,6 +201,8 @@ class Demo:
                         'sim',
                         '--offline',
                         '--pushes',
+                        '--controller',
+                        policy,
                         '--seed',
                         str(100 * seed + index),
                         '--duration',
@@ -206,7 +211,7 @@ class Demo:
                         str(bag),
                     )
                 )
-                for index, bag in enumerate(bags)
+                for index, (policy, bag) in enumerate(zip(policies, bags, strict=True))
             ]
             for node in nodes:
                 node.wait(20 * PATIENCE)
@@ -222,19 +227,21 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
     """Record live, add offline recordings, train, then estimate live and compare."""
     live, seed = options.live, options.seed
     demo.title(
-        f'1/5  ANYmal walks for {live:.0f} s, simulated; its 12 drives are metered at 1 kHz'
+        f'1/6  ANYmal walks for {live:.0f} s, simulated; its 12 drives are metered at 1 kHz'
     )
-    first = demo.live('live_1', live, seed)
+    first = demo.live('live_1', 'baseline', live, seed)
 
-    demo.title('2/5  More walking, faster than real time')
-    offline = demo.offline(['offline_1', 'offline_2'], options.offline, seed)
+    demo.title('2/6  More walking, faster than real time')
+    offline = demo.offline(['trot', 'baseline'], options.offline, seed)
 
-    demo.title('3/5  A network per drive type learns watts from position error, torque and speed')
+    demo.title('3/6  A network per drive type learns watts from position error, torque and speed')
     network = demo.output / 'ppn'
     demo.run('power_estimator', 'train', first, *offline, '-o', network, '--folds', '1')
 
-    demo.title(f'4/5  The network estimates live while the robot walks for {live:.0f} s more')
-    second = demo.live('live_2', live, seed + 1, network)
+    demo.title(
+        f'4/6  The network estimates live while a policy that saves power walks for {live:.0f} s'
+    )
+    second = demo.live('live_2', 'pmp', live, seed + 1, network)
     picture = demo.output / 'live.png'
     demo.run(
         *(
@@ -248,14 +255,19 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
         ),
         *('--picture', picture),
     )
+    demo.title('5/6  Both policies at the same speeds: what do they draw, and where?')
+    page = demo.output / 'policies.html'
+    demo.run(
+        *('policy_training', 'evaluate', '--policies', 'baseline', 'pmp'),
+        *('--tasks', 'forward', 'turn', '--trials', '0', '--models', f'ppn:{network}'),
+        *('--report', page),
+    )
     better = hidden_effect(demo, options.challenge)
     demo.title('Done')
     demo.console.print(f'recordings  {_short(str(first))}, {_short(str(second))}')
     demo.console.print(f'network     {_short(str(network))}')
     demo.console.print(f'picture     {_short(str(picture))}')
-    demo.console.print(
-        f'reports     {_short(str(demo.output / "why.html"))}, compare.html beside it'
-    )
+    demo.console.print(f'reports     {_short(str(page))}; why.html and compare.html beside it')
     if better is not None:
         demo.console.print(f'model       {_short(str(better))}')
     demo.console.print(
@@ -270,7 +282,7 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
 
 def hidden_effect(demo: Demo, seed: int) -> Path | None:
     """Hide an effect in the drives, find it, add it, and judge both models on another walk."""
-    demo.title('5/5  An effect is hidden in the drives of another robot: which one?')
+    demo.title('6/6  An effect is hidden in the drives of another robot: which one?')
     riddle, other = demo.output / 'riddle', demo.output / 'riddle_again'
     base, why = demo.output / 'base.yaml', demo.output / 'why.json'
     may_know = demo.output / 'riddle.json'

@@ -1,0 +1,32 @@
+import pytest
+from policy_runner.network import Perceptron
+from policy_runner.policies import SHIPPED, shipped
+from policy_runner.policy_folder import read_folder
+from policy_training.tasks import TASKS
+from policy_training.trials import LIMITS, TrialConfig, run_trials
+from policy_training.walk import measure_walk
+from sim_bridge.plant import Plant
+
+FORWARD = next(task for task in TASKS if task.name == 'forward')
+
+
+def test_the_papers_policies_are_shipped():
+    assert {'baseline', 'pmp', 'pmp_heavy'} <= set(shipped())
+
+
+@pytest.mark.parametrize('name', shipped())
+def test_a_shipped_policy_follows_commands_on_rough_ground_under_pushes(name):
+    contract, tensors = read_folder(SHIPPED / name)
+    network = Perceptron(tensors, contract.network.activation)
+    trials = run_trials(contract, network, TrialConfig(robots=24, seconds=10.0, seed=77))
+    assert trials.falls <= 1
+    for axis, most in zip(('vx', 'vy', 'yaw'), LIMITS, strict=True):
+        assert trials.mean_error[axis] < most
+
+
+def test_the_power_minimising_policy_draws_less_at_the_supply_at_the_same_speed():
+    plant, watts = Plant.load('anymal_c'), {}
+    for name in ('baseline', 'pmp'):
+        walk = measure_walk(name, FORWARD, plant, duration=6.0, seed=5)
+        watts[name] = walk.data.supply.mean()
+    assert watts['pmp'] < 0.95 * watts['baseline']
