@@ -126,6 +126,23 @@ def test_nan_in_the_joint_states_damps_with_the_reason_and_code_1(joints, file, 
     wait_until(lambda: any('not finite' in reason for reason in joints.reasons), 'the reason')
 
 
+def test_a_soak_is_not_begun_while_nobody_tells_how_warm_the_winding_is(
+    joints, file, node_process, tmp_path
+):
+    (tmp_path / 'next.yaml').write_text(
+        'format: motion/1\ndrives: [LF_KFE]\nsegments:\n'
+        '- {mode: position, amplitude: 0.2, frequency: 1.0, until_warmer: 20, seconds: 600}\n'
+    )
+    node = node_process('policy_runner', 'excite', file, '--start', *PATIENT)
+    node.wait_for_output('waiting: .*has no winding temperature of LF_KFE')
+    answer = joints.call('start')
+    assert not answer.success
+    assert 'has no winding temperature of LF_KFE' in answer.message
+    assert not joints.commands
+    node.interrupt()
+    assert node.wait() == 0
+
+
 def test_ctrl_c_leaves_the_drives_damped_and_says_that_the_motion_is_not_whole(
     joints, file, node_process
 ):
