@@ -47,7 +47,7 @@ def power_bars(entries: Sequence[Mapping[str, Any]]) -> Figure:
         )
     figure.update_layout(barmode='relative')
     figure.update_yaxes(title_text='power in W')
-    return _finished(figure)
+    return _finished(figure, below=95)
 
 
 def gait_cycles(cycles: Mapping[str, Cycle]) -> Figure:
@@ -166,9 +166,9 @@ def _rolling(values: NDArray[np.float64], width: int = 9) -> NDArray[np.float64]
     return np.round(np.convolve(padded, np.ones(width) / width, mode='valid'), 4)
 
 
-def _finished(figure: go.Figure) -> Figure:
+def _finished(figure: go.Figure, below: int = 45) -> Figure:
     figure.update_layout(
-        margin={'l': 60, 'r': 10, 't': 30, 'b': 45},
+        margin={'l': 60, 'r': 10, 't': 30, 'b': below},
         paper_bgcolor='rgba(0,0,0,0)',
         plot_bgcolor='rgba(0,0,0,0)',
         legend={'orientation': 'h', 'y': 1.08},

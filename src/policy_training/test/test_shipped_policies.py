@@ -19,14 +19,18 @@ def test_a_shipped_policy_follows_commands_on_rough_ground_under_pushes(name):
     contract, tensors = read_folder(SHIPPED / name)
     network = Perceptron(tensors, contract.network.activation)
     trials = run_trials(contract, network, TrialConfig(robots=24, seconds=10.0, seed=77))
-    assert trials.falls <= 1
+    assert trials.falls <= 2
     for axis, most in zip(('vx', 'vy', 'yaw'), LIMITS, strict=True):
         assert trials.mean_error[axis] < most
 
 
-def test_the_power_minimising_policy_draws_less_at_the_supply_at_the_same_speed():
-    plant, watts = Plant.load('anymal_c'), {}
-    for name in ('baseline', 'pmp'):
+def test_more_weight_on_power_draws_less_at_the_supply_on_the_same_command():
+    plant, watts = Plant.load('anymal_c'), []
+    for name in ('baseline', 'pmp', 'pmp_heavy'):
         walk = measure_walk(name, FORWARD, plant, duration=6.0, seed=5)
-        watts[name] = walk.data.supply.mean()
-    assert watts['pmp'] < 0.95 * watts['baseline']
+        assert walk.falls == 0
+        assert walk.velocity[walk.steady, 0].mean() > 0.5
+        watts.append(walk.data.supply[walk.steady].mean())
+    baseline, pmp, heavy = watts
+    assert pmp < 0.97 * baseline
+    assert heavy < 0.9 * pmp
