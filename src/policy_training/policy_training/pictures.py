@@ -47,7 +47,7 @@ def power_bars(entries: Sequence[Mapping[str, Any]]) -> Figure:
         )
     figure.update_layout(barmode='relative')
     figure.update_yaxes(title_text='power in W')
-    return _finished(figure, below=95)
+    return _finished(figure, below=125)
 
 
 def gait_cycles(cycles: Mapping[str, Cycle]) -> Figure:
