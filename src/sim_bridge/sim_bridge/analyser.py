@@ -78,7 +78,8 @@ class Analyser:
         inside = max(1, round(20_000.0 / given.rate))
         period = 1.0 / given.rate / (1.0 + 1e-6 * given.clock_drift)
         count = int(edges[-1] / period)
-        fine: Floats = (np.arange(count * inside) + 0.5) * (period / inside)
+        middles = np.arange(count * inside, dtype=np.float64) + 0.5
+        fine: Floats = np.asarray(middles * (period / inside), np.float64)
         volts = _between(edges, voltage)(fine)
         amps = _between(edges, current)(fine)
         amps += given.ripple * self._ripple(edges, angle, current, fine)
