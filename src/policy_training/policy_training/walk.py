@@ -133,6 +133,8 @@ def _held(recording: Recording, time: Floats, task: Task) -> NDArray[np.bool_]:
     commands = recording.cmd_vel()
     seconds = commands.stamp_ns * 1e-9
     same = np.isclose(commands.velocity, task.command, atol=1e-3).all(axis=1)
+    if same.all():
+        return np.asarray(time - seconds[0] > _AFTER)
     broken = seconds[~same]
     latest = np.searchsorted(broken, time, side='right') - 1
     since = np.where(latest >= 0, broken[np.maximum(latest, 0)], seconds[0])

@@ -1,6 +1,7 @@
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from policy_training.scores import score
 from policy_training.tasks import TASKS, Task, parse_tasks
 from policy_training.trials import TrialConfig
 from policy_training.verdict import verdict
-from policy_training.walk import RAW_RATE, idle_power, measure_walk, recorded_walk
+from policy_training.walk import RAW_RATE, _held, idle_power, measure_walk, recorded_walk
 from power_daq.cli import InputError
 from power_daq.recording.card import Card
 from power_estimator.proxies import Proxy
@@ -192,6 +193,16 @@ def test_the_command_writes_json_and_a_page_that_needs_no_network(tmp_path, netw
     assert not re.search(r'(src|href)="https?:', text)
     assert 'Content-Security-Policy' in text
     assert 'trot' in capsys.readouterr().out
+
+
+def test_a_command_that_holds_all_the_time_counts_after_a_second_and_a_half():
+    told = SimpleNamespace(
+        stamp_ns=np.arange(0, 5_000_000_000, 100_000_000),
+        velocity=np.tile(np.float32([0.6, 0.0, 0.0]), (50, 1)),
+    )
+    recording = SimpleNamespace(cmd_vel=lambda: told)
+    held = _held(recording, np.array([0.5, 1.4, 1.6, 4.0]), Task('forward', (0.6, 0.0, 0.0)))
+    assert held.tolist() == [False, False, True, True]
 
 
 def test_a_bag_of_running_nodes_is_evaluated_by_the_command_that_it_holds(tmp_path):
