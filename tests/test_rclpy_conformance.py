@@ -70,6 +70,7 @@ CALLS = {
     'rclpy:try_shutdown': [{}],
     'rclpy:shutdown': [{'context': None}],
     'rclpy.node:Node': [('name',), {'node_name': 'name', 'context': None, 'namespace': ''}],
+    'rclpy.node:Node.get_namespace': [('self',)],
     'rclpy.node:Node.declare_parameter': [('self', 'name', 1.0, 'descriptor')],
     'rclpy.node:Node.get_parameter': [('self', 'name')],
     'rclpy.node:Node.create_publisher': [('self', 'type', 'topic', 'qos')],

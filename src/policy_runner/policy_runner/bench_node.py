@@ -12,6 +12,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from policy_runner.bench_filing import file_away
@@ -32,8 +33,8 @@ _SPARE = 600.0  # s that a recorder outlasts its motion at most, should nobody e
 class BenchNode(ExciteNode):
     """Starts the recorder once all is there, the motion once that records, and watches both."""
 
-    services: ClassVar = {
-        name: action for name, action in ExciteNode.services.items() if name != 'start'
+    offered: ClassVar = {
+        name: action for name, action in ExciteNode.offered.items() if name != 'start'
     }
 
     def __init__(self, options: argparse.Namespace, motion: MotionFile) -> None:
@@ -133,7 +134,7 @@ def main(arguments: Sequence[str]) -> int:
     motion = motion_of(options)
     if options.output is not None:
         check_new(Path(options.output))
-    rclpy.init(args=list(arguments), signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     node, code, why = None, 1, 'ended before it began'

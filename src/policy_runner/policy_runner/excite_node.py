@@ -38,10 +38,10 @@ class ExciteNode(Node):
     """
     Feeds the run of a motion from joint_states and sends what it gives.
 
-    services: what others may call, by name.
+    offered: what others may call, by name.
     """
 
-    services: ClassVar[Mapping[str, Callable[[ExcitationRun, float], tuple[bool, str]]]] = {
+    offered: ClassVar[Mapping[str, Callable[[ExcitationRun, float], tuple[bool, str]]]] = {
         'start': ExcitationRun.start,
         'stop': ExcitationRun.stop,
         'estop': ExcitationRun.emergency_stop,
@@ -72,7 +72,7 @@ class ExciteNode(Node):
         self.create_subscription(JointState, 'joint_states', self._on_joints, _SENSORS)
         if motion.warms:
             self.create_subscription(DriveSupply, 'drive_supply', self._on_supply, _SENSORS)
-        for name, action in self.services.items():
+        for name, action in self.offered.items():
             self._service(name, action)
         self.create_timer(1.0 / rate, self._step, clock=self._time)
         self.create_timer(1.0, self._look_around, clock=Clock(clock_type=_STEADY))
