@@ -1,7 +1,6 @@
 """The thread that reads the bus, opens it again when it goes, and says how it is."""
 
 import logging
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -13,6 +12,7 @@ from queue import Empty, SimpleQueue
 import can
 
 from power_daq.receiver import Receiver, Sample
+from power_daq.worker import Worker
 
 _log = logging.getLogger(__name__)
 _S = 1_000_000_000
@@ -104,7 +104,7 @@ class Arrivals:
         return steady - age if steady >= self._known_from and 0 < age < self._largest else steady
 
 
-class Acquisition:
+class Acquisition(Worker):
     """
     Reads a bus in a thread of its own and hands samples to a sink.
 
@@ -126,33 +126,10 @@ class Acquisition:
         self._open_bus = open_bus
         self._sink = sink
         self._patience = patience or Patience()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='acquisition', daemon=True)
+        super().__init__('acquisition')
         self._bus: can.BusABC | None = None
-        self._error: BaseException | None = None
         self.absence = 'not opened yet'
         self.opened = 0
-
-    def start(self) -> None:
-        """Begin to read."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Ask the thread to end; it does so within the time of one read."""
-        self._stop.set()
-
-    def join(self, timeout: float | None = None) -> bool:
-        """Wait for the thread to end; whether it has. Raises what ended it."""
-        if self._thread.ident is not None:
-            self._thread.join(timeout)
-        if self._error is not None:
-            raise self._error
-        return not self._thread.is_alive()
-
-    @property
-    def failed(self) -> bool:
-        """Whether the thread has ended by an exception."""
-        return self._error is not None
 
     @property
     def state(self) -> BusState:
@@ -162,12 +139,9 @@ class Acquisition:
         age = time.monotonic_ns() - self.receiver.last_mapped
         return BusState.ACTIVE if age < self._patience.silence * _S else BusState.SILENT
 
-    def _run(self) -> None:
-        try:
-            while not self._stop.is_set():
-                self._serve_once()
-        except BaseException as error:
-            self._error = error
+    def _work(self) -> None:
+        while not self._stop.is_set():
+            self._serve_once()
 
     def _serve_once(self) -> None:
         bus = self._open()

@@ -1,7 +1,6 @@
 """The thread that owns an EtherCAT segment: a frame each cycle, and the segment again if lost."""
 
 import logging
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from power_daq.ethercat.segment import (
     check_order,
 )
 from power_daq.receiver import Sample
+from power_daq.worker import Worker
 
 _log = logging.getLogger(__name__)
 Flags = NDArray[np.uint8]
@@ -51,7 +51,7 @@ class CycleCounts:
     device_errors: int = 0
 
 
-class SegmentAcquisition:
+class SegmentAcquisition(Worker):
     """
     Exchanges process data each cycle, and hands samples to a sink.
 
@@ -91,30 +91,7 @@ class SegmentAcquisition:
         self._toggles: list[bool | None] = [None] * len(self._channels)
         self._start: float | None = None
         self._lost = 0
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='ethercat', daemon=True)
-        self._error: BaseException | None = None
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Ask the thread to end; it does so after the call of the segment under way."""
-        self._stop.set()
-
-    def join(self, timeout: float | None = None) -> bool:
-        """Wait for the thread to end; whether it has. Raises what ended it."""
-        if self._thread.ident is not None:
-            self._thread.join(timeout)
-        if self._error is not None:
-            raise self._error
-        return not self._thread.is_alive()
-
-    @property
-    def failed(self) -> bool:
-        """Whether the thread has ended by an exception."""
-        return self._error is not None
+        super().__init__('ethercat')
 
     @property
     def lost(self) -> int:
@@ -125,18 +102,15 @@ class SegmentAcquisition:
         self._lost = max(self._lost, ended - self.counts.cycles)
         return self._lost
 
-    def _run(self) -> None:
-        try:
-            pause = self._patience.first_retry
-            while not self._stop.is_set():
-                cycles = self.counts.cycles
-                self._serve_once()
-                if self.counts.cycles > cycles:
-                    pause = self._patience.first_retry
-                self._stop.wait(pause)
-                pause = min(2 * pause, self._patience.last_retry)
-        except BaseException as error:
-            self._error = error
+    def _work(self) -> None:
+        pause = self._patience.first_retry
+        while not self._stop.is_set():
+            cycles = self.counts.cycles
+            self._serve_once()
+            if self.counts.cycles > cycles:
+                pause = self._patience.first_retry
+            self._stop.wait(pause)
+            pause = min(2 * pause, self._patience.last_retry)
 
     def _serve_once(self) -> None:
         segment = self._make()

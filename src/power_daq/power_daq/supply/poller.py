@@ -1,7 +1,6 @@
 """The thread that asks a bench supply at a fixed rate, and connects again when it goes."""
 
 import logging
-import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -10,6 +9,7 @@ from power_daq.clock_mapping import RosTime
 from power_daq.supply.answers import AnswerError, Identity, Measured, ScpiError
 from power_daq.supply.instrument import Instrument, LostError
 from power_daq.supply.reading import Reading
+from power_daq.worker import Worker
 
 _log = logging.getLogger(__name__)
 _S = 1_000_000_000
@@ -48,7 +48,7 @@ class PollState:
     counts: PollCounts = field(default_factory=PollCounts)
 
 
-class Poller:
+class Poller(Worker):
     """
     Asks `rate` times a second; each answer goes to the sink once, or nowhere.
 
@@ -78,29 +78,7 @@ class Poller:
         self._start: float | None = None
         self._lost = 0
         self._next_check = 0.0
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='supply', daemon=True)
-        self._error: BaseException | None = None
-
-    def start(self) -> None:
-        """Begin to ask."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Ask the thread to end; it does so after the question under way."""
-        self._stop.set()
-
-    def join(self, timeout: float | None = None) -> None:
-        """Wait for the thread to end; raises what ended it."""
-        if self._thread.ident is not None:
-            self._thread.join(timeout)
-        if self._error is not None:
-            raise self._error
-
-    @property
-    def failed(self) -> bool:
-        """Whether the thread has ended by an exception."""
-        return self._error is not None
+        super().__init__('supply')
 
     @property
     def lost(self) -> int:
@@ -111,12 +89,9 @@ class Poller:
         self._lost = max(self._lost, ended - self.state.counts.readings)
         return self._lost
 
-    def _run(self) -> None:
-        try:
-            while not self._stop.is_set():
-                self._serve_once()
-        except BaseException as error:
-            self._error = error
+    def _work(self) -> None:
+        while not self._stop.is_set():
+            self._serve_once()
 
     def _serve_once(self) -> None:
         instrument = self._wait_for_instrument()

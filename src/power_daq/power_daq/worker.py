@@ -1,0 +1,44 @@
+"""A thread with an owner: begun, asked to end, waited for; the owner is told what ended it."""
+
+import threading
+from abc import ABC, abstractmethod
+
+
+class Worker(ABC):
+    """Runs `_work` in a thread of a name, until it returns, raises, or sees `_stop` set."""
+
+    def __init__(self, name: str) -> None:
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._error: BaseException | None = None
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask the thread to end; it does so after the read, question or call under way."""
+        self._stop.set()
+
+    def join(self, timeout: float | None = None) -> bool:
+        """Wait for the thread to end; whether it has. Raises what ended it."""
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+        if self._error is not None:
+            raise self._error
+        return not self._thread.is_alive()
+
+    @property
+    def failed(self) -> bool:
+        """Whether the thread has ended by an exception."""
+        return self._error is not None
+
+    def _run(self) -> None:
+        try:
+            self._work()
+        except BaseException as error:
+            self._error = error
+
+    @abstractmethod
+    def _work(self) -> None:
+        """What the thread does; returns soon after `_stop` is set."""
