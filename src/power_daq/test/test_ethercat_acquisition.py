@@ -43,7 +43,7 @@ class Frames:
         self.found = [Identity(2, 0x044C2C52), Identity(2, 0x0C1E3052)]
         self.opened = self.closed = 0
         self.threads = set()
-        self.sent = {}
+        self.entered, self.left = [], []
 
     def __call__(self):
         self.opened += 1
@@ -60,13 +60,14 @@ class Frames:
         return 1
 
     def exchange(self):
-        self.sent[self.frame] = time.monotonic_ns()
+        self.entered.append(time.monotonic_ns())
         counter, status, turn = self.script(self.frame)
         self.frame += 1
         if counter >= 0 and turn:
             self.toggle ^= 0x8000
             word = self.toggle | status
             self.image = struct.pack('<HhHh', word, 0x4000, word, -0x2000)
+        self.left.append(time.monotonic_ns())
         return counter
 
     def inputs(self, slave):
@@ -122,9 +123,9 @@ def test_samples_are_volts_times_ratio_plus_offset_at_the_time_of_the_frame_befo
     assert current == pytest.approx(0.5 - 5.0 * 10.0 * 0x2000 / 0x7FFF)
     assert status == DriveSupply.OK
     offset = run.acquisition.ros_time.offset
+    ended = [0, *run.frames.left]
     for number, sample in enumerate(run.samples[:10]):
-        before, after = run.frames.sent[number], run.frames.sent[number + 1]
-        assert before <= sample.device_time < after
+        assert ended[number] <= sample.device_time <= run.frames.entered[number + 1]
         assert abs(sample.stamp - offset - sample.device_time) < 5e6
     stamps = [sample.stamp for sample in run.samples]
     assert stamps == sorted(set(stamps))
