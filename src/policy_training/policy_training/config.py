@@ -43,12 +43,13 @@ class RandomConfig:
     payload: float = bounded(5.0, 0.0, 10.0, 'kg', 'on or off the base, at most')
     push: float = bounded(1.0, 0.0, 5.0, 'm/s', 'along x and y, at most')
     push_period: float = bounded(15.0, 0.1, 600.0, 's', 'between pushes')
-    delay: float = bounded(0.010, 0.0, 0.02, 's', 'of a target on its way, at most')
+    delay: float = bounded(0.015, 0.0, 0.02, 's', 'of a target on its way, at most')
     stiffness: float = bounded(0.1, 0.0, 0.5, '', 'spread of both gains')
     drive_friction: float = bounded(0.3, 0.0, 0.9, '', 'spread')
     inertia: float = bounded(0.2, 0.0, 0.9, '', 'spread of the rotors')
     pose: float = bounded(0.5, 0.0, 0.9, '', 'spread of the joint angles at a start')
     velocity: float = bounded(0.5, 0.0, 2.0, 'm/s, rad/s', 'of the base at a start, at most')
+    resting: float = bounded(0.2, 0.0, 1.0, '', 'share of starts at rest in the default pose')
 
     def __post_init__(self) -> None:
         if self.friction_low > self.friction_high:
@@ -77,6 +78,7 @@ class CommandConfig:
 class NoiseConfig:
     """Uniform noise on observations, before scaling, both ways."""
 
+    least: float = bounded(0.0, 0.0, 1.0, '', 'share of it that the quietest robot has')
     base_velocity: float = bounded(0.1, 0.0, 2.0, 'm/s', '')
     angular_velocity: float = bounded(0.2, 0.0, 5.0, 'rad/s', '')
     gravity: float = bounded(0.05, 0.0, 1.0, '', '')

@@ -66,7 +66,8 @@ class WalkingEnvironment:
         self.longest = round(config.physics.episode / config.step_time)
         self._new_command = round(config.commands.period / config.step_time)
         self._new_push = round(config.random.push_period / config.step_time)
-        self._noise = self._noise_levels()
+        share = self._random.uniform(config.noise.least, 1.0, (count, 1))
+        self._noise = (share * self._noise_levels()).astype(np.float32)
         self.motion: Motion = self._start(np.arange(count))
         self.age[:] = self._random.integers(0, self.longest, count)
 
@@ -164,13 +165,13 @@ class WalkingEnvironment:
         self.age[ids] = 0
         return self.robots.motion()
 
-    def _noise_levels(self) -> NDArray[np.float32]:
+    def _noise_levels(self) -> Floats:
         noise = self.config.noise
         levels = np.zeros(self.observation.size)
         for name in self.observation.names:
             if name not in ('command', 'last_action'):
                 levels[self.observation.part(name)] = getattr(noise, name)
-        return (levels * np.abs(self.observation.scales())).astype(np.float32)
+        return np.asarray(levels * np.abs(self.observation.scales()))
 
     def _log(self, terms: dict[str, Floats], motion: Motion, reward: Floats) -> dict[str, float]:
         away = self.commands.values - np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])

@@ -30,6 +30,7 @@ _DOWN: Final = np.array([0.0, 0.0, -1.0])
 _LIMBS: Final = tuple(f'{leg}_{part}' for leg in LEGS for part in ('THIGH', 'SHANK'))
 _MOST_TILT: Final = 1.0  # rad
 _LEAST_HEIGHT: Final = 0.25  # m, base over the lowest foot
+_DROP: Final = 0.04  # m, that a start in motion is put above the ground
 
 
 @dataclass(frozen=True)
@@ -78,15 +79,14 @@ class Robots:
             extent=physics.extent,
             seed=int(random.integers(2**31)),
         )
-        spec = build_spec(timestep=physics.timestep, contact_sensors=True)
-        add_planes(spec, friction=1.0)
-        model = spec.compile()
-        batch = self._batch = Batch(model, count, physics.threads)
-        self._ground = Ground(terrain, model, batch)
         plant = Plant.load(physics.plant)
         self.drives = BatchDrives(plant, count, physics.timestep, spread, random)
-        self._damping = batch.expand('dof_damping')
-        batch.expand('dof_armature')[:, 6:] = self.drives.inertia
+        spec = build_spec(armature=0.0, timestep=physics.timestep, contact_sensors=True)
+        add_planes(spec, friction=1.0)
+        model = spec.compile()
+        model.dof_damping[6:] = self.drives.joint_damping
+        batch = self._batch = Batch(model, count, physics.threads)
+        self._ground = Ground(terrain, model, batch)
         batch.expand('geom_friction')[..., 0] = random.uniform(
             spread.friction_low, spread.friction_high, (count, 1)
         )
@@ -113,14 +113,20 @@ class Robots:
         return position
 
     def start(self, ids: NDArray[np.intp], hardness: float = 1.0) -> None:
-        """Put some robots down somewhere, in a random pose and in motion, of both a share."""
+        """
+        Put some robots down somewhere: at rest, or in a random pose and in motion.
+
+        hardness: share of both that there is.
+        """
         random, spread, count = self._random, self._spread, len(ids)
-        bent, moving = hardness * spread.pose, hardness * spread.velocity
+        rough = (random.random(count) >= spread.resting)[:, None]
+        bent, moving = hardness * spread.pose * rough, hardness * spread.velocity * rough
         pose = DEFAULT_POSE * random.uniform(1 - bent, 1 + bent, (count, 12))
         where = random.uniform(-self._ground.relief.reach, self._ground.relief.reach, (count, 2))
         heading = random.uniform(-np.pi, np.pi, count)
         self._qpos[ids, :2] = where
-        self._qpos[ids, 2] = self._ground.relief.above(where) + STANDING_HEIGHT + 0.04
+        drop = np.where(rough[:, 0], _DROP, 0.0)
+        self._qpos[ids, 2] = self._ground.relief.above(where) + STANDING_HEIGHT + drop
         self._qpos[ids, 3:7] = 0.0
         self._qpos[ids, 3], self._qpos[ids, 6] = np.cos(heading / 2), np.sin(heading / 2)
         self._qpos[ids, 7:] = pose
@@ -144,17 +150,14 @@ class Robots:
         drives.aim(np.clip(targets, TARGET_LIMITS[:, 0], TARGET_LIMITS[:, 1]))
         squares = np.zeros((self.count, 12))
         for _ in range(self.decimation):
-            motor, damping = drives.push(position, velocity)
-            self._damping[:, 6:] = damping
-            self._control[:] = motor
-            before = velocity.copy()
+            motor, self._control[:] = drives.push(position, velocity)
             self._ground.follow(self._soles[:, self._sole_ids])
             self._batch.step()
             squares += motor * motor
             self.substeps.append(
                 Substep(
                     position_error=drives.target - position,
-                    torque=drives.output(before, velocity),
+                    torque=drives.output(velocity),
                     velocity=velocity.copy(),
                 )
             )

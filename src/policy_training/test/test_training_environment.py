@@ -60,13 +60,21 @@ def test_training_and_the_robot_see_and_do_the_same(tiny, tmp_path):
 
 
 def test_noise_stays_within_its_levels(tiny):
-    environment = WalkingEnvironment(tiny)
+    environment = WalkingEnvironment(tiny.with_values({'noise.least': 1.0}))
     seen = np.stack([environment.observe() for _ in range(200)])
     spread = np.abs(seen - seen.mean(axis=0)).max(axis=(0, 1))
     levels = {'base_velocity': 0.1 * 2.0, 'joint_velocity': 1.5 * 0.05, 'command': 0.0}
     for name, level in levels.items():
         assert spread[STANDARD.part(name)].max() <= 1.1 * level + 1e-5
         assert spread[STANDARD.part(name)].max() >= 0.8 * level
+
+
+def test_some_robots_have_better_sensors_than_others(tiny):
+    environment = WalkingEnvironment(tiny.with_values({'physics.environments': 32}))
+    seen = np.stack([environment.observe() for _ in range(200)])
+    levels = seen.std(axis=0)[:, STANDARD.part('joint_velocity')].mean(axis=1)
+    assert levels.max() > 4.0 * levels.min() > 0.0
+    assert levels.max() <= 1.05 * 1.5 * 0.05 / np.sqrt(3.0)
 
 
 def test_the_power_term_is_weight_times_watts_after_the_mask(tiny):
@@ -180,6 +188,7 @@ def test_mirrored_robots_under_mirrored_actions_stay_mirror_images(tiny):
             'inertia',
             'velocity',
             'pose',
+            'resting',
         )
     }
     flat = {'physics.noise': 0.0, 'physics.slope': 0.0, 'random.friction_high': 0.5}

@@ -6,8 +6,9 @@ from policy_runner.trot import TROTS, ScriptedTrot
 from policy_training.config import PhysicsConfig, RandomConfig
 from policy_training.drives import BatchDrives
 from policy_training.robots import Robots
+from sim_bridge.drive import Drives, JointCommand
 from sim_bridge.plant import Plant
-from sim_bridge.robot import DEFAULT_POSE
+from sim_bridge.robot import DEFAULT_POSE, JOINT_NAMES
 
 CALM = RandomConfig(
     friction_low=0.9,
@@ -20,6 +21,7 @@ CALM = RandomConfig(
     inertia=0.0,
     pose=0.0,
     velocity=0.0,
+    resting=0.0,
 )
 FLAT = PhysicsConfig(environments=2, threads=1, noise=0.0, slope=0.0)
 
@@ -34,34 +36,60 @@ def drives(spread=CALM, plant='anymal_c', count=1):
     return BatchDrives(Plant.load(plant), count, 0.005, spread, np.random.default_rng(0))
 
 
-def test_the_motor_is_the_position_loop_in_series_with_the_spring():
-    made = drives()
+def held(made, target, steps=400):
+    """Torque on joints that are held at 0 rad, once rotors are at rest."""
     made.start(np.arange(1), np.zeros((1, 12)))
-    made.aim(np.full((1, 12), 0.1))
-    motor, _ = made.push(np.zeros((1, 12)), np.full((1, 12), 0.5))
-    np.testing.assert_allclose(motor, (80.0 * 0.1 - 2.0 * 0.5) * 400.0 / 480.0)
+    made.aim(np.full((1, 12), target))
+    for _ in range(steps):
+        made.push(np.zeros((1, 12)), np.zeros((1, 12)))
+    return made.output(np.zeros((1, 12)))[0]
 
 
-def test_an_ideal_drive_hands_on_what_its_motor_makes():
-    made = drives(plant='ideal')
-    made.aim(np.full((1, 12), 0.1))
-    motor, damping = made.push(np.zeros((1, 12)), np.ones((1, 12)))
-    np.testing.assert_allclose(motor, 8.0 - 2.0)
-    assert not damping.any()
-    np.testing.assert_allclose(made.output(np.ones((1, 12)), np.full((1, 12), 1.5)), 6.0)
+@pytest.mark.parametrize('plant', ['anymal_c', 'ideal'])
+def test_the_position_loop_closes_behind_the_spring_which_does_not_soften_it(plant):
+    np.testing.assert_allclose(held(drives(plant=plant), 0.1), 80.0 * 0.1, rtol=1e-3)
 
 
-def test_friction_and_rotor_take_their_share_of_the_torque():
+def test_a_joint_that_turns_feels_grease_and_dry_friction():
+    made, speed = drives(), np.full((1, 12), 2.0)
+    for step in range(400):
+        position = speed * 0.005 * step
+        made.aim(position)
+        motor, _ = made.push(position, speed)
+    dry = 1.5 + 0.8 / (1 + 16.0) ** 2 + 0.06 * abs(motor[0, 0])
+    drag = 2.0 * 2.4 / (1 + 2.0 / 40.0) + dry * 2.0 / 2.03
+    assert motor[0, 0] == pytest.approx(-2.0 * 2.0, abs=0.5)
+    assert made.output(speed)[0, 0] == pytest.approx(motor[0, 0] - drag, rel=0.01)
+
+
+def test_joints_feel_what_they_feel_of_the_simulators_drives():
+    """A joint swings by 0.3 rad at 2 Hz behind a target that steps at 50 Hz."""
+    step, names = 0.0005, JOINT_NAMES
+    truth = Drives(Plant.load('anymal_c'), names, step, 1)
     made = drives()
-    made.aim(np.zeros((1, 12)))
-    speed = np.full((1, 12), 2.0)
-    motor, damping = made.push(np.zeros((1, 12)), speed)
-    haa = 0
-    dry = 1.5 + 0.8 / (1 + 16.0) ** 2 + 0.06 * abs(motor[0, haa])
-    drag = 2.4 + dry / 2.1
-    assert damping[0, haa] == pytest.approx(drag)
-    output = made.output(speed, speed + 0.1)[0, haa]
-    assert output == pytest.approx(motor[0, haa] - drag * 2.1 - 0.0675 * 0.1 / 0.005)
+    truth.reset(np.zeros(12))
+    made.start(np.arange(1), np.zeros((1, 12)))
+    w, felt, expected = 2 * np.pi * 2.0, [], []
+    out = np.zeros(12)
+    for tick in range(400):
+        time = 0.005 * tick
+        if tick % 4 == 0:
+            target = np.full(12, 0.3 * np.sin(w * time) + 0.1 * np.cos(w * time))
+            made.aim(target[None])
+            truth.hold(JointCommand(position=target))
+        total = 0.0
+        for small in range(10):
+            now = time + step * small
+            q, v = 0.3 * np.sin(w * now), 0.3 * w * np.cos(w * now)
+            truth.step(0, np.full(12, q), np.full(12, v), out)
+            total += out[0] / 10
+        expected.append(total)
+        q, v = 0.3 * np.sin(w * time), 0.3 * w * np.cos(w * time)
+        after = 0.3 * w * np.cos(w * (time + 0.005))
+        made.push(np.full((1, 12), q), np.full((1, 12), v))
+        felt.append(made.output(np.full((1, 12), after))[0, 0])
+    away = np.array(felt[100:]) - np.array(expected[100:])
+    assert np.sqrt(np.mean(away**2)) < 0.08 * np.std(expected[100:])
 
 
 def test_targets_arrive_after_each_robots_delay():
@@ -101,6 +129,15 @@ def test_the_scripted_trot_walks_in_training_as_it_does_on_the_robot():
     np.testing.assert_allclose(np.mean(seen, axis=0), commands, atol=0.1)
     weight = motion.foot_force.sum(axis=1).mean()
     assert weight == pytest.approx(52.1 * 9.81, rel=0.6)
+
+
+def test_a_share_of_the_robots_starts_at_rest_in_the_default_pose():
+    spread = replace(CALM, pose=0.5, velocity=0.5, resting=0.5)
+    motion = robots(replace(FLAT, environments=200), spread).motion()
+    still = (np.abs(motion.position - DEFAULT_POSE) < 1e-9).all(axis=1)
+    assert 70 <= still.sum() <= 130
+    assert not motion.velocity[still].any()
+    assert (np.abs(motion.velocity[~still]).max(axis=1) > 0).all()
 
 
 def test_standing_feet_carry_the_weight():
