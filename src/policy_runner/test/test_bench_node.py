@@ -3,24 +3,19 @@ import json
 import os
 import resource
 import signal
-import threading
-import time
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
-import rclpy
 import yaml
+from peers import PATIENCE, Peer, wait_until
 from policy_runner.bench_recorder import RecorderProcess, free_name
 from power_daq.recording.reader import Recording
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from drive_power_msgs.msg import DriveSupply
 from policy_runner import bench_recorder
 
-PATIENCE = 60.0
 PATIENT = ('--patience', '60', '--ros-args', '-p', 'stale_after:=1.0')
 MOTION = """
 format: motion/1
@@ -38,27 +33,17 @@ segments:
 """
 
 
-class Drive:
+class Drive(Peer):
     """One joint that follows its commands at once, with a meter, at 100 Hz."""
 
     def __init__(self):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node('drive', context=self.context)
+        super().__init__('drive', 'estop')
         self.position, self.velocity, self.sequence = 0.1, 0.0, 0
         self.commands, self.temperature = [], []
         self.joints = self.node.create_publisher(JointState, 'joint_states', 10)
         self.supply = self.node.create_publisher(DriveSupply, 'drive_supply', 1000)
         self.node.create_subscription(JointState, 'joint_commands', self.on_command, 10)
-        self.estop = self.node.create_client(Trigger, 'estop')
-        self.timer = self.node.create_timer(0.01, self.speak)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        threading.Thread(target=self.spin, daemon=True).start()
-
-    def spin(self):
-        with suppress(ExternalShutdownException):
-            self.executor.spin()
+        self.open()
 
     def on_command(self, message):
         self.commands.append(message)
@@ -79,23 +64,6 @@ class Drive:
         power.temperature = array.array('f', self.temperature)
         self.supply.publish(power)
         self.sequence += 1
-
-    def call_estop(self):
-        assert self.estop.wait_for_service(timeout_sec=PATIENCE)
-        future = self.estop.call_async(Trigger.Request())
-        wait_until(future.done, 'an answer of estop')
-        return future.result()
-
-    def close(self):
-        self.executor.shutdown()
-        rclpy.shutdown(context=self.context)
-
-
-def wait_until(condition, what):
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f'{what} never came'
-        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -175,14 +143,14 @@ def test_nobody_else_can_start_what_is_not_recorded_yet(drive, bench):
     offered = {name for name, _ in drive.node.get_service_names_and_types()}
     assert {'/stop', '/estop'} <= offered
     assert '/start' not in offered
-    assert drive.call_estop().success
+    assert drive.call('estop').success
     assert node.wait(PATIENCE) == 1
 
 
 def test_an_emergency_stop_damps_and_the_bag_is_kept_as_incomplete(drive, bench, tmp_path):
     node = bench(LONG)
     moving(drive, node)
-    assert drive.call_estop().success
+    assert drive.call('estop').success
     assert node.wait(PATIENCE) == 1
     assert_damped(drive)
     card = card_in(tmp_path)

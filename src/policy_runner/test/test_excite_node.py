@@ -1,16 +1,10 @@
 import math
-import threading
-import time
-from contextlib import suppress
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from peers import Peer, wait_until
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
-PATIENCE = 30.0
 PATIENT = ('--ros-args', '-p', 'stale_after:=1.0')
 MOTION = """
 format: motion/1
@@ -21,29 +15,17 @@ segments:
 """
 
 
-class Joints:
+class Joints(Peer):
     """Two joints that follow their commands at once and tell so at 100 Hz."""
 
     def __init__(self):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node('joints', context=self.context)
+        super().__init__('joints', 'start', 'estop')
         self.position = {'LF_HFE': 0.3, 'LF_KFE': -0.2}
         self.commands, self.reasons = [], []
         self.publisher = self.node.create_publisher(JointState, 'joint_states', 10)
         self.node.create_subscription(JointState, 'joint_commands', self.on_command, 10)
         self.node.create_subscription(DiagnosticArray, 'diagnostics', self.on_diagnostics, 10)
-        self.services = {
-            name: self.node.create_client(Trigger, name) for name in ('start', 'estop')
-        }
-        self.node.create_timer(0.01, self.speak)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        threading.Thread(target=self.spin, daemon=True).start()
-
-    def spin(self):
-        with suppress(ExternalShutdownException):
-            self.executor.spin()
+        self.open()
 
     def on_command(self, message):
         self.commands.append(message)
@@ -59,24 +41,6 @@ class Joints:
         message.velocity = [0.0, 0.0]
         message.header.stamp = self.node.get_clock().now().to_msg()
         self.publisher.publish(message)
-
-    def call(self, name):
-        client = self.services[name]
-        assert client.wait_for_service(timeout_sec=PATIENCE)
-        future = client.call_async(Trigger.Request())
-        wait_until(future.done, f'an answer of {name}')
-        return future.result()
-
-    def close(self):
-        self.executor.shutdown()
-        rclpy.shutdown(context=self.context)
-
-
-def wait_until(condition, what):
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f'{what} never came'
-        time.sleep(0.01)
 
 
 @pytest.fixture

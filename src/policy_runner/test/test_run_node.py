@@ -1,29 +1,20 @@
-import threading
-import time
-from contextlib import suppress
-
 import numpy as np
 import policy_folders
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
+from peers import Peer, wait_until
 from policy_runner.kinematics import DEFAULT_POSE, JOINT_NAMES
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from sensor_msgs.msg import Imu, JointState
-from std_srvs.srv import Trigger
 
-PATIENCE = 30.0
 PATIENT = ('--ros-args', '-p', 'stale_after:=1.0')
 
 
-class FakeRobot:
+class FakeRobot(Peer):
     """Joint states and IMU at 100 Hz of a robot whose joints stay where they are."""
 
     def __init__(self):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node('fake_robot', context=self.context)
+        super().__init__('fake_robot', 'start', 'stop', 'estop')
         self.silent = False
         self.commands, self.reasons, self.told = [], [], []
         self.joints = self.node.create_publisher(JointState, 'joint_states', 10)
@@ -32,18 +23,7 @@ class FakeRobot:
         self.node.create_subscription(JointState, 'joint_commands', self.commands.append, 10)
         self.node.create_subscription(TwistStamped, 'cmd_vel', self.told.append, 10)
         self.node.create_subscription(DiagnosticArray, 'diagnostics', self.on_diagnostics, 10)
-        self.services = {
-            name: self.node.create_client(Trigger, name) for name in ('start', 'stop', 'estop')
-        }
-        self.node.create_timer(0.01, self.speak)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.thread = threading.Thread(target=self.spin, daemon=True)
-        self.thread.start()
-
-    def spin(self):
-        with suppress(ExternalShutdownException):
-            self.executor.spin()
+        self.open()
 
     def on_diagnostics(self, message):
         self.reasons += [s.message for s in message.status if s.name == 'policy_runner']
@@ -60,25 +40,6 @@ class FakeRobot:
         imu.header.stamp = stamp
         imu.orientation.w = 1.0
         self.imu.publish(imu)
-
-    def call(self, name):
-        client = self.services[name]
-        assert client.wait_for_service(timeout_sec=PATIENCE)
-        future = client.call_async(Trigger.Request())
-        wait_until(future.done, f'an answer of {name}')
-        return future.result()
-
-    def close(self):
-        self.executor.shutdown()
-        rclpy.shutdown(context=self.context)
-        self.thread.join(PATIENCE)
-
-
-def wait_until(condition, what):
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f'{what} never came'
-        time.sleep(0.01)
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """How a node of the suite spins until its end, and ends in good order."""
 
 import signal
+from collections.abc import Callable, Sequence
 from types import FrameType
 
 import rclpy
@@ -26,6 +27,26 @@ def spin(node: Node, until: Future | None = None) -> None:
     except RuntimeError:
         if node.context.ok():
             raise
+
+
+def run_node(make: Callable[[], Node], arguments: Sequence[str]) -> None:
+    """
+    Make a node and run it until Ctrl-C, SIGTERM or a shutdown; then stop and destroy it.
+
+    arguments: with those of ROS. A node that has to end what it began has a method `stop`.
+    """
+    rclpy.init(args=list(arguments))
+    node = None
+    try:
+        node = make()
+        spin(node)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        if node is not None:
+            getattr(node, 'stop', lambda: None)()
+            node.destroy_node()
+        rclpy.try_shutdown()
 
 
 def interrupt_on_signals() -> None:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -19,7 +18,7 @@ from drive_power_msgs.msg import DriveSupply
 from power_daq.cli import command
 from power_daq.parameters import DeviceParameters
 from power_daq.reporting import Reporter
-from power_daq.spinning import spin
+from power_daq.spinning import run_node
 from power_daq.supply.battery import BatteryPublisher
 from power_daq.supply.books import EnergyCounter, PowerBalance
 from power_daq.supply.health import SupplyHealth
@@ -160,16 +159,5 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(remove_ros_args(arguments))
-    rclpy.init(args=arguments)
-    node = None
-    try:
-        node = SupplyNode()
-        spin(node)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        if node is not None:
-            node.stop()
-            node.destroy_node()
-        rclpy.try_shutdown()
+    run_node(SupplyNode, arguments)
     return 0

@@ -7,13 +7,12 @@ from array import array
 from collections.abc import Sequence
 
 import numpy as np
-import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from power_daq.cli import InputError, command
 from power_daq.parameters import DeviceParameters
-from power_daq.spinning import spin
+from power_daq.spinning import run_node
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -153,15 +152,5 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(remove_ros_args(arguments))
-    rclpy.init(args=arguments)
-    node = None
-    try:
-        node = PowerEstimator()
-        spin(node)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
+    run_node(PowerEstimator, arguments)
     return 0

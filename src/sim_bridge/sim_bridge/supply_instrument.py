@@ -5,10 +5,9 @@ import sys
 import time
 from collections.abc import Sequence
 
-import rclpy
 from power_daq.cli import command
 from power_daq.parameters import DeviceParameters
-from power_daq.spinning import spin
+from power_daq.spinning import run_node
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.utilities import remove_ros_args
@@ -82,16 +81,5 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(remove_ros_args(arguments))
-    rclpy.init(args=arguments)
-    node = None
-    try:
-        node = SupplyInstrumentNode()
-        spin(node)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        if node is not None:
-            node.stop()
-            node.destroy_node()
-        rclpy.try_shutdown()
+    run_node(SupplyInstrumentNode, arguments)
     return 0
