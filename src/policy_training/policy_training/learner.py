@@ -5,7 +5,7 @@ import io
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from policy_training.environment import WalkingEnvironment
 from policy_training.imitation import imitate
 from policy_training.vec_env import GROUP, STATE, Mirror, TorchEnvironment
 
+_STD: Final = 'distribution.std_param'
 
 @dataclass
 class Round:
@@ -80,8 +81,10 @@ class Learner:
         self._observations = self._torch_environment.get_observations()
 
     def take_networks(self, state: dict[str, Any]) -> None:
-        """Start from the networks of another run."""
-        self.ppo.load(state, {'actor': True, 'critic': True}, True)
+        """Start from the networks of another run, exploring as much as the config says."""
+        actor = dict(state['actor_state_dict'])
+        actor[_STD] = torch.full_like(actor[_STD], self.config.ppo.std)
+        self.ppo.load({**state, 'actor_state_dict': actor}, {'actor': True, 'critic': True}, True)
 
     def begin_with_gait(self, report: Callable[[float], None]) -> float:
         """Learn the config's scripted gait; what is left of its actions, root mean square."""

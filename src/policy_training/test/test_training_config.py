@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 from policy_training.config import CONFIGS, PowerConfig, TrainingConfig
 from power_daq.cli import InputError
@@ -10,17 +12,14 @@ def test_shipped_configs_load_by_name(path):
 
 
 def test_the_pmp_is_the_baseline_without_torque_and_with_power():
-    baseline, pmp = TrainingConfig.load('baseline'), TrainingConfig.load('pmp')
-    assert baseline.rewards.torque == -2.5e-5
-    assert baseline.power.weight == 0.0
-    assert pmp.power.weight == 4e-4
-    same = pmp.with_values({'rewards.torque': -2.5e-5, 'name': 'baseline'})
-    assert same.rewards == baseline.rewards
-    assert (same.physics, same.random, same.ppo) == (
-        baseline.physics,
-        baseline.random,
-        baseline.ppo,
-    )
+    baseline, more = TrainingConfig.load('baseline'), TrainingConfig.load('baseline_more')
+    assert more.rewards == baseline.rewards
+    assert more.rewards.torque == -2.5e-5
+    for name, weight in (('pmp', 4e-4), ('pmp_heavy', 8e-4)):
+        config = TrainingConfig.load(name)
+        assert config.power.weight == weight
+        same = config.with_values({'rewards.torque': -2.5e-5, 'name': 'baseline_more'})
+        assert replace(same, power=PowerConfig()) == more
 
 
 def test_a_config_is_read_back_as_it_was_saved(tmp_path, tiny):

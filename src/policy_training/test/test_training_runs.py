@@ -55,12 +55,15 @@ def test_a_stopped_run_goes_on_where_its_checkpoint_was(tmp_path):
 def test_a_run_starts_from_anothers_networks_but_counts_its_own_steps(tmp_path):
     run(tmp_path / 'first')
     source = read_checkpoint(tmp_path / 'first')['actor_state_dict']['mlp.0.weight']
-    run(tmp_path / 'second', '--from', str(tmp_path / 'first'), '--set', 'ppo.learning_rate=1e-7')
+    changes = ('ppo.learning_rate=1e-7', 'ppo.std=0.05')
+    run(tmp_path / 'second', '--from', str(tmp_path / 'first'), '--set', *changes)
     reached = read_checkpoint(tmp_path / 'second')
     torch.testing.assert_close(
         reached['actor_state_dict']['mlp.0.weight'], source, atol=1e-3, rtol=0
     )
     assert reached['steps'] == 48
+    exploration = reached['actor_state_dict']['distribution.std_param']
+    torch.testing.assert_close(exploration, torch.full((12,), 0.05), atol=1e-3, rtol=0)
 
 
 def test_power_by_a_network_is_in_reward_and_curves(tmp_path, network_run):
