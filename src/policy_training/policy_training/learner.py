@@ -18,6 +18,7 @@ from policy_training.vec_env import GROUP, STATE, Mirror, TorchEnvironment
 
 _STD: Final = 'distribution.std_param'
 
+
 @dataclass
 class Round:
     """What one iteration did."""
