@@ -52,10 +52,13 @@ def command_message(command: Command, stamp: Any) -> JointState:
 
 def diagnosis(run: ExcitationRun, now: float, stamp: Any) -> DiagnosticArray:
     """How it stands, for diagnostics."""
+    waits = not run.active and run.code is None
+    why = run.unsound(now) if waits else ''
+    calm = DiagnosticStatus.WARN if why else DiagnosticStatus.OK
     status = DiagnosticStatus(
-        level=DiagnosticStatus.ERROR if run.code == 1 else DiagnosticStatus.OK,
+        level=DiagnosticStatus.ERROR if run.code == 1 else calm,
         name='policy_runner',
-        message=run.reason,
+        message=f'not ready: {why}' if why else run.reason,
         values=[KeyValue(key=key, value=value) for key, value in run.figures(now).items()],
     )
     message = DiagnosticArray(status=[status])

@@ -102,6 +102,13 @@ def test_a_soak_is_not_begun_while_nobody_tells_how_warm_the_winding_is(
     answer = joints.call('start')
     assert not answer.success
     assert 'has no winding temperature of LF_KFE' in answer.message
+    wait_until(
+        lambda: any(
+            reason.startswith('not ready: ') and 'no winding temperature' in reason
+            for reason in joints.reasons
+        ),
+        'a diagnosis',
+    )
     assert not joints.commands
     node.interrupt()
     assert node.wait() == 0
