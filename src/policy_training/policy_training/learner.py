@@ -17,6 +17,7 @@ from policy_training.imitation import imitate
 from policy_training.vec_env import GROUP, STATE, Mirror, TorchEnvironment
 
 _STD: Final = 'distribution.std_param'
+_CALM_PERIOD: Final = 100  # policy steps from one calm spell of a robot to its next
 
 
 @dataclass
@@ -43,6 +44,7 @@ class Learner:
         self.environment = environment
         self.device = device
         self.iteration = 0
+        self._turns = torch.randint(_CALM_PERIOD, (environment.count,))
         self._torch_environment = TorchEnvironment(environment, device)
         self._observations = self._torch_environment.get_observations()
         with contextlib.redirect_stdout(io.StringIO()):
@@ -102,6 +104,24 @@ class Learner:
             if isinstance(module, torch.nn.Linear)
         ]
 
+    def _act(self) -> torch.Tensor:
+        """
+        Explore, but for robots in a calm spell, which do what the policy means.
+
+        A policy whose every action is shaken may learn to be carried by the shaking: it walked
+        in training and stood still on the robot, where nothing shakes it.
+        """
+        actions = self.ppo.act(self._observations)
+        self._turns = (self._turns + 1) % _CALM_PERIOD
+        calm = self._turns < self.config.ppo.calm * _CALM_PERIOD
+        if calm.any():
+            transition = self.ppo.transition
+            mean = transition.distribution_params[0]
+            actions = torch.where(calm[:, None].to(actions.device), mean, actions)
+            transition.actions = actions
+            transition.actions_log_prob = self.ppo.actor.get_output_log_prob(actions).detach()
+        return actions
+
     def _learn(self) -> dict[str, float]:
         """A critic that knows nothing yet would spoil a gait that is there already."""
         plan = self.config.imitation
@@ -119,7 +139,7 @@ class Learner:
         logs: list[dict[str, float]] = []
         with torch.inference_mode():
             for _ in range(config.ppo.steps):
-                actions = self.ppo.act(self._observations)
+                actions = self._act()
                 self._observations, rewards, dones, extras = self._torch_environment.step(actions)
                 self.ppo.process_env_step(self._observations, rewards, dones, extras)
                 logs.append(self._torch_environment.log)
