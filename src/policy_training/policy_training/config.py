@@ -148,6 +148,7 @@ class PpoConfig:
     entropy: float = bounded(0.01, 0.0, 1.0, '', '')
     gradient_norm: float = bounded(1.0, 1e-3, 1e3, '', '')
     std: float = bounded(1.0, 0.01, 10.0, '', 'of the actions at the start')
+    learn_std: bool = True  # or keep it; calm spells make it shrink
     calm: float = bounded(0.0, 0.0, 0.9, '', 'share of time that a robot does not explore')
     mirror: bool = False  # learn from each step's mirror image, too; wants std of 0.5 or more
     hidden: tuple[int, ...] = (128, 64, 32)

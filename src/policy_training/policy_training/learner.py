@@ -174,7 +174,11 @@ def algorithm_settings(config: TrainingConfig, environment: WalkingEnvironment) 
         'torch_compile_mode': None,
         'actor': {
             **network,
-            'distribution_cfg': {'class_name': 'GaussianDistribution', 'init_std': ppo.std},
+            'distribution_cfg': {
+                'class_name': 'GaussianDistribution',
+                'init_std': ppo.std,
+                'learn_std': ppo.learn_std,
+            },
         },
         'critic': network,
         'algorithm': {
