@@ -119,8 +119,11 @@ class PolicyRunner(Node):
     def _step(self) -> None:
         now = self._now()
         self._pace.begin(now)
-        if self._start_wanted and self._supervisor.start(now)[0]:
-            self._start_wanted = False
+        if self._start_wanted:
+            started, why = self._supervisor.start(now)
+            self._start_wanted = not started
+            if not started:
+                self.get_logger().info(f'waiting: {why}', throttle_duration_sec=5.0)
         output = self._supervisor.update(now)
         if output is not None:
             self._send(output)

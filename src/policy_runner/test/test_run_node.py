@@ -92,6 +92,15 @@ def test_a_robot_that_falls_silent_is_damped_with_the_reason_in_diagnostics(robo
     node.wait_for_output(r'damping, stale input: (joint_states|imu) is \d+ ms old')
 
 
+def test_it_says_what_it_waits_for_and_starts_once_that_comes(robot, node_process):
+    robot.silent = True
+    node = node_process('policy_runner', 'run', '--start', *PATIENT)
+    node.wait_for_output('waiting: .*joint_states')
+    assert not robot.commands
+    robot.silent = False
+    wait_until(lambda: 'running' in robot.reasons, 'running')
+
+
 def test_a_velocity_command_makes_it_step(robot, node_process):
     node_process('policy_runner', 'run', '--start', *PATIENT)
     wait_until(lambda: 'running' in robot.reasons, 'running')
