@@ -53,11 +53,19 @@ def _join(stretches: Sequence[Telemetry], pick: Callable[[Telemetry], Rows | Non
     found = [rows for rows in map(pick, stretches) if rows is not None]
     if not found:
         return None
-    names = found[0].values
+    shapes = {name: values.shape[1:] for rows in found for name, values in rows.values.items()}
     return Rows(
         np.concatenate([rows.stamp_ns for rows in found]),
-        {name: np.concatenate([rows.values[name] for rows in found]) for name in names},
+        {
+            name: np.concatenate([_column(rows, name, shape) for rows in found])
+            for name, shape in shapes.items()
+        },
     )
+
+
+def _column(rows: Rows, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    values = rows.values.get(name)
+    return np.full((len(rows.stamp_ns), *shape), np.nan) if values is None else values
 
 
 def _drive_samples(rows: Rows, measured: Sequence[str]) -> DriveSamples:
