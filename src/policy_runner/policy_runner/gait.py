@@ -137,6 +137,11 @@ class GaitClock:
         self._calm_time = 0.0
 
     @property
+    def stride(self) -> float:
+        """Phase of the first pair of legs, 0..1; that of the second is half a stride on."""
+        return self._stride
+
+    @property
     def swing_progress(self) -> Floats:
         """Share of the swing that is over [4]; meaningful for swinging feet."""
         duty = self._config.duty

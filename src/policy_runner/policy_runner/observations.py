@@ -21,14 +21,17 @@ SIZES: Final = MappingProxyType(
         'joint_position': 12,
         'joint_velocity': 12,
         'last_action': 12,
+        'gait_clock': 2,
     }
 )
 """
 Numbers per term. base_velocity m/s, angular_velocity rad/s and gravity (unit vector) are in the
 base's frame; command is vx, vy in m/s and yaw rate in rad/s; joint_position is relative to the
 policy's default pose, rad; joint_velocity rad/s; last_action is what the network said before, as
-it said it. Joints come in the policy's own order.
+it said it; gait_clock is the sine and cosine of a stride's phase, see GaitPhase. Joints come in
+the policy's own order.
 """
+DEAD_ZONE: Final = 0.1  # m/s, rad/s; norm of a velocity command below which it means standing
 
 
 @dataclass(frozen=True)
@@ -59,11 +62,13 @@ class Observation:
     """
     Terms in the order in which the network takes them, scaled, then clipped to ±clip.
 
-    InputError for no terms, a term twice, or a clip that is not positive.
+    stride_frequency: of gait_clock, Hz. InputError for no terms, a term twice, a clip that is
+    not positive, or a frequency that is not in 0.2..5 Hz.
     """
 
     terms: tuple[Term, ...]
     clip: float = 100.0
+    stride_frequency: float = 1.9
 
     def __post_init__(self) -> None:
         names = [term.name for term in self.terms]
@@ -71,6 +76,10 @@ class Observation:
             raise InputError(f'observation terms are {names}; name each once, and at least one')
         if not (np.isfinite(self.clip) and self.clip > 0.0):
             raise InputError(f'observation clip is {self.clip!r}; it must be more than 0')
+        if not 0.2 <= self.stride_frequency <= 5.0:
+            raise InputError(
+                f'stride_frequency is {self.stride_frequency!r}; it must lie in 0.2..5 Hz'
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -110,7 +119,8 @@ class Observation:
             if not isinstance(entry, Mapping) or 'name' not in entry:
                 raise InputError(f'an observation term needs a name and a scale, not {entry!r}')
             terms.append(Term(str(entry['name']), _numbers(entry.get('scale', 1.0))))
-        return cls(tuple(terms), *_numbers(content.get('clip', 100.0)))
+        clip, frequency = content.get('clip', 100.0), content.get('stride_frequency', 1.9)
+        return cls(tuple(terms), *_numbers(clip), *_numbers(frequency))
 
     def content(self) -> dict[str, Any]:
         """What `parse` reads."""
@@ -121,7 +131,34 @@ class Observation:
             }
             for term in self.terms
         ]
-        return {'clip': self.clip, 'terms': terms}
+        clock = {'stride_frequency': self.stride_frequency} if 'gait_clock' in self.names else {}
+        return {'clip': self.clip, **clock, 'terms': terms}
+
+
+class GaitPhase:
+    """
+    The phase of N robots' strides, which a policy's own steps go by.
+
+    It runs while a velocity command asks for motion and begins anew at 0 with the next such
+    command. Without it, a policy may come to rest in a pose from which it never takes a step.
+    """
+
+    def __init__(self, frequency: float, count: int = 1) -> None:
+        self._frequency = frequency
+        self.phase = np.zeros(count)  # share of a stride [N]
+        self.walking = np.zeros(count, bool)
+
+    def advance(self, seconds: float, commands: Floats) -> None:
+        """Go on, under commands in m/s, m/s and rad/s [N, 3]."""
+        asked = np.linalg.norm(commands, axis=1) >= DEAD_ZONE
+        on = asked & self.walking
+        self.phase = np.where(on, (self.phase + self._frequency * seconds) % 1.0, 0.0)
+        self.walking = asked
+
+    def values(self) -> Floats:
+        """Sine and cosine of the phase, zeros for who is to stand [N, 2]."""
+        angle = 2.0 * np.pi * self.phase
+        return np.column_stack([np.sin(angle), np.cos(angle)]) * self.walking[:, None]
 
 
 def _numbers(value: Any) -> tuple[float, ...]:
@@ -144,3 +181,5 @@ STANDARD: Final = Observation(
     )
 )
 """The 48 numbers of legged_gym's flat ANYmal, which the paper's baseline takes [14]."""
+CLOCKED: Final = Observation((*STANDARD.terms, Term('gait_clock', (1.0,))))
+"""The same and a clock of the gait: 50 numbers, those of the policies that are trained here."""

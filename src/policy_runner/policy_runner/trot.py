@@ -52,6 +52,11 @@ class ScriptedTrot:
         """Whether feet are being lifted in turn; False while standing."""
         return self._clock.walking
 
+    @property
+    def stride(self) -> float:
+        """Phase of the gait, 0..1."""
+        return self._clock.stride
+
     def reset(self) -> None:
         """Forget the past; the next step ramps in from the pose it is given."""
         self._clock.reset()

@@ -79,6 +79,7 @@ class NoiseConfig:
     """Uniform noise on observations, before scaling, both ways."""
 
     least: float = bounded(0.0, 0.0, 1.0, '', 'share of it that the quietest robot has')
+    clean: float = bounded(0.25, 0.0, 1.0, '', 'share of robots without any')
     base_velocity: float = bounded(0.1, 0.0, 2.0, 'm/s', '')
     angular_velocity: float = bounded(0.2, 0.0, 5.0, 'rad/s', '')
     gravity: float = bounded(0.05, 0.0, 1.0, '', '')

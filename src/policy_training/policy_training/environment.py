@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.observations import STANDARD, Observation
+from policy_runner.observations import CLOCKED, GaitPhase, Observation
 from sim_bridge.robot import DEFAULT_POSE
 
 from policy_training.commands import Commands
@@ -46,7 +46,7 @@ class WalkingEnvironment:
         config: TrainingConfig,
         *,
         power: PowerModel | None = None,
-        observation: Observation = STANDARD,
+        observation: Observation = CLOCKED,
     ) -> None:
         self.config = config
         self.observation = observation
@@ -60,6 +60,7 @@ class WalkingEnvironment:
         self.watts = np.zeros((count, 12), np.float32)
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
+        self.clock = GaitPhase(observation.stride_frequency, count)
         self._last_action = np.zeros((count, 12))
         self._last_velocity = np.zeros((count, 12))
         self.age = np.zeros(count, np.int64)
@@ -67,8 +68,10 @@ class WalkingEnvironment:
         self._new_command = round(config.commands.period / config.step_time)
         self._new_push = round(config.random.push_period / config.step_time)
         share = self._random.uniform(config.noise.least, 1.0, (count, 1))
+        share *= self._random.random((count, 1)) >= config.noise.clean
         self._noise = (share * self._noise_levels()).astype(np.float32)
         self.motion: Motion = self._start(np.arange(count))
+        self.clock.advance(0.0, self.commands.values)
         self.age[:] = self._random.integers(0, self.longest, count)
 
     def observe(self) -> NDArray[np.float32]:
@@ -101,6 +104,7 @@ class WalkingEnvironment:
                 'joint_position': motion.position - DEFAULT_POSE,
                 'joint_velocity': motion.joint_velocity,
                 'last_action': self._last_action,
+                'gait_clock': self.clock.values(),
             }
         )
 
@@ -130,6 +134,7 @@ class WalkingEnvironment:
         self.motion = motion
         self.steps += self.count
         disturbed = self._go_on(done)
+        self.clock.advance(self.config.step_time, self.commands.values)
         return Outcome(
             self.observe(), self.state(), reward, done, timed_out, disturbed & ~done, log
         )
@@ -158,6 +163,7 @@ class WalkingEnvironment:
         self.robots.start(ids, self.config.curriculum.share(self.steps))
         self._feet.start(ids)
         self.commands.draw(ids, self.steps)
+        self.clock.phase[ids] = self._random.random(len(ids))
         if self.power is not None:
             self.power.reset(ids)
         self._last_action[ids] = 0.0
@@ -169,7 +175,7 @@ class WalkingEnvironment:
         noise = self.config.noise
         levels = np.zeros(self.observation.size)
         for name in self.observation.names:
-            if name not in ('command', 'last_action'):
+            if name not in ('command', 'last_action', 'gait_clock'):
                 levels[self.observation.part(name)] = getattr(noise, name)
         return np.asarray(levels * np.abs(self.observation.scales()))
 

@@ -93,6 +93,7 @@ class _Teacher:
         seen, done = [], []
         for _ in range(self._steps):
             action = (self._targets() - DEFAULT_POSE) / self._scale
+            environment.clock.phase[:] = [trot.stride for trot in self._trots]
             observation = environment.observe()
             valid = environment.age >= settled
             seen.append(observation[valid])

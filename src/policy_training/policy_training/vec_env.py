@@ -74,6 +74,8 @@ class Mirror:
                 flips[part] = (-1.0, 1.0, -1.0)
             elif name == 'command':
                 flips[part] = (1.0, -1.0, -1.0)
+            elif name == 'gait_clock':
+                flips[part] = -1.0  # the other pair of legs is half a stride on
             else:
                 order[part] = part.start + places
                 flips[part] = signs

@@ -23,7 +23,7 @@ def test_a_network_comes_to_do_what_the_trot_does(tiny):
     mirror, shares = Mirror(learner.environment.observation), []
     config = learner.config
     left = imitate(config, learner.ppo.actor.mlp, mirror, shares.append)
-    idle = imitate(config.with_values({'imitation.epochs': 2}), torch.nn.Linear(48, 12), mirror)
+    idle = imitate(config.with_values({'imitation.epochs': 2}), torch.nn.Linear(50, 12), mirror)
     assert left < 0.8 * idle
     assert shares[-1] == 1.0
 

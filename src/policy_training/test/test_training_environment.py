@@ -3,7 +3,7 @@ import pytest
 import torch
 from policy_runner.inputs import Inputs
 from policy_runner.learned import LearnedPolicy
-from policy_runner.observations import STANDARD
+from policy_runner.observations import CLOCKED, STANDARD, GaitPhase
 from policy_training.environment import WalkingEnvironment
 from policy_training.export import export_policy
 from policy_training.power_term import WindowedNetwork, load_power, predict_step
@@ -40,7 +40,7 @@ def test_training_and_the_robot_see_and_do_the_same(tiny, tmp_path):
     random = np.random.default_rng(0)
     layers = [
         (torch.from_numpy(random.normal(0, 0.1, shape).astype(np.float32)), torch.zeros(shape[0]))
-        for shape in ((16, 48), (12, 16))
+        for shape in ((16, 50), (12, 16))
     ]
     export_policy(tmp_path / 'p', layers, tiny, environment.observation, {})
     policy = LearnedPolicy.load(tmp_path / 'p')
@@ -70,10 +70,14 @@ def test_noise_stays_within_its_levels(tiny):
 
 
 def test_some_robots_have_better_sensors_than_others(tiny):
-    environment = WalkingEnvironment(tiny.with_values({'physics.environments': 32}))
+    environment = WalkingEnvironment(
+        tiny.with_values({'physics.environments': 64, 'noise.clean': 0.5})
+    )
     seen = np.stack([environment.observe() for _ in range(200)])
     levels = seen.std(axis=0)[:, STANDARD.part('joint_velocity')].mean(axis=1)
-    assert levels.max() > 4.0 * levels.min() > 0.0
+    assert 20 <= (levels < 1e-6).sum() <= 44
+    noisy = levels[levels >= 1e-6]
+    assert noisy.max() > 4.0 * noisy.min()
     assert levels.max() <= 1.05 * 1.5 * 0.05 / np.sqrt(3.0)
 
 
@@ -154,22 +158,39 @@ def test_carried_and_windowed_forms_agree_on_motion_without_a_start(tiny, networ
     np.testing.assert_allclose(one, other, atol=0.05 * np.abs(one).max())
 
 
+def test_the_clock_of_the_gait_runs_while_a_robot_is_told_to_move():
+    clock = GaitPhase(2.0, 2)
+    told = np.array([[0.5, 0.0, 0.0], [0.05, 0.0, 0.05]])
+    seen = []
+    for _ in range(6):
+        clock.advance(0.1, told)
+        seen.append(clock.values())
+    np.testing.assert_allclose(seen[0][0], [0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(seen[5][0], [0.0, 1.0], atol=1e-9)  # half a second is a stride
+    np.testing.assert_allclose(seen[1][0], [np.sin(0.4 * np.pi), np.cos(0.4 * np.pi)])
+    assert not np.array(seen)[:, 1].any()
+    clock.advance(0.1, np.zeros((2, 3)))
+    assert not clock.values().any()
+    clock.advance(0.1, told)
+    np.testing.assert_allclose(clock.values()[0], [0.0, 1.0])
+
+
 def test_the_mirror_image_of_a_mirror_image_is_the_thing_itself():
-    mirror = Mirror(STANDARD)
-    seen, done = torch.randn(5, 48), torch.randn(5, 12)
+    mirror = Mirror(CLOCKED)
+    seen, done = torch.randn(5, 50), torch.randn(5, 12)
     torch.testing.assert_close(mirror.observations(mirror.observations(seen)), seen)
     torch.testing.assert_close(mirror.actions(mirror.actions(done)), done)
 
 
 def test_the_mirror_swaps_left_and_right():
-    mirror = Mirror(STANDARD)
+    mirror = Mirror(CLOCKED)
     action = torch.zeros(1, 12)
     action[0, JOINT_NAMES.index('LF_HAA')] = 1.0
     action[0, JOINT_NAMES.index('LH_KFE')] = 2.0
     image = mirror.actions(action)[0]
     assert image[JOINT_NAMES.index('RF_HAA')] == -1.0
     assert image[JOINT_NAMES.index('RH_KFE')] == 2.0
-    seen = torch.zeros(1, 48)
+    seen = torch.zeros(1, 50)
     seen[0, STANDARD.part('command')] = torch.tensor([1.0, 2.0, 3.0])
     seen[0, STANDARD.part('angular_velocity')] = torch.tensor([1.0, 2.0, 3.0])
     image = mirror.observations(seen)[0]
@@ -194,7 +215,7 @@ def test_mirrored_robots_under_mirrored_actions_stay_mirror_images(tiny):
     flat = {'physics.noise': 0.0, 'physics.slope': 0.0, 'random.friction_high': 0.5}
     environment = WalkingEnvironment(tiny.with_values({**QUIET, **calm, **flat}))
     environment.commands.values[:] = 0.0
-    mirror, random = Mirror(STANDARD), np.random.default_rng(2)
+    mirror, random = Mirror(CLOCKED), np.random.default_rng(2)
     for _ in range(8):
         action = torch.from_numpy(random.normal(0, 0.3, (1, 12)))
         image = mirror.actions(action)
@@ -212,16 +233,16 @@ def test_the_state_is_the_observation_without_noise_and_the_feet(tiny):
         environment.step(np.zeros((4, 12)))
         calm.step(np.zeros((4, 12)))
     state = environment.state()
-    assert state.shape == (4, 56)
-    np.testing.assert_allclose(state[:, :48], calm.observe(), atol=1e-6)
+    assert state.shape == (4, 58)
+    np.testing.assert_allclose(state[:, :50], calm.observe(), atol=1e-6)
     half = 0.5 * 9.81 * environment.robots.mass[:, None]
-    np.testing.assert_allclose(state[:, 48:52], environment.motion.foot_force / half, rtol=1e-6)
+    np.testing.assert_allclose(state[:, 50:54], environment.motion.foot_force / half, rtol=1e-6)
 
 
 def test_states_of_feet_are_mirrored_side_by_side():
     feet = torch.arange(8.0)
-    state = torch.cat([torch.zeros(48), feet])[None]
-    image = Mirror(STANDARD).states(state)[0, 48:]
+    state = torch.cat([torch.zeros(50), feet])[None]
+    image = Mirror(CLOCKED).states(state)[0, 50:]
     assert image.tolist() == [1.0, 0.0, 3.0, 2.0, 5.0, 4.0, 7.0, 6.0]
 
 
