@@ -64,8 +64,8 @@ class CommandConfig:
     """Velocity commands during training."""
 
     forward: float = bounded(1.0, 0.0, 2.0, 'm/s', 'both ways, at most')
-    lateral: float = bounded(1.0, 0.0, 2.0, 'm/s', 'both ways, at most')
-    yaw: float = bounded(1.5, 0.0, 3.0, 'rad/s', 'both ways, at most')
+    lateral: float = bounded(0.6, 0.0, 2.0, 'm/s', 'both ways, at most')
+    yaw: float = bounded(1.0, 0.0, 3.0, 'rad/s', 'both ways, at most')
     period: float = bounded(4.0, 0.1, 600.0, 's', 'between new commands')
     standing: float = bounded(0.1, 0.0, 1.0, '', 'share of commands to stand still')
     single: float = bounded(0.3, 0.0, 1.0, '', 'share of commands along one axis only')
