@@ -19,6 +19,7 @@ from policy_training.vec_env import GROUP, STATE, Mirror, TorchEnvironment
 _STD: Final = 'distribution.std_param'
 _CRITIC_RATE: Final = 1e-3
 _CRITIC_EPOCHS: Final = 3
+_MOST_ADVANTAGE: Final = 2.0  # standard deviations
 _CALM_PERIOD: Final = 100  # policy steps from one calm spell of a robot to its next
 
 
@@ -166,6 +167,7 @@ class Learner:
                 logs.append(self._torch_environment.log)
             collected = time.perf_counter()
             self.ppo.compute_returns(self._observations)
+            _tame(self.ppo.storage.advantages)
         losses = self._learn()
         ended = time.perf_counter()
         self.iteration += 1
@@ -176,6 +178,17 @@ class Learner:
         values['rate/collect'] = config.ppo.steps * self.environment.count / (collected - began)
         values['rate/all'] = config.ppo.steps * self.environment.count / (ended - began)
         return Round(self.iteration, self.environment.steps, values)
+
+
+def _tame(advantages: torch.Tensor) -> None:
+    """
+    Limit normalised advantages [T, N, 1] in place, and normalise them again.
+
+    A fall is worth tens of standard deviations; a few hundred robots would learn of nothing else.
+    """
+    advantages.clamp_(-_MOST_ADVANTAGE, _MOST_ADVANTAGE)
+    advantages -= advantages.mean()
+    advantages /= advantages.std() + 1e-8
 
 
 def algorithm_settings(config: TrainingConfig, environment: WalkingEnvironment) -> dict[str, Any]:

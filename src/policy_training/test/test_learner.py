@@ -1,5 +1,6 @@
 import pytest
 import torch
+from policy_training.learner import _tame
 from policy_training.train_command import make_learner
 
 
@@ -18,3 +19,14 @@ def test_robots_do_what_the_policy_means_for_a_share_of_the_time(tiny, share):
             )
     shares = torch.stack(calm).float().mean(dim=0)
     torch.testing.assert_close(shares, torch.full_like(shares, share))
+
+
+def test_a_fall_does_not_outweigh_all_else_that_a_round_teaches():
+    advantages = torch.randn(24, 512, 1, generator=torch.manual_seed(0))
+    advantages[3, 7] = -200.0
+    calm = advantages.clone()
+    _tame(advantages)
+    assert advantages.std() == pytest.approx(1.0, abs=1e-4)
+    assert advantages.mean() == pytest.approx(0.0, abs=1e-4)
+    assert -2.5 < advantages[3, 7] == advantages.min()
+    assert advantages[0, 0] == pytest.approx(float(calm[0, 0].clamp(-2, 2)), abs=0.15)

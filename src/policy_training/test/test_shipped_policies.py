@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 from policy_runner.network import Perceptron
 from policy_runner.policies import SHIPPED, shipped
@@ -22,6 +23,16 @@ def test_a_shipped_policy_follows_commands_on_rough_ground_under_pushes(name):
     assert trials.falls <= 2
     for axis, most in zip(('vx', 'vy', 'yaw'), LIMITS, strict=True):
         assert trials.mean_error[axis] < most
+
+
+@pytest.mark.parametrize('task', [t for t in TASKS if t.name != 'fast'], ids=lambda t: t.name)
+@pytest.mark.parametrize('name', shipped())
+def test_a_shipped_policy_walks_from_perfect_rest_without_noise(name, task):
+    walk = measure_walk(name, task, Plant.load('anymal_c'), duration=5.0, seed=5)
+    assert walk.falls == 0
+    reached = walk.velocity[walk.steady].mean(axis=0)
+    assert np.abs(reached - task.command).max() < 0.3
+    assert np.linalg.norm(reached) > 0.5 * np.linalg.norm(task.command)
 
 
 def test_more_weight_on_power_draws_less_at_the_supply_on_the_same_command():
