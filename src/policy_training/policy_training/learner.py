@@ -74,6 +74,7 @@ class Learner:
         """Networks, optimiser, counters and the state of the random numbers."""
         return {
             **self.ppo.save(),
+            'critic_optimiser': self._critic_optimiser.state_dict(),
             'iteration': self.iteration,
             'steps': self.environment.steps,
             'random': torch.get_rng_state(),
@@ -82,6 +83,7 @@ class Learner:
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint; the robots start anew."""
         self.ppo.load(state, None, True)
+        self._critic_optimiser.load_state_dict(state['critic_optimiser'])
         self.iteration = int(state['iteration'])
         self.environment.steps = int(state['steps'])
         torch.set_rng_state(state['random'].cpu())
