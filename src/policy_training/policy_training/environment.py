@@ -163,7 +163,7 @@ class WalkingEnvironment:
         self.robots.start(ids, self.config.curriculum.share(self.steps))
         self._feet.start(ids)
         self.commands.draw(ids, self.steps)
-        self.clock.phase[ids] = self._random.random(len(ids))
+        self.clock.walking[ids] = False
         if self.power is not None:
             self.power.reset(ids)
         self._last_action[ids] = 0.0

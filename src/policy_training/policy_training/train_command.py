@@ -21,10 +21,10 @@ from policy_training.run_folder import RunFolder, read_checkpoint
 
 _EPILOG = """\
 examples:
-  ros2 run policy_training train --config baseline -o runs/baseline
-  ros2 run policy_training train --config pmp --power ppn:runs/ppn_reward --seed 2 -o runs/pmp_2
-  ros2 run policy_training train --config pmp --from runs/baseline --steps 8e6 -o runs/pmp
-  ros2 run policy_training train --resume -o runs/baseline
+  ros2 run policy_training train --config baseline -o runs/first
+  ros2 run policy_training train --config baseline_more --from runs/first -o runs/baseline
+  ros2 run policy_training train --config pmp --from runs/first --power ppn:RUN -o runs/pmp
+  ros2 run policy_training train --resume -o runs/pmp
   tensorboard --logdir runs
 """
 
@@ -37,7 +37,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add('--config', default='baseline', help='file, or baseline, pmp, pmp_heavy')
+    add('--config', default='baseline', help='file, or baseline, baseline_more, pmp, pmp_heavy')
     add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the run')
     add('--resume', action='store_true', help='go on with the run in that folder')
     add('--from', dest='source', type=Path, metavar='RUN', help="start from a run's networks")

@@ -128,7 +128,8 @@ def _training(contract: Contract, config: TrialConfig, threads: int) -> Training
             ramp_steps=0.0,
             ramp_from=1.0,
         ),
-        random=replace(base.random, push_period=7.0),
+        random=replace(base.random, push_period=7.0, resting=0.0),
+        noise=replace(base.noise, least=1.0, clean=0.0),
     )
 
 
