@@ -125,8 +125,8 @@ def test_commands_grow_over_training_and_some_stand(tiny):
     early = environment.commands.values.copy()
     environment.commands.draw(np.arange(400), 1e6)
     late = environment.commands.values
-    assert np.abs(early).max(axis=0) == pytest.approx([0.5, 0.5, 0.75], rel=0.05)
-    assert np.abs(late).max(axis=0) == pytest.approx([1.0, 1.0, 1.5], rel=0.05)
+    assert np.abs(early).max(axis=0) == pytest.approx([0.5, 0.3, 0.5], rel=0.05)
+    assert np.abs(late).max(axis=0) == pytest.approx([1.0, 0.6, 1.0], rel=0.05)
     standing = (late == 0.0).all(axis=1).mean()
     assert standing == pytest.approx(0.1, abs=0.05)
     assert environment.commands.asked().mean() == pytest.approx(1.0 - standing)
