@@ -7,16 +7,8 @@ import pytest
 from power_daq.cli import InputError
 from power_daq.supply.instrument import Instrument, InstrumentSettings
 from sim_bridge.scpi_instrument import ScpiInstrument, SupplyState, Terminals, whole
-from supply_bench import Bench
 
 LINE = '48.00 V, 2.00 A, 96.0 W'
-
-
-@pytest.fixture
-def bench():
-    bench = Bench()
-    yield bench
-    bench.close()
 
 
 def values_are_true(bench):

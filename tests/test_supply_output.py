@@ -7,14 +7,7 @@ from power_daq.cli import InputError
 from power_daq.supply.instrument import Instrument, InstrumentSettings, LostError
 from power_daq.supply.output import OutputRequest
 from sim_bridge.scpi_instrument import SupplyState, whole
-from supply_bench import PATIENCE, Bench
-
-
-@pytest.fixture
-def bench():
-    bench = Bench()
-    yield bench
-    bench.close()
+from supply_bench import PATIENCE
 
 
 def assert_panel_has_control(bench):

@@ -12,7 +12,7 @@ from policy_runner.errors import InputError
 from policy_runner.inputs import Inputs
 from policy_runner.kinematics import JOINT_NAMES
 from policy_runner.network import Perceptron
-from policy_runner.observations import GaitPhase
+from policy_runner.observations import CommandSlew, GaitPhase
 from policy_runner.policy_folder import Contract, read_folder
 
 Floats = NDArray[np.float64]
@@ -65,6 +65,7 @@ class LearnedPolicy:
         self._due = -np.inf
         self._targets = np.zeros(12)
         self._action = np.zeros(12)
+        self._slew = CommandSlew(self.contract.observation.command_slew)
         self._phase = GaitPhase(self.contract.observation.stride_frequency)
         self._velocity.reset()
         self._standing_up = True
@@ -101,13 +102,14 @@ class LearnedPolicy:
         return self._targets
 
     def _act(self, command: Floats, inputs: Inputs, velocity: Floats) -> Floats:
-        self._phase.advance(1.0 / self.rate, np.asarray(command)[None])
+        shown = self._slew.advance(1.0 / self.rate, np.asarray(command, np.float64)[None])
+        self._phase.advance(1.0 / self.rate, shown)
         observation = self.contract.observation.assemble(
             {
                 'base_velocity': velocity,
                 'angular_velocity': inputs.spin,
                 'gravity': inputs.gravity,
-                'command': command,
+                'command': shown[0],
                 'joint_position': inputs.position[self._order] - self._pose,
                 'joint_velocity': inputs.velocity[self._order],
                 'last_action': self._action,

@@ -62,13 +62,16 @@ class Observation:
     """
     Terms in the order in which the network takes them, scaled, then clipped to ±clip.
 
-    stride_frequency: of gait_clock, Hz. InputError for no terms, a term twice, a clip that is
-    not positive, or a frequency that is not in 0.2..5 Hz.
+    stride_frequency: of gait_clock, Hz. command_slew: the fastest that the policy is shown a
+    command to change, m/s², m/s² and rad/s², or nothing for at once. InputError for no terms, a
+    term twice, a clip that is not positive, a frequency that is not in 0.2..5 Hz, or a slew that
+    is not three numbers in 0.1..100.
     """
 
     terms: tuple[Term, ...]
     clip: float = 100.0
     stride_frequency: float = 1.9
+    command_slew: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         names = [term.name for term in self.terms]
@@ -79,6 +82,12 @@ class Observation:
         if not 0.2 <= self.stride_frequency <= 5.0:
             raise InputError(
                 f'stride_frequency is {self.stride_frequency!r}; it must lie in 0.2..5 Hz'
+            )
+        slew = self.command_slew
+        if slew and (len(slew) != 3 or not all(0.1 <= limit <= 100.0 for limit in slew)):
+            raise InputError(
+                f'command_slew is {list(slew)}; it must be three numbers in 0.1..100 '
+                '(m/s², m/s², rad/s²)'
             )
 
     @property
@@ -119,8 +128,12 @@ class Observation:
             if not isinstance(entry, Mapping) or 'name' not in entry:
                 raise InputError(f'an observation term needs a name and a scale, not {entry!r}')
             terms.append(Term(str(entry['name']), _numbers(entry.get('scale', 1.0))))
-        clip, frequency = content.get('clip', 100.0), content.get('stride_frequency', 1.9)
-        return cls(tuple(terms), *_numbers(clip), *_numbers(frequency))
+        return cls(
+            tuple(terms),
+            _number(content.get('clip', 100.0)),
+            _number(content.get('stride_frequency', 1.9)),
+            _numbers(content.get('command_slew', ())),
+        )
 
     def content(self) -> dict[str, Any]:
         """What `parse` reads."""
@@ -132,7 +145,8 @@ class Observation:
             for term in self.terms
         ]
         clock = {'stride_frequency': self.stride_frequency} if 'gait_clock' in self.names else {}
-        return {'clip': self.clip, **clock, 'terms': terms}
+        slew = {'command_slew': list(self.command_slew)} if self.command_slew else {}
+        return {'clip': self.clip, **clock, **slew, 'terms': terms}
 
 
 class GaitPhase:
@@ -161,6 +175,31 @@ class GaitPhase:
         return np.column_stack([np.sin(angle), np.cos(angle)]) * self.walking[:, None]
 
 
+class CommandSlew:
+    """
+    Velocity commands as N robots are shown them: changing no faster than `command_slew` says.
+
+    A command that jumps from 1 m/s one way to 1 m/s the other asks for what no legs can do.
+    """
+
+    def __init__(self, limits: Sequence[float], count: int = 1) -> None:
+        self._limits = np.array(limits or (np.inf,) * 3)
+        self.values = np.zeros((count, 3))  # m/s, m/s, rad/s
+
+    def advance(self, seconds: float, commands: Floats) -> Floats:
+        """Go towards commands [N, 3] for a time; what is shown then [N, 3]."""
+        most = self._limits * seconds
+        self.values = self.values + np.clip(commands - self.values, -most, most)
+        return self.values
+
+
+def _number(value: Any) -> float:
+    values = _numbers(value)
+    if len(values) != 1:
+        raise InputError(f'{value!r} is not a number')
+    return values[0]
+
+
 def _numbers(value: Any) -> tuple[float, ...]:
     values = value if isinstance(value, list | tuple) else [value]
     try:
@@ -181,5 +220,10 @@ STANDARD: Final = Observation(
     )
 )
 """The 48 numbers of legged_gym's flat ANYmal, which the paper's baseline takes [14]."""
-CLOCKED: Final = Observation((*STANDARD.terms, Term('gait_clock', (1.0,))))
-"""The same and a clock of the gait: 50 numbers, those of the policies that are trained here."""
+CLOCKED: Final = Observation(
+    (*STANDARD.terms, Term('gait_clock', (1.0,))), command_slew=(1.0, 1.0, 2.0)
+)
+"""
+The same and a clock of the gait, 50 numbers, with commands that come gradually: what the
+policies that are trained here see.
+"""

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import policy_folders
 import pytest
@@ -6,6 +8,7 @@ from policy_runner.errors import InputError
 from policy_runner.inputs import Inputs
 from policy_runner.kinematics import DEFAULT_POSE, JOINT_NAMES
 from policy_runner.learned import LearnedPolicy
+from policy_runner.observations import STANDARD
 from policy_runner.policies import load_policy
 
 VELOCITY = np.array([0.3, -0.1, 0.02])
@@ -114,6 +117,25 @@ def test_reset_forgets_the_last_action(inputs):
     policy.take_over()
     policy.step(5.0, COMMAND, inputs, VELOCITY)
     np.testing.assert_array_equal(network.seen[1][36:], 0.0)
+
+
+def test_a_command_is_shown_no_faster_than_the_policy_is_used_to(inputs):
+    network = Recorder()
+    slow = replace(STANDARD, command_slew=(1.0, 1.0, 2.0))
+    policy = LearnedPolicy(policy_folders.contract(observation=slow), network)
+    policy.take_over()
+    for step in range(40):
+        policy.step(0.02 * step, COMMAND, inputs, VELOCITY)
+    for step in range(40, 50):
+        policy.step(0.02 * step, np.zeros(3), inputs, VELOCITY)
+    seen = np.array(network.seen)[:, STANDARD.part('command')] / [2.0, 2.0, 0.25]
+    np.testing.assert_allclose(seen[0], [0.02, -0.02, 0.04], atol=1e-6)
+    np.testing.assert_allclose(seen[9], [0.2, -0.2, 0.4], atol=1e-6)
+    np.testing.assert_allclose(seen[24], [0.5, -0.2, 0.8], atol=1e-6)
+    np.testing.assert_allclose(seen[49], [0.3, 0.0, 0.4], atol=1e-6)
+    policy.take_over()
+    policy.step(5.0, COMMAND, inputs, VELOCITY)
+    np.testing.assert_allclose(network.seen[50][9:12], seen[0] * [2.0, 2.0, 0.25], atol=1e-6)
 
 
 def test_without_a_measured_velocity_it_is_estimated_from_the_legs(inputs):

@@ -4,13 +4,15 @@ import pytest
 import yaml
 from policy_runner.errors import InputError
 from policy_runner.kinematics import JOINT_NAMES
+from policy_runner.observations import CLOCKED, STANDARD
 from policy_runner.policies import load_policy
 from policy_runner.policy_folder import read_folder, write_folder
 from safetensors.numpy import load_file, save_file
 
 
-def test_a_policy_is_read_back_as_it_was_written(tmp_path):
-    contract = policy_folders.contract()
+@pytest.mark.parametrize('observation', [STANDARD, CLOCKED])
+def test_a_policy_is_read_back_as_it_was_written(tmp_path, observation):
+    contract = policy_folders.contract(observation=observation)
     tensors = policy_folders.tensors(contract, scale=1.0)
     write_folder(tmp_path / 'p', contract, tensors)
     again, weights = read_folder(tmp_path / 'p')
@@ -58,6 +60,9 @@ def rename_joint(content):
         (lambda c: c['observation']['terms'][0].update(name='smell'), "'smell'"),
         (lambda c: c['observation']['terms'][0].update(scale=[1, 2]), 'base_velocity'),
         (lambda c: c['observation']['terms'].append({'name': 'gravity'}), 'once'),
+        (lambda c: c['observation'].update(command_slew=[1, 1]), 'three numbers'),
+        (lambda c: c['observation'].update(command_slew=[1, 0, 1]), '[1.0, 0.0, 1.0]'),
+        (lambda c: c['observation'].update(command_slew='fast'), "'fast'"),
         (lambda c: c['network'].update(hidden=[5]), 'layer0.weight has shape [4, 48]'),
         (lambda c: c['network'].update(hidden=[4, 4]), 'layer1'),
         (lambda c: c['network'].update(activation='magic'), "'magic'"),

@@ -35,7 +35,3 @@ class Commands:
         values[kind >= 1.0 - c.standing] = 0.0
         values[np.linalg.norm(values, axis=1) < c.dead_zone] = 0.0
         self.values[ids] = values
-
-    def asked(self) -> NDArray[np.bool_]:
-        """Which robots are to move along or about any of the three axes [N]."""
-        return np.asarray(np.linalg.norm(self.values, axis=1) >= self._config.dead_zone)

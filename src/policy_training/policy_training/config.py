@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import yaml
 from policy_runner.gait import TROTS
+from policy_runner.observations import DEAD_ZONE
 from power_daq.cli import InputError
 from power_daq.recording.files import write_whole
 from sim_bridge.bounded import bounded, check, from_mapping, read_named
@@ -69,7 +70,9 @@ class CommandConfig:
     period: float = bounded(4.0, 0.1, 600.0, 's', 'between new commands')
     standing: float = bounded(0.1, 0.0, 1.0, '', 'share of commands to stand still')
     single: float = bounded(0.3, 0.0, 1.0, '', 'share of commands along one axis only')
-    dead_zone: float = bounded(0.1, 0.0, 1.0, 'm/s, rad/s', 'commands below it mean standing')
+    dead_zone: float = bounded(
+        DEAD_ZONE, 0.0, 1.0, 'm/s, rad/s', 'commands below it mean standing'
+    )
     ramp_from: float = bounded(0.5, 0.0, 1.0, '', 'share of the range at the start')
     ramp_steps: float = bounded(5e6, 0.0, 1e12, '', 'policy steps until the whole range is asked')
 
@@ -104,6 +107,7 @@ class RewardConfig:
     collision: float = bounded(-1.0, -100.0, 0.0, '', 'each thigh or shank on the ground')
     action_rate: float = bounded(-0.01, -10.0, 0.0, '', '')
     standing: float = bounded(0.0, -100.0, 0.0, '1/rad', 'away from the default pose at rest')
+    fall: float = bounded(0.0, -1000.0, 0.0, '', 'each fall, once')
     only_positive: bool = True
 
 
@@ -151,7 +155,8 @@ class PpoConfig:
     std: float = bounded(1.0, 0.01, 10.0, '', 'of the actions at the start')
     learn_std: bool = True  # or keep it; calm spells make it shrink
     calm: float = bounded(0.0, 0.0, 0.9, '', 'share of time that a robot does not explore')
-    mirror: bool = False  # learn from each step's mirror image, too; wants std of 0.5 or more
+    most_advantage: float = bounded(2.0, 1.0, 100.0, '', 'standard deviations; limits a fall')
+    mirror: bool = False  # learn from each step's mirror image, too; spoils a gait at a small std
     hidden: tuple[int, ...] = (128, 64, 32)
 
     def __post_init__(self) -> None:
@@ -179,7 +184,7 @@ class CurriculumConfig:
 class ImitationConfig:
     """A scripted gait to begin with, see `imitation.py`."""
 
-    gait: str = ''  # trot, trot_slow or trot_high; empty: begin with random networks
+    gait: str = ''  # trot, trot_slow, trot_high, by the clock; empty: random networks
     robots: int = bounded(128, 2, 4096, '', 'that are led by the gait')
     seconds: float = bounded(8.0, 2.0, 600.0, 's', 'that they walk in each of three rounds')
     epochs: int = bounded(24, 2, 1000, '', 'of learning after each')
@@ -200,6 +205,7 @@ class TrainingConfig:
     seed: int = bounded(1, 0, 2**31 - 1, '', '')
     steps: float = bounded(20e6, 1.0, 1e12, '', 'policy steps of all environments together')
     action_scale: float = bounded(0.5, 0.01, 5.0, 'rad', 'of one unit of action')
+    stride_frequency: float = bounded(2.6, 0.8, 3.0, 'Hz', 'of the clock of the gait')
     checkpoint_every: int = bounded(50, 1, 10**6, 'iterations', '')
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     random: RandomConfig = field(default_factory=RandomConfig)

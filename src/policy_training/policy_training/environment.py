@@ -1,11 +1,11 @@
 """Walking by velocity command as a task to learn: N robots, observations, rewards, new starts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.observations import CLOCKED, GaitPhase, Observation
+from policy_runner.observations import CLOCKED, CommandSlew, GaitPhase, Observation
 from sim_bridge.robot import DEFAULT_POSE
 
 from policy_training.commands import Commands
@@ -39,6 +39,8 @@ class WalkingEnvironment:
 
     power: predicts watts per drive for the power term, or None. The weights of the power term
     and the range of commands follow `steps`, the number of policy steps done so far.
+    observation: what robots see; else CLOCKED at the config's frequency of strides. Velocity is
+    judged by the commands that robots are shown, which come gradually (`shown`).
     """
 
     def __init__(
@@ -46,9 +48,11 @@ class WalkingEnvironment:
         config: TrainingConfig,
         *,
         power: PowerModel | None = None,
-        observation: Observation = CLOCKED,
+        observation: Observation | None = None,
     ) -> None:
         self.config = config
+        if observation is None:
+            observation = replace(CLOCKED, stride_frequency=config.stride_frequency)
         self.observation = observation
         self.steps = 0
         seeds = np.random.default_rng(config.seed).spawn(3)
@@ -60,6 +64,7 @@ class WalkingEnvironment:
         self.watts = np.zeros((count, 12), np.float32)
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
+        self.shown = CommandSlew(observation.command_slew, count)
         self.clock = GaitPhase(observation.stride_frequency, count)
         self._last_action = np.zeros((count, 12))
         self._last_velocity = np.zeros((count, 12))
@@ -71,7 +76,7 @@ class WalkingEnvironment:
         share *= self._random.random((count, 1)) >= config.noise.clean
         self._noise = (share * self._noise_levels()).astype(np.float32)
         self.motion: Motion = self._start(np.arange(count))
-        self.clock.advance(0.0, self.commands.values)
+        self._show(config.step_time)
         self.age[:] = self._random.integers(0, self.longest, count)
 
     def observe(self) -> NDArray[np.float32]:
@@ -100,7 +105,7 @@ class WalkingEnvironment:
                 'base_velocity': motion.velocity,
                 'angular_velocity': motion.rate,
                 'gravity': motion.gravity,
-                'command': self.commands.values,
+                'command': self.shown.values,
                 'joint_position': motion.position - DEFAULT_POSE,
                 'joint_velocity': motion.joint_velocity,
                 'last_action': self._last_action,
@@ -114,8 +119,8 @@ class WalkingEnvironment:
         motion = self.robots.step(DEFAULT_POSE + self.config.action_scale * action)
         self.age += 1
         moment = Moment(
-            command=self.commands.values,
-            asked=self.commands.asked(),
+            command=self.shown.values,
+            asked=self.clock.walking,
             action=action,
             last_action=self._last_action,
             acceleration=(motion.joint_velocity - self._last_velocity) / self.config.step_time,
@@ -126,6 +131,7 @@ class WalkingEnvironment:
         if self.power is not None:
             terms['power'] = self._power_term(self.power)
         reward = np.nan_to_num(self._rewards.total(terms), nan=0.0)
+        reward += self.config.rewards.fall * motion.fallen
         timed_out = (self.age >= self.longest) & ~motion.fallen
         done = motion.fallen | timed_out
         log = self._log(terms, motion, reward)
@@ -134,10 +140,13 @@ class WalkingEnvironment:
         self.motion = motion
         self.steps += self.count
         disturbed = self._go_on(done)
-        self.clock.advance(self.config.step_time, self.commands.values)
+        self._show(self.config.step_time)
         return Outcome(
             self.observe(), self.state(), reward, done, timed_out, disturbed & ~done, log
         )
+
+    def _show(self, seconds: float) -> None:
+        self.clock.advance(seconds, self.shown.advance(seconds, self.commands.values))
 
     def _power_term(self, model: PowerModel) -> Floats:
         power = self.config.power
@@ -163,6 +172,7 @@ class WalkingEnvironment:
         self.robots.start(ids, self.config.curriculum.share(self.steps))
         self._feet.start(ids)
         self.commands.draw(ids, self.steps)
+        self.shown.values[ids] = 0.0
         self.clock.walking[ids] = False
         if self.power is not None:
             self.power.reset(ids)
@@ -180,7 +190,7 @@ class WalkingEnvironment:
         return np.asarray(levels * np.abs(self.observation.scales()))
 
     def _log(self, terms: dict[str, Floats], motion: Motion, reward: Floats) -> dict[str, float]:
-        away = self.commands.values - np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])
+        away = self.shown.values - np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])
         means = np.abs(away).mean(axis=0)
         log = {f'term/{name}': float(values.mean()) for name, values in terms.items()}
         log['reward'] = float(reward.mean())

@@ -66,7 +66,7 @@ class _Teacher:
 
     def __init__(self, config: TrainingConfig) -> None:
         plan = config.imitation
-        gait = replace(TROTS[plan.gait], ramp=_RAMP)
+        gait = replace(TROTS[plan.gait], ramp=_RAMP, frequency=config.stride_frequency)
         self._environment = WalkingEnvironment(
             replace(
                 config,
@@ -107,7 +107,7 @@ class _Teacher:
         return Demonstrations(np.concatenate(seen), np.concatenate(done).astype(np.float32))
 
     def _targets(self) -> NDArray[np.float64]:
-        motion, commands = self._environment.motion, self._environment.commands.values
+        motion, commands = self._environment.motion, self._environment.shown.values
         self._time += self._step
         return np.stack(
             [

@@ -19,7 +19,6 @@ from policy_training.vec_env import GROUP, STATE, Mirror, TorchEnvironment
 _STD: Final = 'distribution.std_param'
 _CRITIC_RATE: Final = 1e-3
 _CRITIC_EPOCHS: Final = 3
-_MOST_ADVANTAGE: Final = 2.0  # standard deviations
 _CALM_PERIOD: Final = 100  # policy steps from one calm spell of a robot to its next
 
 
@@ -169,7 +168,7 @@ class Learner:
                 logs.append(self._torch_environment.log)
             collected = time.perf_counter()
             self.ppo.compute_returns(self._observations)
-            _tame(self.ppo.storage.advantages)
+            _tame(self.ppo.storage.advantages, config.ppo.most_advantage)
         losses = self._learn()
         ended = time.perf_counter()
         self.iteration += 1
@@ -182,13 +181,13 @@ class Learner:
         return Round(self.iteration, self.environment.steps, values)
 
 
-def _tame(advantages: torch.Tensor) -> None:
+def _tame(advantages: torch.Tensor, most: float) -> None:
     """
-    Limit normalised advantages [T, N, 1] in place, and normalise them again.
+    Limit normalised advantages [T, N, 1] to ±most in place, and normalise them again.
 
     A fall is worth tens of standard deviations; a few hundred robots would learn of nothing else.
     """
-    advantages.clamp_(-_MOST_ADVANTAGE, _MOST_ADVANTAGE)
+    advantages.clamp_(-most, most)
     advantages -= advantages.mean()
     advantages /= advantages.std() + 1e-8
 

@@ -129,7 +129,21 @@ def test_commands_grow_over_training_and_some_stand(tiny):
     assert np.abs(late).max(axis=0) == pytest.approx([1.0, 0.6, 1.0], rel=0.05)
     standing = (late == 0.0).all(axis=1).mean()
     assert standing == pytest.approx(0.1, abs=0.05)
-    assert environment.commands.asked().mean() == pytest.approx(1.0 - standing)
+
+
+def test_a_command_comes_gradually_and_velocity_is_judged_by_what_has_come(tiny):
+    config = tiny.with_values({'random.velocity': 0.0, 'random.push': 0.0})
+    environment = WalkingEnvironment(config)
+    environment.age[:] = 0
+    environment.commands.values[:] = [0.6, -0.3, 1.0]
+    environment.shown.values[:] = 0.0
+    away = [environment.step(np.zeros((4, 12))).log['error/vx'] for _ in range(5)]
+    np.testing.assert_allclose(environment.shown.values[0], [0.1, -0.1, 0.2])
+    np.testing.assert_allclose(away, 0.02 * np.arange(5), atol=0.02)
+    environment.age[1] = environment.longest - 1
+    environment.step(np.zeros((4, 12)))
+    assert np.abs(environment.shown.values[1]).max() <= 0.04, 'a start begins from standing'
+    np.testing.assert_allclose(environment.shown.values[0], [0.12, -0.12, 0.24])
 
 
 @pytest.mark.parametrize('model', ['carried', 'windowed'])

@@ -25,10 +25,11 @@ class ClockLimits:
 
     bin: stretch of which the least delayed frame is kept; window: bins that are fitted; settle:
     span after which stamps are trusted; drift_after: span after which drift is fitted; recent:
-    bins that fix the offset before that; backward, early: a device clock that goes back, or a
-    frame that comes before its sample, by more than this is a jump; shift: change of the least
-    delay that makes older bins worthless; shift_bins: how long a rise has to last for that;
-    correction: largest change of the mapping that is faded in; drift: largest believable (1).
+    bins that fix the offset before that; backward: a device clock that goes back by more than
+    this has jumped; early: so has one that gains this on its frames and leaves all delays of the
+    epoch that far below; shift: change of the least delay that makes older bins worthless;
+    shift_bins: how long a rise has to last for that; correction: largest change of the mapping
+    that is faded in; drift: largest believable (1).
     """
 
     bin: int = 100 * _MS
@@ -106,6 +107,7 @@ class ClockMapping:
         self._start = self._newest = device
         self._settled = False
         self._base = lag
+        self._floor, self._floor_at = 0.0, device
         self._fade_from, self._correction = device, 0.0
         self._forget(device, lag)
 
@@ -139,15 +141,17 @@ class ClockMapping:
             device = round(raw * self._tick)
             self._begin(device, arrival - device)
             return device
-        expected = round((arrival - self._arrival) / self._tick)
-        self._ticks += self._counter.advance(self._raw, raw, expected)
+        elapsed = arrival - self._arrival
+        gained = self._counter.advance(self._raw, raw, round(elapsed / self._tick))
+        self._ticks += gained
         self._raw, self._arrival = raw, arrival
         device = round(self._ticks * self._tick)
         lag = arrival - device
         late = lag - self._base - self._line(device)
         drifting = device - self._fit_start >= self._limits.drift_after
         backward = device < self._newest - self._limits.backward
-        if backward or (drifting and late < -self._limits.early):
+        leapt = gained * self._tick - elapsed > self._limits.early
+        if backward or (leapt and drifting and self._below_all(device, lag)):
             self.epoch += 1
             self._ticks = raw
             device = round(raw * self._tick)
@@ -165,6 +169,21 @@ class ClockMapping:
             self._close_bin(device, lag)
         return device
 
+    def _below_all(self, device: int, lag: int) -> bool:
+        """
+        Whether a frame is earlier than any in this epoch was.
+
+        One that only is earlier than the line may end a time in which all were late: the line
+        has risen by then, and a device that started again would be numbered anew.
+        """
+        floor = self._floor + self.drift * (device - self._floor_at)
+        return lag - self._base < floor - self._limits.early
+
+    def _sink(self, device: int) -> None:
+        """Let the floor follow the line downwards, and the drift always."""
+        floor = self._floor + self.drift * (device - self._floor_at)
+        self._floor, self._floor_at = min(floor, self._line(device)), device
+
     def _move(self, device: int, lag: int, forget: bool) -> None:
         """Bring the line down to a point below it."""
         published = self._published(device)
@@ -173,6 +192,7 @@ class ClockMapping:
         else:
             self._anchor, self._level = device, float(lag - self._base)
             self._least = 0.0
+        self._sink(device)
         self._blend(device, published)
 
     def _close_bin(self, device: int, lag: int) -> None:
@@ -189,6 +209,7 @@ class ClockMapping:
             self._floors.clear()
         published = self._published(device)
         self._fit(device)
+        self._sink(device)
         self._blend(device, published)
         self._settled = self._settled or device - self._start >= limits.settle
         self._open_bin(device, lag)

@@ -1,6 +1,5 @@
 """From samples to ROS messages, and the thread that publishes them."""
 
-import threading
 from array import array
 from collections.abc import Callable, Sequence
 from math import nan
@@ -13,6 +12,7 @@ from std_msgs.msg import Header
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition import SampleQueue
 from power_daq.receiver import Sample
+from power_daq.worker import Worker
 
 _S = 1_000_000_000
 _TEMPERATURE_LIFETIME = 2 * _S
@@ -118,11 +118,11 @@ class JointStatePublisher:
         return 1
 
 
-class PublishingThread:
+class PublishingThread(Worker):
     """
     Publishes what a queue holds, so that a slow subscriber never keeps the bus waiting.
 
-    finish is called at the end, when the queue is empty.
+    Asked to end, it empties the queue first and then calls finish.
     """
 
     def __init__(
@@ -131,41 +131,15 @@ class PublishingThread:
         publish: Callable[[Sample], None],
         finish: Callable[[], None] = lambda: None,
     ) -> None:
+        super().__init__('publishing')
         self._queue = queue
         self._publish, self._finish = publish, finish
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='publishing', daemon=True)
-        self._error: BaseException | None = None
 
-    def start(self) -> None:
-        """Begin to publish."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Ask the thread to end once the queue is empty."""
-        self._stop.set()
-
-    @property
-    def failed(self) -> bool:
-        """Whether the thread has ended by an exception."""
-        return self._error is not None
-
-    def join(self, timeout: float | None = None) -> bool:
-        """Wait for the thread to end; whether it has. Raises what ended it."""
-        if self._thread.ident is not None:
-            self._thread.join(timeout)
-        if self._error is not None:
-            raise self._error
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
-        try:
-            while True:
-                sample = self._queue.get(_READ)
-                if sample is not None:
-                    self._publish(sample)
-                elif self._stop.is_set():
-                    self._finish()
-                    return
-        except BaseException as error:
-            self._error = error
+    def _work(self) -> None:
+        while True:
+            sample = self._queue.get(_READ)
+            if sample is not None:
+                self._publish(sample)
+            elif self._stop.is_set():
+                self._finish()
+                return

@@ -123,6 +123,24 @@ def test_a_sender_that_falls_seconds_behind_and_catches_up_bends_no_stamp():
     assert device.mapping.epoch == 0
 
 
+@pytest.mark.parametrize(
+    ('since', 'lost'), [(0.0, 0), (0.0, 4), (10.0, 150)], ids=['at the start', 'losing', 'later']
+)
+def test_a_sender_that_was_late_for_long_has_not_started_again(since, lost):
+    device = Device(seed=9, bursts=0.0)
+    if since:
+        device.run(since)
+    drops = range(40_000, 40_000 + lost)
+    for k in range(60_000):
+        truth = since + 1e-3 * k
+        behind = 0.2 if k < 40_000 + lost else max(0.0, 0.2 - (truth - since - 40.0))
+        if k not in drops:
+            arrival = round(1e9 * (1000 + truth + behind)) + FLOOR
+            time = device.mapping.update(round(truth * 1e6), arrival)
+            assert device.mapping.settled or truth < 1.0
+    assert abs(device.mapping.to_steady(time) - 1e9 * (1000 + truth)) < 200_000
+
+
 def test_frames_read_late_after_a_pause_of_this_process_do_not_bend_the_fit():
     device = Device(seed=7)
     device.run(10.0)
