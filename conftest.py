@@ -15,6 +15,11 @@ from pathlib import Path
 
 import domains
 import pytest
+from hypothesis import settings
+
+# The same examples in every run; HYPOTHESIS_RANDOM=1 looks for new ones.
+settings.register_profile('same', derandomize=not os.environ.get('HYPOTHESIS_RANDOM'))
+settings.load_profile('same')
 
 PATIENCE = 30.0
 DAEMON_PORT = 11511

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from policy_runner.excitation import MotionFile
-from policy_runner.joint_limits import JointLimits
+from policy_runner.joint_limits import ROUNDING, JointLimits
 from policy_runner.motion_plan import path_of
 from policy_runner.segment_path import Mounting, Ramps
 from policy_runner.segments import Segment
@@ -95,7 +95,7 @@ class _Fitter:
         low, high = path.extent
         room_up = self._limits.high - _MARGIN
         room_down = self._limits.low + _MARGIN
-        if low >= self._limits.low and high <= self._limits.high:
+        if low >= self._limits.low - ROUNDING and high <= self._limits.high + ROUNDING:
             return segment
         if segment.turns:
             edge = room_up if segment.speed > 0.0 else room_down
@@ -118,7 +118,8 @@ class _Fitter:
         if segment.turns and abs(segment.speed) > limits.speed:
             self.notes.append(f'{segment}: only {limits.speed:g} rad/s')
             segment = replace(segment, speed=math.copysign(limits.speed, segment.speed))
-        if segment.fastest > limits.speed and segment.waves and not segment.saturate:
+        too_fast = segment.fastest > limits.speed * (1.0 + ROUNDING)
+        if too_fast and segment.waves and not segment.saturate:
             segment = self._lowered(
                 segment, abs(segment.amplitude) * limits.speed / segment.fastest
             )

@@ -14,6 +14,9 @@ from policy_runner.kinematics import JOINT_NAMES, LIMITS
 FORMAT: Final = 'joint_limits/1'
 _SPEED, _TORQUE = 8.0, 80.0  # rad/s and N·m, of ANYmal's drives
 
+ROUNDING: Final = 1e-9
+"""By which a motion that was fitted to a limit may exceed it."""
+
 
 @dataclass(frozen=True)
 class JointLimits:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from policy_runner.errors import InputError
 from policy_runner.excitation import MotionFile
-from policy_runner.joint_limits import JointLimits
+from policy_runner.joint_limits import ROUNDING, JointLimits
 from policy_runner.segment_path import JUMPS, Mounting, Ramps, SegmentPath, Target
 from policy_runner.segments import Segment
 from policy_runner.wave_path import WavePath
@@ -69,7 +69,7 @@ class Plan:
                 (path.segment.fastest, limits.speed, 'rad/s', path.segment.saturate),
                 (path.segment.strongest, limits.torque, 'N·m', False),
             ):
-                if value > most and not exempt:
+                if value > most * (1.0 + ROUNDING) and not exempt:
                     raise InputError(
                         f'{where}: {value:.4g} {unit} asked of {drive}; its limits are '
                         f'0..{most:g} {unit}'
@@ -77,7 +77,7 @@ class Plan:
             _check_mounting(path.segment, self._mounting, where)
             self._check_time(path, where)
             for value in path.extent:
-                if not limits.low <= value <= limits.high:
+                if not limits.low - ROUNDING <= value <= limits.high + ROUNDING:
                     raise InputError(
                         f'{where}: {drive} would go to {value:.2f} rad; its limits are '
                         f'{limits.low:.2f}..{limits.high:.2f} rad (--fit shortens it)'

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from policy_runner.drive_names import resolve
 from policy_runner.errors import InputError
@@ -204,6 +204,7 @@ def test_passes_that_leave_the_range_are_cut_into_more_and_shorter_ones():
     st.floats(0.1, 3.0),
     st.floats(-0.8, 0.8),
 )
+@example(speed=1.0, seconds=1.0, amplitude=1.8665886659870081, reach=1.0, start=0.0)
 def test_what_is_fitted_is_not_refused(speed, seconds, amplitude, reach, start):
     limits = JointLimits(-reach - 0.9, reach + 0.9, 5.0, 20.0)
     asked = motion(

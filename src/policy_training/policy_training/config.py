@@ -168,7 +168,7 @@ class PpoConfig:
 
 @dataclass(frozen=True)
 class CurriculumConfig:
-    """Costs, pushes and rough starts come in slowly, so that walking is worth while early."""
+    """Costs come in slowly, so that walking is worth while early."""
 
     begin: float = bounded(1.0, 0.0, 1.0, '', 'share of them at the start')
     steps: float = bounded(0.0, 0.0, 1e12, '', 'policy steps until they are there in full')

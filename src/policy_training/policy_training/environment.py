@@ -126,8 +126,8 @@ class WalkingEnvironment:
             acceleration=(motion.joint_velocity - self._last_velocity) / self.config.step_time,
             flight=self._feet.land(motion.foot_force),
         )
-        hardness = self.config.curriculum.share(self.steps)
-        terms = self._rewards.terms(motion, moment, hardness)
+        share = self.config.curriculum.share(self.steps)
+        terms = self._rewards.terms(motion, moment, share)
         if self.power is not None:
             terms['power'] = self._power_term(self.power)
         reward = np.nan_to_num(self._rewards.total(terms), nan=0.0)
@@ -164,12 +164,12 @@ class WalkingEnvironment:
             self.commands.draw(np.flatnonzero(fresh), self.steps)
         pushed = (self.age % self._new_push == 0) & ~done & bool(self.config.random.push)
         if pushed.any():
-            self.robots.push(np.flatnonzero(pushed), self.config.curriculum.share(self.steps))
+            self.robots.push(np.flatnonzero(pushed))
             self.motion = self.robots.motion(self.motion.torque)
         return np.asarray(fresh | pushed)
 
     def _start(self, ids: NDArray[np.intp]) -> Motion:
-        self.robots.start(ids, self.config.curriculum.share(self.steps))
+        self.robots.start(ids)
         self._feet.start(ids)
         self.commands.draw(ids, self.steps)
         self.shown.values[ids] = 0.0

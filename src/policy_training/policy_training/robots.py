@@ -112,15 +112,11 @@ class Robots:
         position: Floats = self._qpos[:, :3]
         return position
 
-    def start(self, ids: NDArray[np.intp], hardness: float = 1.0) -> None:
-        """
-        Put some robots down somewhere: at rest, or in a random pose and in motion.
-
-        hardness: share of both that there is.
-        """
+    def start(self, ids: NDArray[np.intp]) -> None:
+        """Put some robots down somewhere: at rest, or in a random pose and in motion."""
         random, spread, count = self._random, self._spread, len(ids)
         rough = (random.random(count) >= spread.resting)[:, None]
-        bent, moving = hardness * spread.pose * rough, hardness * spread.velocity * rough
+        bent, moving = spread.pose * rough, spread.velocity * rough
         pose = DEFAULT_POSE * random.uniform(1 - bent, 1 + bent, (count, 12))
         where = random.uniform(-self._ground.relief.reach, self._ground.relief.reach, (count, 2))
         heading = random.uniform(-np.pi, np.pi, count)
@@ -138,9 +134,9 @@ class Robots:
         self._ground.follow(self._soles[:, self._sole_ids])
         self._batch.forward(ids=np.sort(ids))
 
-    def push(self, ids: NDArray[np.intp], hardness: float = 1.0) -> None:
-        """Change the velocity of some robots at once, by a share of what the config says."""
-        most = hardness * self._spread.push
+    def push(self, ids: NDArray[np.intp]) -> None:
+        """Change the velocity of some robots at once."""
+        most = self._spread.push
         self._qvel[ids, :2] += self._random.uniform(-most, most, (len(ids), 2))
 
     def step(self, targets: Floats) -> Motion:
