@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from power_daq.spinning import interrupt_on_signals
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
@@ -135,8 +136,7 @@ def main(arguments: Sequence[str]) -> int:
     if options.output is not None:
         check_new(Path(options.output))
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+    interrupt_on_signals()
     node, code, why = None, 1, 'ended before it began'
     try:
         node = BenchNode(options, motion)

@@ -1,12 +1,12 @@
 """Node that puts drives through a motion file: joint states in, joint commands out."""
 
 import argparse
-import signal
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from power_daq.spinning import interrupt_on_signals
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -182,8 +182,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parse(remove_ros_args(list(arguments)))
     motion = motion_of(options)
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+    interrupt_on_signals()
     node, code = None, 0
     try:
         node = ExciteNode(options, motion)

@@ -1,11 +1,11 @@
 """Node that runs a policy on the robot: joint states and IMU in, joint commands out."""
 
-import signal
 from collections.abc import Sequence
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TwistStamped
+from power_daq.spinning import interrupt_on_signals
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
@@ -185,8 +185,7 @@ def main(arguments: Sequence[str]) -> None:
     """Run the node until it is interrupted; the drives are damped when it ends."""
     options = parse(remove_ros_args(list(arguments)))
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+    interrupt_on_signals()
     node = None
     try:
         node = PolicyRunner(options)

@@ -205,7 +205,7 @@ class TrainingConfig:
     seed: int = bounded(1, 0, 2**31 - 1, '', '')
     steps: float = bounded(20e6, 1.0, 1e12, '', 'policy steps of all environments together')
     action_scale: float = bounded(0.5, 0.01, 5.0, 'rad', 'of one unit of action')
-    stride_frequency: float = bounded(2.6, 0.8, 3.0, 'Hz', 'of the clock of the gait')
+    stride_frequency: float = bounded(2.4, 0.8, 3.0, 'Hz', 'of the clock of the gait')
     checkpoint_every: int = bounded(50, 1, 10**6, 'iterations', '')
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     random: RandomConfig = field(default_factory=RandomConfig)

@@ -289,9 +289,25 @@ def test_a_push_that_is_switched_off_disturbs_nobody(tiny):
     assert not environment.step(np.zeros((environment.count, 12))).disturbed.any()
 
 
-def test_costs_pushes_and_starts_grow_to_their_full_size(tiny):
+def test_costs_grow_to_their_full_size_and_starts_are_rough_from_the_first(tiny):
     config = tiny.with_values({'curriculum.begin': 0.2, 'curriculum.steps': 100.0})
     shares = [config.curriculum.share(steps) for steps in (0, 50, 100, 200)]
     assert shares == pytest.approx([0.2, 0.6, 1.0, 1.0])
     easy, hard = (WalkingEnvironment(each) for each in (config, tiny))
-    assert np.abs(easy.motion.velocity).max() < 0.45 * np.abs(hard.motion.velocity).max()
+    np.testing.assert_array_equal(easy.motion.velocity, hard.motion.velocity)
+    still = np.zeros((4, 12))
+    cheap, dear = (each.step(still).log['term/vertical'] for each in (easy, hard))
+    assert cheap == pytest.approx(0.2 * dear)
+
+
+def test_a_fall_costs_once_and_is_not_cut_off_at_zero(tiny):
+    environment = WalkingEnvironment(tiny.with_values({'rewards.fall': -4.0}))
+    limp = np.tile(np.array([0.0, 2.0, -4.0] * 2 + [0.0, -2.0, 4.0] * 2), (4, 1))
+    falls = 0
+    for _ in range(80):
+        outcome = environment.step(limp)
+        fell = outcome.done & ~outcome.timed_out
+        falls += int(fell.sum())
+        assert (outcome.reward[fell] < -3.9).all()
+        assert (outcome.reward[~fell] >= 0.0).all()
+    assert falls
