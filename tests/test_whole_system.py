@@ -66,11 +66,12 @@ def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, 
     steps = np.diff(drives.sequence.astype(np.int64))
     assert np.all(steps >= 1)
     missing = int((steps - 1).sum())
-    assert missing == (told_lost(recorder.output) or 0), 'what is missing was counted'
+    assert missing == told_lost(recorder.output), 'what is missing was counted'
     assert np.all(np.diff(drives.stamp_ns) > 0)
 
     if pace(recording) < 0.9:
         pytest.skip(f'this busy machine walks at {pace(recording):.2f} of real time, in jumps')
+    assert missing <= 0.05 * len(drives.stamp_ns)
     data = load_aligned([bag], rate=50.0)
     assert data.measured_drives() == data.names
     drawn = data.power.sum(axis=1)

@@ -10,7 +10,7 @@ from policy_runner.policies import Policy
 
 Floats = NDArray[np.float64]
 
-SETTLE: Final = 1.2  # s to come to a stand under the old policy
+SETTLE: Final = 2.5  # s to brake under the old policy from 1.5 m/s at 1 m/s², and to stand
 FADE: Final = 0.4  # s to go over from the targets of one to those of the other
 
 

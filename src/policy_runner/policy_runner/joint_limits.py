@@ -15,7 +15,7 @@ FORMAT: Final = 'joint_limits/1'
 _SPEED, _TORQUE = 8.0, 80.0  # rad/s and N·m, of ANYmal's drives
 
 ROUNDING: Final = 1e-9
-"""By which a motion that was fitted to a limit may exceed it."""
+"""By which a motion fitted to a limit may exceed it: rad, or share of a speed or torque."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ Network = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 DRIVE_GAINS: Final = (80.0, 2.0)
 """Stiffness in N·m/rad and damping in N·m·s/rad that the drives have in position mode."""
 _STAND_UP: Final = 1.5  # s
+_LONGEST_STEP: Final = 0.1  # s that command and clock go on in one step
 _EARLY: Final = 0.25  # share of a period by which a step may come early
 
 
@@ -63,6 +64,7 @@ class LearnedPolicy:
         self._began: float | None = None
         self._first: Floats | None = None
         self._due = -np.inf
+        self._acted: float | None = None
         self._targets = np.zeros(12)
         self._action = np.zeros(12)
         self._slew = CommandSlew(self.contract.observation.command_slew)
@@ -98,12 +100,14 @@ class LearnedPolicy:
         if time >= self._due - _EARLY / self.rate:
             late = time - self._due > 1.0 / self.rate
             self._due = time + 1.0 / self.rate if late else self._due + 1.0 / self.rate
-            self._targets = self._act(command, inputs, velocity)
+            since = 1.0 / self.rate if self._acted is None else time - self._acted
+            self._acted = time
+            self._targets = self._act(command, inputs, velocity, min(since, _LONGEST_STEP))
         return self._targets
 
-    def _act(self, command: Floats, inputs: Inputs, velocity: Floats) -> Floats:
-        shown = self._slew.advance(1.0 / self.rate, np.asarray(command, np.float64)[None])
-        self._phase.advance(1.0 / self.rate, shown)
+    def _act(self, command: Floats, inputs: Inputs, velocity: Floats, seconds: float) -> Floats:
+        shown = self._slew.advance(seconds, np.asarray(command, np.float64)[None])
+        self._phase.advance(seconds, shown)
         observation = self.contract.observation.assemble(
             {
                 'base_velocity': velocity,

@@ -34,6 +34,10 @@ the policy's own order.
 DEAD_ZONE: Final = 0.1  # m/s, rad/s; norm of a velocity command below which it means standing
 
 
+COMMAND_SLEW: Final = (1.0, 1.0, 2.0)
+"""The fastest that walkers here are shown a velocity command to change: m/s², m/s², rad/s²."""
+
+
 @dataclass(frozen=True)
 class Term:
     """One part of an observation; scale is one number, or one per entry."""
@@ -188,8 +192,11 @@ class CommandSlew:
 
     def advance(self, seconds: float, commands: Floats) -> Floats:
         """Go towards commands [N, 3] for a time; what is shown then [N, 3]."""
-        most = self._limits * seconds
-        self.values = self.values + np.clip(commands - self.values, -most, most)
+        if np.isfinite(self._limits).all():
+            most = self._limits * seconds
+            self.values = self.values + np.clip(commands - self.values, -most, most)
+        else:
+            self.values = np.array(commands, np.float64)
         return self.values
 
 
@@ -221,7 +228,7 @@ STANDARD: Final = Observation(
 )
 """The 48 numbers of legged_gym's flat ANYmal, which the paper's baseline takes [14]."""
 CLOCKED: Final = Observation(
-    (*STANDARD.terms, Term('gait_clock', (1.0,))), command_slew=(1.0, 1.0, 2.0)
+    (*STANDARD.terms, Term('gait_clock', (1.0,))), command_slew=COMMAND_SLEW
 )
 """
 The same and a clock of the gait, 50 numbers, with commands that come gradually: what the

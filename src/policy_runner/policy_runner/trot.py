@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from policy_runner import kinematics
 from policy_runner.gait import DEFAULT_TROT, TROTS, Feedback, GaitClock, TrotConfig
 from policy_runner.kinematics import LIMITS
+from policy_runner.observations import COMMAND_SLEW
 from policy_runner.stance import stance_torque
 
 __all__ = ['TARGET_LIMITS', 'TROTS', 'Feedback', 'ScriptedTrot', 'TrotConfig']
@@ -22,7 +23,7 @@ Floats = NDArray[np.float64]
 TARGET_LIMITS: Final = LIMITS + np.array([-0.5, 0.5])
 """Lowest and highest target, rad [12, 2]: beyond the joint's limits by what torque takes."""
 
-_ACCELERATION: Final = np.array([1.0, 1.0, 2.0])  # m/s², m/s², rad/s² of commands
+_ACCELERATION: Final = np.array(COMMAND_SLEW)
 _STEP_LIMIT: Final = (0.28, 0.16)  # m from the foothold at rest, along x and y
 _MOST_TRIM: Final = 0.15  # m/s, rad/s
 _SENSED: Final = 0.03  # s, time constant on measured velocity and tilt

@@ -5,10 +5,11 @@ import policy_folders
 import pytest
 import yaml
 from policy_runner.errors import InputError
+from policy_runner.handover import Handover
 from policy_runner.inputs import Inputs
 from policy_runner.kinematics import DEFAULT_POSE, JOINT_NAMES
 from policy_runner.learned import LearnedPolicy
-from policy_runner.observations import STANDARD
+from policy_runner.observations import CLOCKED, STANDARD
 from policy_runner.policies import load_policy
 
 VELOCITY = np.array([0.3, -0.1, 0.02])
@@ -136,6 +137,26 @@ def test_a_command_is_shown_no_faster_than_the_policy_is_used_to(inputs):
     policy.take_over()
     policy.step(5.0, COMMAND, inputs, VELOCITY)
     np.testing.assert_allclose(network.seen[50][9:12], seen[0] * [2.0, 2.0, 0.25], atol=1e-6)
+
+
+def test_a_policy_hands_over_when_it_has_been_told_to_stand_for_a_while(inputs):
+    network = Recorder()
+    old, new = (
+        LearnedPolicy(policy_folders.contract(observation=CLOCKED), one)
+        for one in (network, Recorder())
+    )
+    old.take_over()
+    for step in range(100):
+        old.step(0.02 * step, np.array([1.5, 0.0, 0.0]), inputs, VELOCITY)
+    handover = Handover(old, new, 2.0)
+    took = next(
+        step
+        for step in range(100, 400)
+        if handover.step(0.02 * step, inputs, VELOCITY) is not None and new._acted is not None
+    )
+    shown = np.array(network.seen)[:took, 9]
+    standing = np.flatnonzero(np.abs(shown) > 1e-9)[-1] + 1
+    assert took - standing >= 45, 'nine tenths of a second, two strides'
 
 
 def test_without_a_measured_velocity_it_is_estimated_from_the_legs(inputs):

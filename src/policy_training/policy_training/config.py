@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import yaml
 from policy_runner.gait import TROTS
-from policy_runner.observations import DEAD_ZONE
+from policy_runner.observations import COMMAND_SLEW, DEAD_ZONE
 from power_daq.cli import InputError
 from power_daq.recording.files import write_whole
 from sim_bridge.bounded import bounded, check, from_mapping, read_named
@@ -206,6 +206,7 @@ class TrainingConfig:
     steps: float = bounded(20e6, 1.0, 1e12, '', 'policy steps of all environments together')
     action_scale: float = bounded(0.5, 0.01, 5.0, 'rad', 'of one unit of action')
     stride_frequency: float = bounded(2.4, 0.8, 3.0, 'Hz', 'of the clock of the gait')
+    command_slew: tuple[float, ...] = COMMAND_SLEW  # m/s², m/s², rad/s²; empty: at once
     checkpoint_every: int = bounded(50, 1, 10**6, 'iterations', '')
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     random: RandomConfig = field(default_factory=RandomConfig)
@@ -219,6 +220,9 @@ class TrainingConfig:
 
     def __post_init__(self) -> None:
         check(self, self.name)
+        if not isinstance(self.command_slew, list | tuple):
+            raise InputError(f'command_slew is {self.command_slew!r}; it must be a list')
+        object.__setattr__(self, 'command_slew', tuple(self.command_slew))
         for name, kind in _SECTIONS.items():
             section = getattr(self, name)
             if not isinstance(section, kind):
@@ -272,6 +276,7 @@ class TrainingConfig:
         """What `parse` reads."""
         content: dict[str, Any] = asdict(self)
         content['ppo']['hidden'] = list(self.ppo.hidden)
+        content['command_slew'] = list(self.command_slew)
         return content
 
     def save(self, path: Path) -> None:

@@ -39,7 +39,7 @@ class WalkingEnvironment:
 
     power: predicts watts per drive for the power term, or None. The weights of the power term
     and the range of commands follow `steps`, the number of policy steps done so far.
-    observation: what robots see; else CLOCKED at the config's frequency of strides. Velocity is
+    observation: what robots see; else CLOCKED with the config's clock and slew. Velocity is
     judged by the commands that robots are shown, which come gradually (`shown`).
     """
 
@@ -52,7 +52,11 @@ class WalkingEnvironment:
     ) -> None:
         self.config = config
         if observation is None:
-            observation = replace(CLOCKED, stride_frequency=config.stride_frequency)
+            observation = replace(
+                CLOCKED,
+                stride_frequency=config.stride_frequency,
+                command_slew=config.command_slew,
+            )
         self.observation = observation
         self.steps = 0
         seeds = np.random.default_rng(config.seed).spawn(3)

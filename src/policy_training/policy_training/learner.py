@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 import torch
+from power_daq.cli import InputError
 from rsl_rl.algorithms import PPO
 
 from policy_training.config import TrainingConfig
@@ -74,13 +75,15 @@ class Learner:
         return {
             **self.ppo.save(),
             'critic_optimiser': self._critic_optimiser.state_dict(),
+            'observation': self.environment.observation.content(),
             'iteration': self.iteration,
             'steps': self.environment.steps,
             'random': torch.get_rng_state(),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint; the robots start anew."""
+        """Go on from a checkpoint; the robots start anew. InputError: it saw something else."""
+        self._check_observation(state)
         self.ppo.load(state, None, True)
         self._critic_optimiser.load_state_dict(state['critic_optimiser'])
         self.iteration = int(state['iteration'])
@@ -89,10 +92,25 @@ class Learner:
         self._observations = self._torch_environment.get_observations()
 
     def take_networks(self, state: dict[str, Any]) -> None:
-        """Start from the networks of another run, exploring as much as the config says."""
+        """
+        Start from the networks of another run, exploring as much as the config says.
+
+        InputError for a run whose robots were shown something else.
+        """
+        self._check_observation(state)
         actor = dict(state['actor_state_dict'])
         actor[_STD] = torch.full_like(actor[_STD], self.config.ppo.std)
         self.ppo.load({**state, 'actor_state_dict': actor}, {'actor': True, 'critic': True}, True)
+
+    def _check_observation(self, state: dict[str, Any]) -> None:
+        seen = self.environment.observation.content()
+        before = state.get('observation', seen)
+        for key in {**seen, **before}:
+            if seen.get(key) != before.get(key):
+                raise InputError(
+                    f'that run was trained with {key} {before.get(key)!r}, this one has '
+                    f'{seen.get(key)!r}; set it as it was, or begin anew'
+                )
 
     def begin_with_gait(self, report: Callable[[float], None]) -> float:
         """Learn the config's scripted gait; what is left of its actions, root mean square."""

@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from policy_runner.observations import COMMAND_SLEW
 from power_daq.cli import InputError
 
 Floats = NDArray[np.float64]
 
 SETTLE: Final = 1.0  # s of standing first
-_ACCELERATION: Final = np.array([1.0, 1.0, 2.0])  # m/s², m/s², rad/s²
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Task:
 
     def __call__(self, time: float) -> Floats:
         """Command at a time, s since the start [3]."""
-        most = _ACCELERATION * max(time - SETTLE, 0.0)
+        most = np.array(COMMAND_SLEW) * max(time - SETTLE, 0.0)
         return np.clip(self.command, -most, most)
 
 

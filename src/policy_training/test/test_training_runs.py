@@ -52,6 +52,14 @@ def test_a_stopped_run_goes_on_where_its_checkpoint_was(tmp_path):
     assert read_checkpoint(tmp_path / 'r')['iteration'] == 4
 
 
+def test_a_run_does_not_go_on_from_robots_that_were_shown_something_else(tmp_path, capsys):
+    run(tmp_path / 'first', '--set', 'stride_frequency=1.9')
+    assert run(tmp_path / 'second', '--from', str(tmp_path / 'first')) == 2
+    assert 'stride_frequency 1.9, this one has 2.4' in capsys.readouterr().err
+    assert run(tmp_path / 'first', '--resume', '--set', 'command_slew=[2.0, 2.0, 2.0]') == 2
+    assert 'command_slew [1.0, 1.0, 2.0]' in capsys.readouterr().err
+
+
 def test_a_run_starts_from_anothers_networks_but_counts_its_own_steps(tmp_path):
     run(tmp_path / 'first')
     source = read_checkpoint(tmp_path / 'first')['actor_state_dict']['mlp.0.weight']

@@ -174,7 +174,9 @@ class ClockMapping:
         Whether a frame is earlier than any in this epoch was.
 
         One that only is earlier than the line may end a time in which all were late: the line
-        has risen by then, and a device that started again would be numbered anew.
+        has risen by then, and a device that started again would be numbered anew. A device that
+        starts again while it is late, less far ahead than it was late, is not noticed here; the
+        counters of its frames tell.
         """
         floor = self._floor + self.drift * (device - self._floor_at)
         return lag - self._base < floor - self._limits.early
