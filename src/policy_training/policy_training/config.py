@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import yaml
 from policy_runner.gait import TROTS
-from policy_runner.observations import COMMAND_SLEW, DEAD_ZONE
+from policy_runner.observations import CLOCKED, COMMAND_SLEW, DEAD_ZONE
 from power_daq.cli import InputError
 from power_daq.recording.files import write_whole
 from sim_bridge.bounded import bounded, check, from_mapping, read_named
@@ -205,7 +205,9 @@ class TrainingConfig:
     seed: int = bounded(1, 0, 2**31 - 1, '', '')
     steps: float = bounded(20e6, 1.0, 1e12, '', 'policy steps of all environments together')
     action_scale: float = bounded(0.5, 0.01, 5.0, 'rad', 'of one unit of action')
-    stride_frequency: float = bounded(2.4, 0.8, 3.0, 'Hz', 'of the clock of the gait')
+    stride_frequency: float = bounded(
+        CLOCKED.stride_frequency, 0.8, 3.0, 'Hz', 'of the clock of the gait'
+    )
     command_slew: tuple[float, ...] = COMMAND_SLEW  # m/s², m/s², rad/s²; empty: at once
     checkpoint_every: int = bounded(50, 1, 10**6, 'iterations', '')
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)

@@ -37,7 +37,11 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add('--config', default='baseline', help='file, or baseline, baseline_more, pmp, pmp_heavy')
+    add(
+        '--config',
+        default='baseline',
+        help='file, or baseline, baseline_more, pmp, pmp_heavy, sturdy',
+    )
     add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the run')
     add('--resume', action='store_true', help='go on with the run in that folder')
     add('--from', dest='source', type=Path, metavar='RUN', help="start from a run's networks")

@@ -12,7 +12,7 @@ FORWARD = next(task for task in TASKS if task.name == 'forward')
 
 
 def test_the_papers_policies_are_shipped():
-    assert {'baseline', 'pmp', 'pmp_heavy'} <= set(shipped())
+    assert set(shipped()) == {'baseline', 'pmp', 'pmp_heavy', 'sturdy'}
 
 
 @pytest.mark.parametrize('name', shipped())
@@ -20,7 +20,7 @@ def test_a_shipped_policy_follows_commands_on_rough_ground_under_pushes(name):
     contract, tensors = read_folder(SHIPPED / name)
     network = Perceptron(tensors, contract.network.activation)
     trials = run_trials(contract, network, TrialConfig(robots=24, seconds=10.0, seed=77))
-    assert trials.falls <= 8
+    assert trials.falls <= (1 if name == 'sturdy' else 6)
     for axis, most in zip(('vx', 'vy', 'yaw'), LIMITS, strict=True):
         assert trials.mean_error[axis] < most
 

@@ -53,9 +53,9 @@ def test_a_stopped_run_goes_on_where_its_checkpoint_was(tmp_path):
 
 
 def test_a_run_does_not_go_on_from_robots_that_were_shown_something_else(tmp_path, capsys):
-    run(tmp_path / 'first', '--set', 'stride_frequency=1.9')
+    run(tmp_path / 'first', '--set', 'stride_frequency=2.4')
     assert run(tmp_path / 'second', '--from', str(tmp_path / 'first')) == 2
-    assert 'stride_frequency 1.9, this one has 2.4' in capsys.readouterr().err
+    assert 'stride_frequency 2.4, this one has 1.9' in capsys.readouterr().err
     assert run(tmp_path / 'first', '--resume', '--set', 'command_slew=[2.0, 2.0, 2.0]') == 2
     assert 'command_slew [1.0, 1.0, 2.0]' in capsys.readouterr().err
 
