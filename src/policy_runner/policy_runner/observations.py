@@ -127,6 +127,9 @@ class Observation:
         """From `{clip, terms: [{name, scale}]}`; InputError says what is wrong."""
         if not isinstance(content, Mapping) or not isinstance(content.get('terms'), Sequence):
             raise InputError(f'observation must be a mapping with terms, not {content!r}')
+        unknown = set(content) - {'clip', 'stride_frequency', 'command_slew', 'terms'}
+        if unknown:
+            raise InputError(f'an observation has no {sorted(unknown)[0]!r}')
         terms = []
         for entry in content['terms']:
             if not isinstance(entry, Mapping) or 'name' not in entry:

@@ -63,6 +63,7 @@ def rename_joint(content):
         (lambda c: c['observation'].update(command_slew=[1, 1]), 'three numbers'),
         (lambda c: c['observation'].update(command_slew=[1, 0, 1]), '[1.0, 0.0, 1.0]'),
         (lambda c: c['observation'].update(command_slew='fast'), "'fast'"),
+        (lambda c: c['observation'].update(command_slow=[1, 1, 2]), "'command_slow'"),
         (lambda c: c['network'].update(hidden=[5]), 'layer0.weight has shape [4, 48]'),
         (lambda c: c['network'].update(hidden=[4, 4]), 'layer1'),
         (lambda c: c['network'].update(activation='magic'), "'magic'"),
