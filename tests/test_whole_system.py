@@ -51,6 +51,12 @@ def pace(recording):
     return steps[steps <= 2.5 / 400].sum() / recording.duration
 
 
+def cut_out(recording):
+    """Samples left out on reading: a busy DAQ stamped them late, and then knew better."""
+    words = r'drive_supply: (\d+) samples whose stamps run backwards'
+    return sum(int(found[1]) for told in recording.problems if (found := re.search(words, told)))
+
+
 def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, tmp_path):
     bag = tmp_path / 'bag'
     recorder = node_process('power_daq', 'record', '-o', str(bag), '--duration', '10')
@@ -65,13 +71,14 @@ def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, 
     drives = recording.drive_supply()
     steps = np.diff(drives.sequence.astype(np.int64))
     assert np.all(steps >= 1)
-    missing = int((steps - 1).sum())
-    assert missing == told_lost(recorder.output), 'what is missing was counted'
+    missing, lost = int((steps - 1).sum()), told_lost(recorder.output)
+    assert lost is not None, recorder.output
+    assert lost <= missing <= lost + cut_out(recording), 'what is missing was counted'
     assert np.all(np.diff(drives.stamp_ns) > 0)
 
     if pace(recording) < 0.9:
         pytest.skip(f'this busy machine walks at {pace(recording):.2f} of real time, in jumps')
-    assert missing <= 0.05 * len(drives.stamp_ns)
+    assert lost <= 0.05 * len(drives.stamp_ns)
     data = load_aligned([bag], rate=50.0)
     assert data.measured_drives() == data.names
     drawn = data.power.sum(axis=1)
