@@ -54,15 +54,17 @@ class TrotConfig:
     """
     Shape of the gait and what it knows of the drives; ValueError for a value out of bounds.
 
-    frequency: strides per s. duty: share of a stride that a foot is on the ground. height: base
-    over ground, m. swing_height: m. foot_x, foot_y: feet from the base's centre, m. max_forward,
-    max_lateral, max_yaw: what commands are clipped to, m/s and rad/s. ramp: s from the present
-    pose to standing. stiffness: position gain of the drives, N·m/rad. damping and friction: what
-    targets make up for of their velocity gain with viscous gear friction, N·m·s/rad, and of
-    Coulomb friction, N·m; less than there is, for too much of it shakes.
+    frequency: strides per s. hurry: how much faster they get out of balance, see
+    `pacing.stride_rate`; empty: not. duty: share of a stride that a foot is on the ground.
+    height: base over ground, m. swing_height: m. foot_x, foot_y: feet from the base's centre, m.
+    max_forward, max_lateral, max_yaw: what commands are clipped to, m/s and rad/s. ramp: s from
+    the present pose to standing. stiffness: position gain of the drives, N·m/rad. damping and
+    friction: what targets make up for of their velocity gain with viscous gear friction,
+    N·m·s/rad, and of Coulomb friction, N·m; less than there is, for too much of it shakes.
     """
 
     frequency: float = 1.9
+    hurry: tuple[float, ...] = ()
     duty: float = 0.58
     height: float = 0.52
     swing_height: float = 0.07
@@ -96,11 +98,6 @@ class TrotConfig:
                 'friction': (0.0, 10.0),
             },
         )
-
-    @property
-    def stance_time(self) -> float:
-        """Time that a foot stays on the ground in a stride, s."""
-        return self.duty / self.frequency
 
     @property
     def footholds(self) -> Floats:
@@ -147,16 +144,16 @@ class GaitClock:
         duty = self._config.duty
         return (self.phase - duty) / (1.0 - duty)
 
-    def advance(self, dt: float, wanted: bool, calm: bool) -> None:
+    def advance(self, dt: float, rate: float, *, wanted: bool, calm: bool) -> None:
         """
-        Move on by dt s.
+        Move on by dt s at a rate of strides, Hz.
 
         wanted: a command or a disturbance asks for steps. calm: body and feet are where they
         should be, so that standing is safe. Walking ends with all feet down, after half a
         stride of calm.
         """
         if self.walking:
-            self._stride_on(dt, calm and not wanted)
+            self._stride_on(dt, rate, calm and not wanted)
         elif wanted:
             self.walking = True
             self._stride = self._calm_time = 0.0
@@ -172,9 +169,9 @@ class GaitClock:
         self.load = self.load + min(1.0, dt / 0.015) * (load - self.load)
         self.load[self.swinging] = 0.0
 
-    def _stride_on(self, dt: float, calm: bool) -> None:
+    def _stride_on(self, dt: float, rate: float, calm: bool) -> None:
         before = self._stride
-        self._stride = (self._stride + self._config.frequency * dt) % 1.0
+        self._stride = (self._stride + rate * dt) % 1.0
         self._calm_time = self._calm_time + dt if calm else 0.0
         touchdown = self._stride % 0.5 < before % 0.5
         if touchdown and self._calm_time > 0.5 / self._config.frequency:

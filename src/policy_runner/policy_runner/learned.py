@@ -12,7 +12,7 @@ from policy_runner.errors import InputError
 from policy_runner.inputs import Inputs
 from policy_runner.kinematics import JOINT_NAMES
 from policy_runner.network import Perceptron
-from policy_runner.observations import CommandSlew, GaitPhase
+from policy_runner.pacing import CommandSlew, GaitPhase
 from policy_runner.policy_folder import Contract, read_folder
 
 Floats = NDArray[np.float64]
@@ -67,8 +67,9 @@ class LearnedPolicy:
         self._acted: float | None = None
         self._targets = np.zeros(12)
         self._action = np.zeros(12)
-        self._slew = CommandSlew(self.contract.observation.command_slew)
-        self._phase = GaitPhase(self.contract.observation.stride_frequency)
+        seen = self.contract.observation
+        self._slew = CommandSlew(seen.command_slew)
+        self._phase = GaitPhase(seen.stride_frequency, seen.hurry)
         self._velocity.reset()
         self._standing_up = True
 
@@ -106,8 +107,9 @@ class LearnedPolicy:
         return self._targets
 
     def _act(self, command: Floats, inputs: Inputs, velocity: Floats, seconds: float) -> Floats:
-        shown = self._slew.advance(seconds, np.asarray(command, np.float64)[None])
-        self._phase.advance(seconds, shown)
+        asked = np.asarray(command, np.float64)[None]
+        shown = self._slew.advance(seconds, asked)
+        self._phase.advance(seconds, shown, asked, velocity[None], inputs.gravity[None])
         observation = self.contract.observation.assemble(
             {
                 'base_velocity': velocity,

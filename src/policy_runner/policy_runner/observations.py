@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policy_runner.errors import InputError
+from policy_runner.pacing import COMMAND_SLEW, HURRY, check_hurry
 
 Floats = NDArray[np.float64]
 
@@ -28,14 +29,9 @@ SIZES: Final = MappingProxyType(
 Numbers per term. base_velocity m/s, angular_velocity rad/s and gravity (unit vector) are in the
 base's frame; command is vx, vy in m/s and yaw rate in rad/s; joint_position is relative to the
 policy's default pose, rad; joint_velocity rad/s; last_action is what the network said before, as
-it said it; gait_clock is the sine and cosine of a stride's phase, see GaitPhase. Joints come in
-the policy's own order.
+it said it; gait_clock is the sine and cosine of a stride's phase, see `pacing.GaitPhase`. Joints
+come in the policy's own order.
 """
-DEAD_ZONE: Final = 0.1  # m/s, rad/s; norm of a velocity command below which it means standing
-
-
-COMMAND_SLEW: Final = (1.0, 1.0, 2.0)
-"""The fastest that walkers here are shown a velocity command to change: m/s², m/s², rad/s²."""
 
 
 @dataclass(frozen=True)
@@ -66,15 +62,17 @@ class Observation:
     """
     Terms in the order in which the network takes them, scaled, then clipped to ±clip.
 
-    stride_frequency: of gait_clock, Hz. command_slew: the fastest that the policy is shown a
-    command to change, m/s², m/s² and rad/s², or nothing for at once. InputError for no terms, a
-    term twice, a clip that is not positive, a frequency that is not in 0.2..5 Hz, or a slew that
-    is not three numbers in 0.1..100.
+    stride_frequency: of gait_clock, Hz. hurry: how that clock hurries, see `pacing.stride_rate`,
+    or nothing for never. command_slew: the fastest that the policy is shown a command to change,
+    m/s², m/s² and rad/s², or nothing for at once. InputError for no terms, a term twice, a clip
+    that is not positive, a frequency that is not in 0.2..5 Hz, a hurry that does not fit, or a
+    slew that is not three numbers in 0.1..100.
     """
 
     terms: tuple[Term, ...]
     clip: float = 100.0
     stride_frequency: float = 1.9
+    hurry: tuple[float, ...] = ()
     command_slew: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -87,6 +85,7 @@ class Observation:
             raise InputError(
                 f'stride_frequency is {self.stride_frequency!r}; it must lie in 0.2..5 Hz'
             )
+        check_hurry(self.hurry, self.stride_frequency)
         slew = self.command_slew
         if slew and (len(slew) != 3 or not all(0.1 <= limit <= 100.0 for limit in slew)):
             raise InputError(
@@ -127,7 +126,7 @@ class Observation:
         """From `{clip, terms: [{name, scale}]}`; InputError says what is wrong."""
         if not isinstance(content, Mapping) or not isinstance(content.get('terms'), Sequence):
             raise InputError(f'observation must be a mapping with terms, not {content!r}')
-        unknown = set(content) - {'clip', 'stride_frequency', 'command_slew', 'terms'}
+        unknown = set(content) - {'clip', 'stride_frequency', 'hurry', 'command_slew', 'terms'}
         if unknown:
             raise InputError(f'an observation has no {sorted(unknown)[0]!r}')
         terms = []
@@ -139,6 +138,7 @@ class Observation:
             tuple(terms),
             _number(content.get('clip', 100.0)),
             _number(content.get('stride_frequency', 1.9)),
+            _numbers(content.get('hurry', ())),
             _numbers(content.get('command_slew', ())),
         )
 
@@ -152,55 +152,9 @@ class Observation:
             for term in self.terms
         ]
         clock = {'stride_frequency': self.stride_frequency} if 'gait_clock' in self.names else {}
+        hurry = {'hurry': list(self.hurry)} if self.hurry else {}
         slew = {'command_slew': list(self.command_slew)} if self.command_slew else {}
-        return {'clip': self.clip, **clock, **slew, 'terms': terms}
-
-
-class GaitPhase:
-    """
-    The phase of N robots' strides, which a policy's own steps go by.
-
-    It runs while a velocity command asks for motion and begins anew at 0 with the next such
-    command. Without it, a policy may come to rest in a pose from which it never takes a step.
-    """
-
-    def __init__(self, frequency: float, count: int = 1) -> None:
-        self._frequency = frequency
-        self.phase = np.zeros(count)  # share of a stride [N]
-        self.walking = np.zeros(count, bool)
-
-    def advance(self, seconds: float, commands: Floats) -> None:
-        """Go on, under commands in m/s, m/s and rad/s [N, 3]."""
-        asked = np.linalg.norm(commands, axis=1) >= DEAD_ZONE
-        on = asked & self.walking
-        self.phase = np.where(on, (self.phase + self._frequency * seconds) % 1.0, 0.0)
-        self.walking = asked
-
-    def values(self) -> Floats:
-        """Sine and cosine of the phase, zeros for who is to stand [N, 2]."""
-        angle = 2.0 * np.pi * self.phase
-        return np.column_stack([np.sin(angle), np.cos(angle)]) * self.walking[:, None]
-
-
-class CommandSlew:
-    """
-    Velocity commands as N robots are shown them: changing no faster than `command_slew` says.
-
-    A command that jumps from 1 m/s one way to 1 m/s the other asks for what no legs can do.
-    """
-
-    def __init__(self, limits: Sequence[float], count: int = 1) -> None:
-        self._limits = np.array(limits or (np.inf,) * 3)
-        self.values = np.zeros((count, 3))  # m/s, m/s, rad/s
-
-    def advance(self, seconds: float, commands: Floats) -> Floats:
-        """Go towards commands [N, 3] for a time; what is shown then [N, 3]."""
-        if np.isfinite(self._limits).all():
-            most = self._limits * seconds
-            self.values = self.values + np.clip(commands - self.values, -most, most)
-        else:
-            self.values = np.array(commands, np.float64)
-        return self.values
+        return {'clip': self.clip, **clock, **hurry, **slew, 'terms': terms}
 
 
 def _number(value: Any) -> float:
@@ -231,9 +185,9 @@ STANDARD: Final = Observation(
 )
 """The 48 numbers of legged_gym's flat ANYmal, which the paper's baseline takes [14]."""
 CLOCKED: Final = Observation(
-    (*STANDARD.terms, Term('gait_clock', (1.0,))), command_slew=COMMAND_SLEW
+    (*STANDARD.terms, Term('gait_clock', (1.0,))), hurry=HURRY, command_slew=COMMAND_SLEW
 )
 """
-The same and a clock of the gait, 50 numbers, with commands that come gradually: what the
-policies that are trained here see.
+The same and a clock of the gait that hurries, 50 numbers, with commands that come gradually:
+what the policies that are trained here see.
 """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from policy_runner import kinematics
 from policy_runner.gait import DEFAULT_TROT, TROTS, Feedback, GaitClock, TrotConfig
 from policy_runner.kinematics import LIMITS
-from policy_runner.observations import COMMAND_SLEW
+from policy_runner.pacing import COMMAND_SLEW, off_balance, stride_rate
 from policy_runner.stance import stance_torque
 
 __all__ = ['TARGET_LIMITS', 'TROTS', 'Feedback', 'ScriptedTrot', 'TrotConfig']
@@ -63,6 +63,7 @@ class ScriptedTrot:
         self._clock.reset()
         self._time: float | None = None
         self._elapsed = 0.0
+        self._rate = self.config.frequency
         self._first_pose = np.zeros(12)
         self._command = np.zeros(3)
         self._trim = np.zeros(3)
@@ -158,8 +159,12 @@ class ScriptedTrot:
         )
 
     def _decide(self, feet: Floats, dt: float) -> None:
-        if self._elapsed < self.config.ramp:
+        cfg = self.config
+        if self._elapsed < cfg.ramp:
             return
+        if cfg.hurry:
+            away = off_balance(self._command[:2] - self._velocity, self._tilt)
+            self._rate = float(stride_rate(cfg.frequency, cfg.hurry, away))
         speed = float(np.hypot(*self._velocity))
         tilt = float(np.hypot(*self._tilt))
         commanded = float(np.abs(self._command).max()) >= 0.02
@@ -168,6 +173,7 @@ class ScriptedTrot:
         sprawled = outward > 0.04 and not self._clock.walking
         self._clock.advance(
             dt,
+            self._rate,
             wanted=commanded or sprawled or speed > 0.25 or tilt > 0.2,
             calm=speed < 0.15 and tilt < 0.1 and float(np.abs(astray).max()) < 0.08,
         )
@@ -194,7 +200,7 @@ class ScriptedTrot:
             return
         self._lifted_at[~swinging] = self._places[~swinging]
         rest = self._rest[swinging]
-        half = 0.5 * cfg.stance_time
+        half = 0.5 * (cfg.duty / self._rate)
         turn = half * self._command[2]
         shift = half * self._command[:2] - cfg.feedback.foothold * (
             self._command[:2] - self._velocity

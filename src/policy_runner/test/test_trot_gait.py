@@ -24,7 +24,7 @@ def walking_clock(seconds, config=TROTS['trot']):
     clock = GaitClock(config)
     swinging = []
     for _ in range(round(seconds / 0.005)):
-        clock.advance(0.005, wanted=True, calm=True)
+        clock.advance(0.005, config.frequency, wanted=True, calm=True)
         swinging.append(clock.swinging.copy())
     return np.array(swinging)
 
@@ -48,13 +48,13 @@ def test_feet_are_on_the_ground_for_the_duty_of_the_gait(name):
 def test_it_stops_stepping_only_with_all_feet_down_and_everything_calm():
     clock = GaitClock(TROTS['trot'])
     for _ in range(150):
-        clock.advance(0.005, wanted=True, calm=True)
+        clock.advance(0.005, 1.9, wanted=True, calm=True)
     for _ in range(400):
-        clock.advance(0.005, wanted=False, calm=False)
+        clock.advance(0.005, 1.9, wanted=False, calm=False)
     assert clock.walking
     while clock.walking:
         down = ~clock.swinging
-        clock.advance(0.005, wanted=False, calm=True)
+        clock.advance(0.005, 1.9, wanted=False, calm=True)
     assert down.sum() >= 2
     assert not clock.swinging.any()
     assert clock.load.min() >= 0.0

@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from policy_runner.pacing import DEAD_ZONE
 
 from policy_training.config import CommandConfig
 
@@ -33,5 +34,5 @@ class Commands:
         alone = kind < c.single
         values[alone] *= np.eye(3)[axis[alone]]
         values[kind >= 1.0 - c.standing] = 0.0
-        values[np.linalg.norm(values, axis=1) < c.dead_zone] = 0.0
+        values[np.linalg.norm(values, axis=1) < DEAD_ZONE] = 0.0
         self.values[ids] = values

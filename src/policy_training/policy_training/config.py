@@ -12,7 +12,8 @@ from typing import Any, Final
 
 import yaml
 from policy_runner.gait import TROTS
-from policy_runner.observations import CLOCKED, COMMAND_SLEW, DEAD_ZONE
+from policy_runner.observations import CLOCKED
+from policy_runner.pacing import COMMAND_SLEW, HURRY, check_hurry
 from power_daq.cli import InputError
 from power_daq.recording.files import write_whole
 from sim_bridge.bounded import bounded, check, from_mapping, read_named
@@ -70,9 +71,6 @@ class CommandConfig:
     period: float = bounded(4.0, 0.1, 600.0, 's', 'between new commands')
     standing: float = bounded(0.1, 0.0, 1.0, '', 'share of commands to stand still')
     single: float = bounded(0.3, 0.0, 1.0, '', 'share of commands along one axis only')
-    dead_zone: float = bounded(
-        DEAD_ZONE, 0.0, 1.0, 'm/s, rad/s', 'commands below it mean standing'
-    )
     ramp_from: float = bounded(0.5, 0.0, 1.0, '', 'share of the range at the start')
     ramp_steps: float = bounded(5e6, 0.0, 1e12, '', 'policy steps until the whole range is asked')
 
@@ -208,6 +206,7 @@ class TrainingConfig:
     stride_frequency: float = bounded(
         CLOCKED.stride_frequency, 0.8, 3.0, 'Hz', 'of the clock of the gait'
     )
+    hurry: tuple[float, ...] = HURRY  # Hz, m/s, m/s, see pacing.stride_rate; empty: never
     command_slew: tuple[float, ...] = COMMAND_SLEW  # m/s², m/s², rad/s²; empty: at once
     checkpoint_every: int = bounded(50, 1, 10**6, 'iterations', '')
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
@@ -222,9 +221,12 @@ class TrainingConfig:
 
     def __post_init__(self) -> None:
         check(self, self.name)
-        if not isinstance(self.command_slew, list | tuple):
-            raise InputError(f'command_slew is {self.command_slew!r}; it must be a list')
-        object.__setattr__(self, 'command_slew', tuple(self.command_slew))
+        for name in ('hurry', 'command_slew'):
+            value = getattr(self, name)
+            if not isinstance(value, list | tuple):
+                raise InputError(f'{name} is {value!r}; it must be a list')
+            object.__setattr__(self, name, tuple(value))
+        check_hurry(self.hurry, self.stride_frequency)
         for name, kind in _SECTIONS.items():
             section = getattr(self, name)
             if not isinstance(section, kind):
@@ -278,6 +280,7 @@ class TrainingConfig:
         """What `parse` reads."""
         content: dict[str, Any] = asdict(self)
         content['ppo']['hidden'] = list(self.ppo.hidden)
+        content['hurry'] = list(self.hurry)
         content['command_slew'] = list(self.command_slew)
         return content
 

@@ -5,7 +5,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.observations import CLOCKED, CommandSlew, GaitPhase, Observation
+from policy_runner.observations import CLOCKED, Observation
+from policy_runner.pacing import CommandSlew, GaitPhase
 from sim_bridge.robot import DEFAULT_POSE
 
 from policy_training.commands import Commands
@@ -25,7 +26,7 @@ class Outcome:
     """What came of an action: N robots."""
 
     observation: NDArray[np.float32]  # [N, size]
-    state: NDArray[np.float32]  # [N, size + 8], see `WalkingEnvironment.state`
+    state: NDArray[np.float32]  # [N, size + 11], see `WalkingEnvironment.state`
     reward: Floats  # [N]
     done: NDArray[np.bool_]  # [N], started anew
     timed_out: NDArray[np.bool_]  # [N], of those done, not by falling
@@ -39,7 +40,7 @@ class WalkingEnvironment:
 
     power: predicts watts per drive for the power term, or None. The weights of the power term
     and the range of commands follow `steps`, the number of policy steps done so far.
-    observation: what robots see; else CLOCKED with the config's clock and slew. Velocity is
+    observation: what robots see; else CLOCKED with the config's clock, hurry and slew. Velocity is
     judged by the commands that robots are shown, which come gradually (`shown`).
     """
 
@@ -55,6 +56,7 @@ class WalkingEnvironment:
             observation = replace(
                 CLOCKED,
                 stride_frequency=config.stride_frequency,
+                hurry=config.hurry,
                 command_slew=config.command_slew,
             )
         self.observation = observation
@@ -69,7 +71,7 @@ class WalkingEnvironment:
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
         self.shown = CommandSlew(observation.command_slew, count)
-        self.clock = GaitPhase(observation.stride_frequency, count)
+        self.clock = GaitPhase(observation.stride_frequency, observation.hurry, count)
         self._last_action = np.zeros((count, 12))
         self._last_velocity = np.zeros((count, 12))
         self.age = np.zeros(count, np.int64)
@@ -85,22 +87,19 @@ class WalkingEnvironment:
 
     def observe(self) -> NDArray[np.float32]:
         """Noisy observation of each robot [N, size]."""
-        clean = self._clean()
-        shake = self._random.random(clean.shape, np.float32)
-        shake *= 2.0
-        shake -= 1.0
-        shake *= self._noise
-        return clean + shake
+        return self._clean() + self._shake
 
     def state(self) -> NDArray[np.float32]:
         """
-        What is so, for a critic [N, size + 8].
+        What is so, for a critic [N, size + 11].
 
-        The observation without noise, load on each foot in units of half the weight, and how
-        long each has been in the air, s.
+        The observation without noise, load on each foot in units of half the weight, how long
+        each has been in the air, s, and the command that is on its way, m/s, m/s and rad/s.
         """
         load = self.motion.foot_force / (0.5 * _GRAVITY * self.robots.mass[:, None])
-        return np.concatenate([self._clean(), load, self._feet.air], axis=1, dtype=np.float32)
+        return np.concatenate(
+            [self._clean(), load, self._feet.air, self.commands.values], axis=1, dtype=np.float32
+        )
 
     def _clean(self) -> NDArray[np.float32]:
         motion = self.motion
@@ -150,7 +149,24 @@ class WalkingEnvironment:
         )
 
     def _show(self, seconds: float) -> None:
-        self.clock.advance(seconds, self.shown.advance(seconds, self.commands.values))
+        """What sensors are off by, and what follows from what they say: N robots."""
+        shake = self._random.random(self._noise.shape, np.float32)
+        self._shake = (2.0 * shake - 1.0) * self._noise
+        asked, motion = self.commands.values, self.motion
+        self.clock.advance(
+            seconds,
+            self.shown.advance(seconds, asked),
+            asked,
+            motion.velocity + self._felt('base_velocity'),
+            motion.gravity + self._felt('gravity'),
+        )
+
+    def _felt(self, name: str) -> Floats | float:
+        """What a term's sensor is off by, in its own units [N, size]; 0 where it is not seen."""
+        if name not in self.observation.names:
+            return 0.0
+        part = self.observation.part(name)
+        return np.asarray(self._shake[:, part] / self.observation.scales()[part], np.float64)
 
     def _power_term(self, model: PowerModel) -> Floats:
         power = self.config.power
@@ -177,7 +193,7 @@ class WalkingEnvironment:
         self._feet.start(ids)
         self.commands.draw(ids, self.steps)
         self.shown.values[ids] = 0.0
-        self.clock.walking[ids] = False
+        self.clock.start(ids)
         if self.power is not None:
             self.power.reset(ids)
         self._last_action[ids] = 0.0

@@ -66,7 +66,12 @@ class _Teacher:
 
     def __init__(self, config: TrainingConfig) -> None:
         plan = config.imitation
-        gait = replace(TROTS[plan.gait], ramp=_RAMP, frequency=config.stride_frequency)
+        gait = replace(
+            TROTS[plan.gait],
+            ramp=_RAMP,
+            frequency=config.stride_frequency,
+            hurry=config.hurry,
+        )
         self._environment = WalkingEnvironment(
             replace(
                 config,
@@ -77,7 +82,7 @@ class _Teacher:
                     yaw=gait.max_yaw,
                     ramp_from=1.0,
                 ),
-                random=replace(config.random, push=0.0, pose=0.3, velocity=0.3),
+                random=replace(config.random, pose=0.3, velocity=0.3),
             )
         )
         self._trots = [ScriptedTrot(gait) for _ in range(plan.robots)]

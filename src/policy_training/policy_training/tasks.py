@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.observations import COMMAND_SLEW
+from policy_runner.pacing import COMMAND_SLEW
 from power_daq.cli import InputError
 
 Floats = NDArray[np.float64]

@@ -105,10 +105,12 @@ class Mirror:
         return values[:, self._order.to(values.device)] * self._flips.to(values.device)
 
     def states(self, values: torch.Tensor) -> torch.Tensor:
-        """Mirror images of states [N, size + 8]: observation, load and time in the air."""
+        """Mirror images of states [N, size + 11]: observation, feet and command."""
         size = len(self._order)
-        feet = values[:, size:].view(-1, 2, 2, 2).flip(3).reshape(-1, 8)
-        return torch.cat([self.observations(values[:, :size]), feet], dim=1)
+        seen, feet, command = values.split([size, 8, 3], dim=1)
+        feet = feet.reshape(-1, 2, 2, 2).flip(3).reshape(-1, 8)
+        command = command * command.new_tensor([1.0, -1.0, -1.0])
+        return torch.cat([self.observations(seen), feet, command], dim=1)
 
     def actions(self, values: torch.Tensor) -> torch.Tensor:
         """Mirror images of actions [N, 12]."""

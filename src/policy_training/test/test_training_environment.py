@@ -3,7 +3,7 @@ import pytest
 import torch
 from policy_runner.inputs import Inputs
 from policy_runner.learned import LearnedPolicy
-from policy_runner.observations import CLOCKED, STANDARD, GaitPhase
+from policy_runner.observations import CLOCKED, STANDARD
 from policy_training.environment import WalkingEnvironment
 from policy_training.export import export_policy
 from policy_training.power_term import WindowedNetwork, load_power, predict_step
@@ -59,10 +59,18 @@ def test_training_and_the_robot_see_and_do_the_same(tiny, tmp_path):
         np.testing.assert_allclose(targets, aimed, atol=1e-5)
 
 
+def shakes(environment):
+    """What observations are off by, step by step [200, N, 50]."""
+    off = []
+    for _ in range(200):
+        environment.step(np.zeros((environment.count, 12)))
+        off.append(environment.observe() - environment.state()[:, :50])
+    return np.array(off)
+
+
 def test_noise_stays_within_its_levels(tiny):
     environment = WalkingEnvironment(tiny.with_values({'noise.least': 1.0}))
-    seen = np.stack([environment.observe() for _ in range(200)])
-    spread = np.abs(seen - seen.mean(axis=0)).max(axis=(0, 1))
+    spread = np.abs(shakes(environment)).max(axis=(0, 1))
     levels = {'base_velocity': 0.1 * 2.0, 'joint_velocity': 1.5 * 0.05, 'command': 0.0}
     for name, level in levels.items():
         assert spread[STANDARD.part(name)].max() <= 1.1 * level + 1e-5
@@ -73,8 +81,7 @@ def test_some_robots_have_better_sensors_than_others(tiny):
     environment = WalkingEnvironment(
         tiny.with_values({'physics.environments': 64, 'noise.clean': 0.5})
     )
-    seen = np.stack([environment.observe() for _ in range(200)])
-    levels = seen.std(axis=0)[:, STANDARD.part('joint_velocity')].mean(axis=1)
+    levels = shakes(environment).std(axis=0)[:, STANDARD.part('joint_velocity')].mean(axis=1)
     assert 20 <= (levels < 1e-6).sum() <= 44
     noisy = levels[levels >= 1e-6]
     assert noisy.max() > 4.0 * noisy.min()
@@ -172,23 +179,6 @@ def test_carried_and_windowed_forms_agree_on_motion_without_a_start(tiny, networ
     np.testing.assert_allclose(one, other, atol=0.05 * np.abs(one).max())
 
 
-def test_the_clock_of_the_gait_runs_while_a_robot_is_told_to_move():
-    clock = GaitPhase(2.0, 2)
-    told = np.array([[0.5, 0.0, 0.0], [0.05, 0.0, 0.05]])
-    seen = []
-    for _ in range(6):
-        clock.advance(0.1, told)
-        seen.append(clock.values())
-    np.testing.assert_allclose(seen[0][0], [0.0, 1.0], atol=1e-12)
-    np.testing.assert_allclose(seen[5][0], [0.0, 1.0], atol=1e-9)  # half a second is a stride
-    np.testing.assert_allclose(seen[1][0], [np.sin(0.4 * np.pi), np.cos(0.4 * np.pi)])
-    assert not np.array(seen)[:, 1].any()
-    clock.advance(0.1, np.zeros((2, 3)))
-    assert not clock.values().any()
-    clock.advance(0.1, told)
-    np.testing.assert_allclose(clock.values()[0], [0.0, 1.0])
-
-
 def test_the_mirror_image_of_a_mirror_image_is_the_thing_itself():
     mirror = Mirror(CLOCKED)
     seen, done = torch.randn(5, 50), torch.randn(5, 12)
@@ -240,24 +230,25 @@ def test_mirrored_robots_under_mirrored_actions_stay_mirror_images(tiny):
     assert (seen[0, 12:24] - seen[1, 12:24]).abs().max() > 0.05
 
 
-def test_the_state_is_the_observation_without_noise_and_the_feet(tiny):
-    environment = WalkingEnvironment(tiny)
-    calm = WalkingEnvironment(tiny.with_values(QUIET))
+def test_the_state_is_the_observation_without_noise_the_feet_and_the_command_to_come(tiny):
+    environment = WalkingEnvironment(tiny.with_values({'hurry': ()}))
+    calm = WalkingEnvironment(tiny.with_values({**QUIET, 'hurry': ()}))
     for _ in range(30):
         environment.step(np.zeros((4, 12)))
         calm.step(np.zeros((4, 12)))
     state = environment.state()
-    assert state.shape == (4, 58)
+    assert state.shape == (4, 61)
+    np.testing.assert_allclose(state[:, 58:], environment.commands.values, rtol=1e-6)
     np.testing.assert_allclose(state[:, :50], calm.observe(), atol=1e-6)
     half = 0.5 * 9.81 * environment.robots.mass[:, None]
     np.testing.assert_allclose(state[:, 50:54], environment.motion.foot_force / half, rtol=1e-6)
 
 
-def test_states_of_feet_are_mirrored_side_by_side():
-    feet = torch.arange(8.0)
-    state = torch.cat([torch.zeros(50), feet])[None]
+def test_states_of_feet_and_the_command_to_come_are_mirrored():
+    state = torch.cat([torch.zeros(50), torch.arange(8.0), torch.tensor([0.5, 0.2, -0.3])])[None]
     image = Mirror(CLOCKED).states(state)[0, 50:]
-    assert image.tolist() == [1.0, 0.0, 3.0, 2.0, 5.0, 4.0, 7.0, 6.0]
+    assert image[:8].tolist() == [1.0, 0.0, 3.0, 2.0, 5.0, 4.0, 7.0, 6.0]
+    torch.testing.assert_close(image[8:], torch.tensor([0.5, -0.2, 0.3]))
 
 
 def test_a_new_command_ends_an_episode_for_the_learner_but_not_for_the_robot(tiny):
@@ -270,6 +261,22 @@ def test_a_new_command_ends_an_episode_for_the_learner_but_not_for_the_robot(tin
         ends.append((bool(dones.all()), bool(extras['time_outs'].all())))
     assert ends == [((index + 1) % 5 == 0,) * 2 for index in range(10)]
     assert (environment.walking.age == 10).all()
+
+
+def test_sensors_that_say_a_robot_is_pushed_make_its_clock_hurry(tiny):
+    rates = []
+    for push in (0.0, 5.0):
+        still = {'random.pose': 0.0, 'random.velocity': 0.0, 'random.push_period': 0.2}
+        config = tiny.with_values(QUIET | still | {'random.push': push})
+        environment = WalkingEnvironment(config)
+        environment.commands.values[:] = environment.shown.values[:] = [0.15, 0.0, 0.0]
+        environment.age[:] = 8
+        for _ in range(3):
+            before = environment.clock.phase.copy()
+            environment.step(np.zeros((4, 12)))
+        rates.append((environment.clock.phase - before) / 0.02)
+    np.testing.assert_allclose(rates[0], config.stride_frequency)
+    assert rates[1].max() > 1.2 * config.stride_frequency
 
 
 def test_a_push_is_seen_at_once(tiny):
