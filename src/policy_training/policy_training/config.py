@@ -154,6 +154,9 @@ class PpoConfig:
     learn_std: bool = True  # or keep it; calm spells make it shrink
     calm: float = bounded(0.0, 0.0, 0.9, '', 'share of time that a robot does not explore')
     most_advantage: float = bounded(2.0, 1.0, 100.0, '', 'standard deviations; limits a fall')
+    hold_rate: float = bounded(
+        0.0, 0.0, 1e-2, '', 'of learning the first gait again where strides hurry; 0: not'
+    )
     mirror: bool = False  # learn from each step's mirror image, too; spoils a gait at a small std
     hidden: tuple[int, ...] = (128, 64, 32)
 
@@ -227,6 +230,10 @@ class TrainingConfig:
                 raise InputError(f'{name} is {value!r}; it must be a list')
             object.__setattr__(self, name, tuple(value))
         check_hurry(self.hurry, self.stride_frequency)
+        if self.ppo.hold_rate > 0.0 and not self.hurry:
+            raise InputError(
+                f'ppo.hold_rate is {self.ppo.hold_rate!r} without hurry; give hurry, or 0'
+            )
         for name, kind in _SECTIONS.items():
             section = getattr(self, name)
             if not isinstance(section, kind):

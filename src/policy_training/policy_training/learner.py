@@ -14,6 +14,7 @@ from rsl_rl.algorithms import PPO
 
 from policy_training.config import TrainingConfig
 from policy_training.environment import WalkingEnvironment
+from policy_training.first_gait import FirstGait
 from policy_training.imitation import imitate
 from policy_training.vec_env import GROUP, STATE, Mirror, TorchEnvironment
 
@@ -58,6 +59,7 @@ class Learner:
                 device,
             )
         self._critic_optimiser = torch.optim.Adam(self.ppo.critic.parameters(), lr=_CRITIC_RATE)
+        self._first_gait: FirstGait | None = None
 
     def run(
         self, iterations: int, report: Callable[[Round], None], *, seconds: float | None = None
@@ -79,6 +81,7 @@ class Learner:
             'iteration': self.iteration,
             'steps': self.environment.steps,
             'random': torch.get_rng_state(),
+            **({'first_gait': self._first_gait.content()} if self._first_gait else {}),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -86,6 +89,10 @@ class Learner:
         self._check_observation(state)
         self.ppo.load(state, None, True)
         self._critic_optimiser.load_state_dict(state['critic_optimiser'])
+        if 'first_gait' in state:
+            self._remember_gait()
+            if self._first_gait is not None:
+                self._first_gait.restore(state['first_gait'])
         self.iteration = int(state['iteration'])
         self.environment.steps = int(state['steps'])
         torch.set_rng_state(state['random'].cpu())
@@ -95,12 +102,16 @@ class Learner:
         """
         Start from the networks of another run, exploring as much as the config says.
 
-        InputError for a run whose robots were shown something else.
+        Its first gait, or what it does now, is that of this one. InputError for a run whose
+        robots were shown something else.
         """
         self._check_observation(state)
         actor = dict(state['actor_state_dict'])
         actor[_STD] = torch.full_like(actor[_STD], self.config.ppo.std)
         self.ppo.load({**state, 'actor_state_dict': actor}, {'actor': True, 'critic': True}, True)
+        self._remember_gait()
+        if self._first_gait is not None and 'first_gait' in state:
+            self._first_gait.take(state['first_gait'])
 
     def _check_observation(self, state: dict[str, Any]) -> None:
         seen = self.environment.observation.content()
@@ -117,7 +128,13 @@ class Learner:
         actor = self.ppo.actor.mlp.cpu()
         left = imitate(self.config, actor, Mirror(self.environment.observation), report)
         actor.to(self.device)
+        self._remember_gait()
         return left
+
+    def _remember_gait(self) -> None:
+        rate, seen = self.config.ppo.hold_rate, self.environment.observation
+        if rate > 0.0:
+            self._first_gait = FirstGait(self.ppo.actor.mlp, seen, above=seen.hurry[1], rate=rate)
 
     def actor_layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         """Weight [out, in] and bias [out] of each layer of the policy."""
@@ -151,11 +168,18 @@ class Learner:
         plan = self.config.imitation
         if not plan.gait or self.iteration >= plan.critic_rounds:
             losses: dict[str, float] = self.ppo.update()
-            return losses
+            return losses | self._hold()
         kept = {name: value.clone() for name, value in self.ppo.actor.state_dict().items()}
         losses = self.ppo.update()
         self.ppo.actor.load_state_dict(kept)
         return losses
+
+    def _hold(self) -> dict[str, float]:
+        if self._first_gait is None:
+            return {}
+        rows = self.ppo.storage.observations.flatten(0, 1)  # the update leaves them there
+        share, left = self._first_gait.hold(rows[GROUP], rows[STATE])
+        return {'hurried': share, 'from_first_gait': left}
 
     def _fit_critic(self) -> None:
         """
