@@ -17,7 +17,7 @@ from policy_training.environment import WalkingEnvironment
 Floats = NDArray[np.float64]
 
 LIMITS: Final = (0.15, 0.15, 0.2)  # m/s, m/s, rad/s that a policy may be off
-_SETTLED: Final = 1.5  # s after a new command until it counts
+_SETTLED: Final = 2.0  # s after a new command until it counts; the most that one comes in by
 _PUSHED: Final = 2.0  # s after a push until velocity counts
 
 
@@ -45,7 +45,7 @@ class Trials:
     """
     What came of it.
 
-    Errors are of the mean velocity while one command holds, from 1.5 s after it was given and
+    Errors are of the mean velocity while one command holds, from 2 s after it was given and
     without the 2 s after a push: their mean size and that which 95 % keep below.
     """
 
