@@ -48,17 +48,25 @@ def off_balance(velocity_error: Floats, tilt: Floats) -> Floats:
     return np.asarray(np.sqrt(squares))
 
 
+def haste(hurry: Sequence[float], away: Floats) -> Floats:
+    """
+    How much robots hurry that are out of balance by so much, m/s [...]: 0 not at all, 1 fully.
+
+    hurry: the fastest rate of strides, Hz; how much from which on strides get faster, m/s; and
+    at how much they are as fast as that, m/s.
+    """
+    _, above, full = hurry
+    return np.asarray(np.clip((away - above) / (full - above), 0.0, 1.0))
+
+
 def stride_rate(frequency: float, hurry: Sequence[float], away: Floats) -> Floats:
     """
-    Strides per second of robots that are out of balance by so much, m/s [...].
+    Strides per second of robots that are out of balance by so much, m/s [...], see `haste`.
 
-    hurry: the fastest rate, Hz; how much from which on strides get faster, m/s; and at how much
-    they are as fast as that, m/s. A body falls away from its feet exponentially, so what helps
-    most is to put the next foot down sooner.
+    A body falls away from its feet exponentially, so what helps most is to put the next foot
+    down sooner.
     """
-    fastest, above, full = hurry
-    share = np.clip((away - above) / (full - above), 0.0, 1.0)
-    return np.asarray(frequency + share * (fastest - frequency))
+    return np.asarray(frequency + haste(hurry, away) * (hurry[0] - frequency))
 
 
 class CommandSlew:

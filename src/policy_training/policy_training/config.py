@@ -157,6 +157,7 @@ class PpoConfig:
     hold_rate: float = bounded(
         0.0, 0.0, 1e-2, '', 'of learning the first gait again where strides hurry; 0: not'
     )
+    hold_within: float = bounded(0.05, 0.0, 1.0, '', 'of its actions, which is near enough')
     mirror: bool = False  # learn from each step's mirror image, too; spoils a gait at a small std
     hidden: tuple[int, ...] = (128, 64, 32)
 

@@ -11,10 +11,9 @@ from typing import Any, Final
 
 import torch
 from policy_runner.observations import Observation
-from policy_runner.pacing import off_balance
+from policy_runner.pacing import haste, off_balance
 from torch import nn
 
-_EPOCHS: Final = 2
 _BATCHES: Final = 4
 
 
@@ -22,17 +21,18 @@ class FirstGait:
     """
     Holds a network (observations [n, size] → actions [n, 12]) to what it is now.
 
-    above: m/s, out of balance by how much it does. rate: of learning.
+    The more the strides of `observation` hurry, the more it does. within: how far actions may
+    be from what they were, in their own units. rate: of learning.
     """
 
     def __init__(
-        self, actor: nn.Module, observation: Observation, *, above: float, rate: float
+        self, actor: nn.Module, observation: Observation, *, within: float, rate: float
     ) -> None:
         self._actor = actor
         self._first = copy.deepcopy(actor).requires_grad_(False)
         self._optimiser = torch.optim.Adam(actor.parameters(), lr=rate)
         self._observation = observation
-        self._above = above
+        self._within = within
 
     def hold(self, seen: torch.Tensor, state: torch.Tensor) -> tuple[float, float]:
         """
@@ -40,23 +40,25 @@ class FirstGait:
 
         seen: observations [n, size]; state: what was so, without noise [n, size or more].
         Returns the share of rows that count, and how far actions are from the first gait's
-        there, root mean square, before this.
+        there before this, root mean square by weight.
         """
-        away = torch.from_numpy(self._away(state))
-        seen = seen[(away > self._above).to(seen.device)]
+        weight = torch.from_numpy(self._haste(state)).float().to(seen.device)
+        chosen = weight > 0.0
+        seen, weight = seen[chosen], weight[chosen, None]
         if not len(seen):
             return 0.0, 0.0
         with torch.no_grad():
             wanted = self._first(seen)
-            left = float((self._actor(seen) - wanted).square().mean().sqrt())
+            squares = weight * (self._actor(seen) - wanted).square()
+            left = float((squares.mean() / weight.mean()).sqrt())
         size = -(-len(seen) // _BATCHES)
-        for _ in range(_EPOCHS):
-            for part in torch.randperm(len(seen), device=seen.device).split(size):
-                loss = nn.functional.mse_loss(self._actor(seen[part]), wanted[part])
-                self._optimiser.zero_grad()
-                loss.backward()
-                self._optimiser.step()
-        return len(seen) / len(away), left
+        for part in torch.randperm(len(seen), device=seen.device).split(size):
+            away = (self._actor(seen[part]) - wanted[part]).abs()
+            loss = (weight[part] * (away - self._within).clamp_min(0.0).square()).mean()
+            self._optimiser.zero_grad()
+            loss.backward()
+            self._optimiser.step()
+        return float(chosen.float().mean()), left
 
     def content(self) -> dict[str, Any]:
         """Tensors and numbers that `restore` takes back."""
@@ -71,12 +73,14 @@ class FirstGait:
         """Hold to the first gait of another run."""
         self._first.load_state_dict(content['network'])
 
-    def _away(self, state: torch.Tensor) -> Any:
-        size, scales = self._observation.size, self._observation.scales()
-        values = state[:, :size].cpu().numpy() / scales
+    def _haste(self, state: torch.Tensor) -> Any:
+        """How far strides are from calm (0) to as fast as they get (1), [n]."""
+        seen = self._observation
+        values = state[:, : seen.size].cpu().numpy() / seen.scales()
 
         def plane(name: str) -> Any:
-            start = self._observation.part(name).start
+            start = seen.part(name).start
             return values[:, start : start + 2]
 
-        return off_balance(plane('command') - plane('base_velocity'), plane('gravity'))
+        away = off_balance(plane('command') - plane('base_velocity'), plane('gravity'))
+        return haste(seen.hurry, away)

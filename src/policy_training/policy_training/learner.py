@@ -132,9 +132,14 @@ class Learner:
         return left
 
     def _remember_gait(self) -> None:
-        rate, seen = self.config.ppo.hold_rate, self.environment.observation
-        if rate > 0.0:
-            self._first_gait = FirstGait(self.ppo.actor.mlp, seen, above=seen.hurry[1], rate=rate)
+        ppo = self.config.ppo
+        if ppo.hold_rate > 0.0:
+            self._first_gait = FirstGait(
+                self.ppo.actor.mlp,
+                self.environment.observation,
+                within=ppo.hold_within,
+                rate=ppo.hold_rate,
+            )
 
     def actor_layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         """Weight [out, in] and bias [out] of each layer of the policy."""
