@@ -55,19 +55,23 @@ class TrotConfig:
     Shape of the gait and what it knows of the drives; ValueError for a value out of bounds.
 
     frequency: strides per s. hurry: how much faster they get out of balance, see
-    `pacing.stride_rate`; empty: not. duty: share of a stride that a foot is on the ground.
-    height: base over ground, m. swing_height: m. foot_x, foot_y: feet from the base's centre, m.
-    max_forward, max_lateral, max_yaw: what commands are clipped to, m/s and rad/s. ramp: s from
-    the present pose to standing. stiffness: position gain of the drives, N·m/rad. damping and
-    friction: what targets make up for of their velocity gain with viscous gear friction,
-    N·m·s/rad, and of Coulomb friction, N·m; less than there is, for too much of it shakes.
+    `pacing.stride_rate`; empty: not. pace: velocity of stance feet over the command. duty: share
+    of a stride that a foot is on the ground. height: base over ground, m. swing_height: m, and
+    hurried_height, where strides are as fast as they get. foot_x, foot_y: feet from the base's
+    centre, m. max_forward, max_lateral, max_yaw: what commands are clipped to, m/s and rad/s.
+    ramp: s from the present pose to standing. stiffness: position gain of the drives, N·m/rad.
+    damping and friction: what targets make up for of their velocity gain with viscous gear
+    friction, N·m·s/rad, and of Coulomb friction, N·m; less than there is, for too much of it
+    shakes.
     """
 
     frequency: float = 1.9
     hurry: tuple[float, ...] = ()
+    pace: float = 1.0
     duty: float = 0.58
     height: float = 0.52
     swing_height: float = 0.07
+    hurried_height: float = 0.07
     foot_x: float = 0.40
     foot_y: float = 0.28
     max_forward: float = 0.8
@@ -84,9 +88,11 @@ class TrotConfig:
             self,
             {
                 'frequency': (0.8, 3.0),
+                'pace': (0.5, 1.5),
                 'duty': (0.5, 0.85),
                 'height': (0.40, 0.58),
                 'swing_height': (0.02, 0.2),
+                'hurried_height': (0.02, 0.2),
                 'foot_x': (0.25, 0.5),
                 'foot_y': (0.2, 0.36),
                 'max_forward': (0.0, 1.5),
@@ -112,9 +118,20 @@ TROTS: Final[Mapping[str, TrotConfig]] = MappingProxyType(
         'trot': DEFAULT_TROT,
         'trot_slow': TrotConfig(frequency=1.5, duty=0.64, height=0.50),
         'trot_high': TrotConfig(frequency=2.0, height=0.55, swing_height=0.10, foot_y=0.30),
+        'trot_even': TrotConfig(
+            frequency=1.7,
+            pace=0.75,
+            height=0.56,
+            swing_height=0.05,
+            hurried_height=0.10,
+            feedback=Feedback(trim=0.0),
+        ),
     }
 )
-"""Gaits by name: three controllers that load the drives differently."""
+"""
+Gaits by name: three controllers that load the drives differently, and one for policies to copy,
+which keeps to its command without an integrator that a network could not see.
+"""
 
 
 class GaitClock:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from policy_runner import kinematics
 from policy_runner.gait import DEFAULT_TROT, TROTS, Feedback, GaitClock, TrotConfig
 from policy_runner.kinematics import LIMITS
-from policy_runner.pacing import COMMAND_SLEW, off_balance, stride_rate
+from policy_runner.pacing import COMMAND_SLEW, haste, off_balance, stride_rate
 from policy_runner.stance import stance_torque
 
 __all__ = ['TARGET_LIMITS', 'TROTS', 'Feedback', 'ScriptedTrot', 'TrotConfig']
@@ -64,6 +64,7 @@ class ScriptedTrot:
         self._time: float | None = None
         self._elapsed = 0.0
         self._rate = self.config.frequency
+        self._lift = self.config.swing_height
         self._first_pose = np.zeros(12)
         self._command = np.zeros(3)
         self._trim = np.zeros(3)
@@ -165,6 +166,8 @@ class ScriptedTrot:
         if cfg.hurry:
             away = off_balance(self._command[:2] - self._velocity, self._tilt)
             self._rate = float(stride_rate(cfg.frequency, cfg.hurry, away))
+            share = float(haste(cfg.hurry, away))
+            self._lift = cfg.swing_height + share * (cfg.hurried_height - cfg.swing_height)
         speed = float(np.hypot(*self._velocity))
         tilt = float(np.hypot(*self._tilt))
         commanded = float(np.abs(self._command).max()) >= 0.02
@@ -182,7 +185,7 @@ class ScriptedTrot:
         places, stance = self._places, ~self._clock.swinging
         if self._clock.walking:
             feedback, command = self.config.feedback, self._command
-            vx, vy, yaw = command + self._trim
+            vx, vy, yaw = self.config.pace * command + self._trim
             vx += feedback.yielding * (self._velocity[0] - command[0])
             vy += feedback.yielding * (self._velocity[1] - command[1])
             moved = np.empty((4, 2))
@@ -212,7 +215,7 @@ class ScriptedTrot:
         s = np.minimum(clock.swing_progress[swinging], 1.0)[:, None]
         start = self._lifted_at[swinging]
         place = start + s**3 * (10.0 - 15.0 * s + 6.0 * s * s) * (goal - start)
-        place[:, 2] += cfg.swing_height * 16.0 * (s * (1.0 - s))[:, 0] ** 2
+        place[:, 2] += self._lift * 16.0 * (s * (1.0 - s))[:, 0] ** 2
         self._places[swinging] = place
 
     def _plan_joints(self, dt: float) -> None:

@@ -18,7 +18,7 @@ from policy_runner.trot import TROTS, ScriptedTrot
 from sim_bridge.robot import DEFAULT_POSE
 from torch import nn
 
-from policy_training.config import CommandConfig, TrainingConfig
+from policy_training.config import TrainingConfig
 from policy_training.environment import WalkingEnvironment
 from policy_training.vec_env import Mirror
 
@@ -62,26 +62,25 @@ def imitate(
 
 
 class _Teacher:
-    """The trot at the head of many robots, by random commands within its range."""
+    """The trot at the head of many robots, by random commands."""
 
     def __init__(self, config: TrainingConfig) -> None:
         plan = config.imitation
+        asked = config.commands
         gait = replace(
             TROTS[plan.gait],
             ramp=_RAMP,
             frequency=config.stride_frequency,
             hurry=config.hurry,
+            max_forward=asked.forward,
+            max_lateral=asked.lateral,
+            max_yaw=asked.yaw,
         )
         self._environment = WalkingEnvironment(
             replace(
                 config,
                 physics=replace(config.physics, environments=plan.robots),
-                commands=CommandConfig(
-                    forward=gait.max_forward,
-                    lateral=gait.max_lateral,
-                    yaw=gait.max_yaw,
-                    ramp_from=1.0,
-                ),
+                commands=replace(asked, ramp_from=1.0),
                 random=replace(config.random, pose=0.3, velocity=0.3),
             )
         )
