@@ -21,8 +21,8 @@ from policy_training.run_folder import RunFolder, read_checkpoint
 
 _EPILOG = """\
 examples:
-  ros2 run policy_training train --config baseline -o runs/first
-  ros2 run policy_training train --config baseline_more --from runs/first -o runs/baseline
+  ros2 run policy_training train --config baseline --steps 250e3 -o runs/first
+  ros2 run policy_training train --config baseline --from runs/first -o runs/baseline
   ros2 run policy_training train --config pmp --from runs/first --power ppn:RUN -o runs/pmp
   ros2 run policy_training train --resume -o runs/pmp
   tensorboard --logdir runs
@@ -37,11 +37,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add(
-        '--config',
-        default='baseline',
-        help='file, or baseline, baseline_more, pmp, pmp_heavy, sturdy',
-    )
+    add('--config', default='baseline', help='file, or baseline, pmp, pmp_heavy')
     add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the run')
     add('--resume', action='store_true', help='go on with the run in that folder')
     add('--from', dest='source', type=Path, metavar='RUN', help="start from a run's networks")

@@ -1,0 +1,108 @@
+"""
+Who is thrown over by pushes: the scripted trot at several rates, with and without hurrying.
+
+Robots walk on rough ground by changing commands and are pushed every 7 s by up to 1 m/s along
+each axis, which is what `evaluate` asks of policies; what they sense is true.
+
+    python bench/pushes.py --rates 1.7 1.9 2.1 2.9 [--robots 96] [--seconds 20]
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from policy_runner.pacing import HURRY
+from policy_runner.trot import TROTS, ScriptedTrot
+from policy_training.config import TrainingConfig
+from policy_training.environment import WalkingEnvironment
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+from sim_bridge.robot import DEFAULT_POSE
+
+
+def falls(
+    gait: str,
+    rate: float,
+    hurry: tuple[float, ...],
+    *,
+    robots: int = 96,
+    seconds: float = 20.0,
+    changes: dict[str, Any] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> int:
+    """Falls of robots that are led by a scripted gait; changes: of the trials' config."""
+    config = TrainingConfig().with_values(
+        {
+            'physics.environments': robots,
+            'physics.episode': seconds + 1.0,
+            'random.push_period': 7.0,
+            'random.resting': 0.0,
+            'commands.ramp_from': 1.0,
+            'seed': 1001,
+            **(changes or {}),
+        }
+    )
+    environment = WalkingEnvironment(config)
+    environment.age[:] = 0
+    shape = replace(TROTS[gait], ramp=0.3, frequency=rate, hurry=hurry)
+    trots = [ScriptedTrot(shape) for _ in range(robots)]
+    fallen, steps = 0, round(seconds / config.step_time)
+    for step in range(1, steps + 1):
+        motion, shown = environment.motion, environment.shown.values
+        targets = [
+            trot.step(
+                step * config.step_time,
+                shown[robot],
+                motion.position[robot],
+                motion.gravity[robot],
+                motion.rate[robot],
+                motion.velocity[robot],
+            )
+            for robot, trot in enumerate(trots)
+        ]
+        outcome = environment.step((np.stack(targets) - DEFAULT_POSE) / config.action_scale)
+        for robot in np.flatnonzero(outcome.done):
+            trots[robot].reset()
+        fallen += int((outcome.done & ~outcome.timed_out).sum())
+        progress(step / steps)
+    return fallen
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument('--gait', default='trot', choices=TROTS)
+    parser.add_argument('--rates', nargs='+', type=float, default=[1.7, 1.9, 2.1, 2.9])
+    parser.add_argument('--robots', type=int, default=96)
+    parser.add_argument('--seconds', type=float, default=20.0)
+    options = parser.parse_args()
+    console = Console()
+    table = Table(title=f'falls of {options.robots} robots in {options.seconds:g} s')
+    table.add_column('strides per s')
+    rows: dict[str, list[str]] = {'evenly': [], 'hurrying': []}
+    with Progress(console=console, transient=True) as bar:
+        for rate in options.rates:
+            table.add_column(f'{rate:g}', justify='right')
+            for name, hurry in (('evenly', ()), ('hurrying', HURRY)):
+                task = bar.add_task(f'{options.gait} at {rate:g} Hz, {name}', total=1.0)
+                count = falls(
+                    options.gait,
+                    rate,
+                    hurry,
+                    robots=options.robots,
+                    seconds=options.seconds,
+                    progress=lambda share, task=task: bar.update(task, completed=share),
+                )
+                rows[name].append(str(count))
+    for name, counts in rows.items():
+        table.add_row(name, *counts)
+    console.print(table)
+
+
+if __name__ == '__main__':
+    main()
