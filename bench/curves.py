@@ -16,12 +16,13 @@ mpl.use('Agg')
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
+from policy_training.config import TrainingConfig
 from policy_training.run_folder import read_curves
 
 COLORS = ('#d55e00', '#0072b2', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
 PANELS = (
     ('error/velocity', 'off by, m/s', 1.0),
-    ('falls', 'falls per robot and minute', 50.0 * 60.0),
+    ('falls', 'falls per robot and minute', 60.0 / TrainingConfig().step_time),
     ('power/watts', 'predicted power, W', 1.0),
 )
 SMOOTH = 12  # rounds
@@ -36,7 +37,7 @@ def draw(
     ax: plt.Axes, runs: list[Path], key: str, factor: float, color: str, label: str | None
 ) -> None:
     """Runs that went on from each other, as one line."""
-    before = 0.0
+    before, named = 0.0, False
     for run in runs:
         rows = read_curves(run)
         if not rows:
@@ -44,8 +45,9 @@ def draw(
         steps = before + np.array([row['steps'] for row in rows]) / 1e6
         values = factor * np.array([row.get(key, np.nan) for row in rows], np.float64)
         if len(rows) >= SMOOTH and np.isfinite(values).any():
-            shown = None if before else label
+            shown = None if named else label
             ax.plot(smoothed(steps), smoothed(values), color=color, lw=1.2, label=shown)
+            named = True
         before = steps[-1]
 
 

@@ -81,6 +81,8 @@ def main() -> None:
     parser.add_argument('--robots', type=int, default=96)
     parser.add_argument('--seconds', type=float, default=20.0)
     options = parser.parse_args()
+    if not all(0.8 <= rate <= HURRY[0] for rate in options.rates):
+        parser.error(f'--rates are {options.rates}; each must lie in 0.8..{HURRY[0]:g} Hz')
     console = Console()
     table = Table(title=f'falls of {options.robots} robots in {options.seconds:g} s')
     table.add_column('strides per s')

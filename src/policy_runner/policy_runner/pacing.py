@@ -42,7 +42,9 @@ def off_balance(velocity_error: Floats, tilt: Floats) -> Floats:
 
     velocity_error: against the command, m/s [..., 2]; tilt: gravity's part along the base's x
     and y, as a unit vector [..., 2]. A tilted body falls as one that has √(g × height) × tilt of
-    speed (the capture point of a linear inverted pendulum).
+    speed (the capture point of a linear inverted pendulum). Both are taken for the worst, as if
+    at right angles: that a body leans against its speed does not count in its favour. So a robot
+    that stands on a slope of 0.11 (6°) is taken for one that falls.
     """
     squares = np.square(velocity_error).sum(axis=-1) + np.square(_LEAN * tilt).sum(axis=-1)
     return np.asarray(np.sqrt(squares))

@@ -1,8 +1,8 @@
 """
 Everything that a training run is made of, read from YAML.
 
-Defaults are the baseline: rewards, noise and PPO of legged_gym's flat ANYmal, which the paper
-trains [14], with MuJoCo in place of Isaac Gym.
+Defaults are rewards, noise and PPO of legged_gym's flat ANYmal, which the paper trains [14], with
+MuJoCo in place of Isaac Gym; what works with few robots is in `configs`.
 """
 
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import yaml
+from policy_runner.errors import InputError as ContractError
 from policy_runner.gait import TROTS
 from policy_runner.observations import CLOCKED
 from policy_runner.pacing import COMMAND_SLEW, HURRY, check_hurry
@@ -186,7 +187,7 @@ class CurriculumConfig:
 class ImitationConfig:
     """A scripted gait to begin with, see `imitation.py`."""
 
-    gait: str = ''  # trot, trot_slow, trot_high, by the clock; empty: random networks
+    gait: str = ''  # a scripted gait, such as trot_even; empty: random networks
     robots: int = bounded(128, 2, 4096, '', 'that are led by the gait')
     seconds: float = bounded(8.0, 2.0, 600.0, 's', 'that they walk in each of three rounds')
     epochs: int = bounded(24, 2, 1000, '', 'of learning after each')
@@ -227,10 +228,15 @@ class TrainingConfig:
         check(self, self.name)
         for name in ('hurry', 'command_slew'):
             value = getattr(self, name)
-            if not isinstance(value, list | tuple):
-                raise InputError(f'{name} is {value!r}; it must be a list')
+            if not isinstance(value, list | tuple) or not all(
+                isinstance(number, int | float) for number in value
+            ):
+                raise InputError(f'{name} is {value!r}; it must be a list of numbers')
             object.__setattr__(self, name, tuple(value))
-        check_hurry(self.hurry, self.stride_frequency)
+        try:
+            check_hurry(self.hurry, self.stride_frequency)
+        except ContractError as error:
+            raise InputError(str(error)) from None
         if self.ppo.hold_rate > 0.0 and not self.hurry:
             raise InputError(
                 f'ppo.hold_rate is {self.ppo.hold_rate!r} without hurry; give hurry, or 0'

@@ -3,7 +3,7 @@ What a policy did before PPO, and goes on doing where robots are out of balance.
 
 A few hundred robots fall too seldom for PPO to learn from it what keeps a robot up: it trades
 that for a little less torque while nothing disturbs it. So it improves the gait of every day,
-and where strides hurry the policy is led back to its first gait, which was hard to push over.
+and out of balance the policy is led back to its first gait, which was hard to push over.
 """
 
 import copy
@@ -21,14 +21,15 @@ class FirstGait:
     """
     Holds a network (observations [n, size] → actions [n, 12]) to what it is now.
 
-    The more the strides of `observation` hurry, the more it does. within: how far actions may
-    be from what they were, in their own units. rate: of learning.
+    It does so where robots are out of balance, the more the faster strides `observation.hurry`
+    asks for there: by how they really are, where their clocks go by what sensors say. within: how
+    far actions may be from what they were, in their own units. rate: of learning.
     """
 
     def __init__(
         self, actor: nn.Module, observation: Observation, *, within: float, rate: float
     ) -> None:
-        self._actor = actor
+        self.actor = actor
         self._first = copy.deepcopy(actor).requires_grad_(False)
         self._optimiser = torch.optim.Adam(actor.parameters(), lr=rate)
         self._observation = observation
@@ -49,29 +50,31 @@ class FirstGait:
             return 0.0, 0.0
         with torch.no_grad():
             wanted = self._first(seen)
-            squares = weight * (self._actor(seen) - wanted).square()
+            squares = weight * (self.actor(seen) - wanted).square()
             left = float((squares.mean() / weight.mean()).sqrt())
         size = -(-len(seen) // _BATCHES)
         for part in torch.randperm(len(seen), device=seen.device).split(size):
-            away = (self._actor(seen[part]) - wanted[part]).abs()
+            away = (self.actor(seen[part]) - wanted[part]).abs()
             loss = (weight[part] * (away - self._within).clamp_min(0.0).square()).mean()
+            if not loss.item():
+                continue  # or the optimiser's momentum would go on
             self._optimiser.zero_grad()
             loss.backward()
             self._optimiser.step()
         return float(chosen.float().mean()), left
 
     def content(self) -> dict[str, Any]:
-        """Tensors and numbers that `restore` takes back."""
+        """Tensors and numbers that `take` takes."""
         return {'network': self._first.state_dict(), 'optimiser': self._optimiser.state_dict()}
 
-    def restore(self, content: dict[str, Any]) -> None:
-        """Go on as before a checkpoint."""
-        self.take(content)
-        self._optimiser.load_state_dict(content['optimiser'])
-
-    def take(self, content: dict[str, Any]) -> None:
-        """Hold to the first gait of another run."""
+    def take(self, content: dict[str, Any], *, go_on: bool) -> None:
+        """Hold to the first gait of another run or, to go on, of this one's checkpoint."""
         self._first.load_state_dict(content['network'])
+        if go_on:
+            rates = [group['lr'] for group in self._optimiser.param_groups]
+            self._optimiser.load_state_dict(content['optimiser'])
+            for group, rate in zip(self._optimiser.param_groups, rates, strict=True):
+                group['lr'] = rate
 
     def _haste(self, state: torch.Tensor) -> Any:
         """How far strides are from calm (0) to as fast as they get (1), [n]."""

@@ -72,9 +72,9 @@ class _Teacher:
             ramp=_RAMP,
             frequency=config.stride_frequency,
             hurry=config.hurry,
-            max_forward=asked.forward,
-            max_lateral=asked.lateral,
-            max_yaw=asked.yaw,
+            max_forward=min(asked.forward, 1.5),
+            max_lateral=min(asked.lateral, 1.0),
+            max_yaw=min(asked.yaw, 2.0),
         )
         self._environment = WalkingEnvironment(
             replace(

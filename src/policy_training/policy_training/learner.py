@@ -60,6 +60,7 @@ class Learner:
             )
         self._critic_optimiser = torch.optim.Adam(self.ppo.critic.parameters(), lr=_CRITIC_RATE)
         self._first_gait: FirstGait | None = None
+        self._critic_first = 0  # rounds in which the critic learns alone
 
     def run(
         self, iterations: int, report: Callable[[Round], None], *, seconds: float | None = None
@@ -81,6 +82,7 @@ class Learner:
             'iteration': self.iteration,
             'steps': self.environment.steps,
             'random': torch.get_rng_state(),
+            'critic_first': self._critic_first,
             **({'first_gait': self._first_gait.content()} if self._first_gait else {}),
         }
 
@@ -89,10 +91,11 @@ class Learner:
         self._check_observation(state)
         self.ppo.load(state, None, True)
         self._critic_optimiser.load_state_dict(state['critic_optimiser'])
-        if 'first_gait' in state:
-            self._remember_gait()
-            if self._first_gait is not None:
-                self._first_gait.restore(state['first_gait'])
+        if self.config.ppo.hold_rate > 0.0:
+            if 'first_gait' not in state:
+                raise InputError('that run held to no gait; resume it with ppo.hold_rate=0')
+            self._remember_gait(state['first_gait'], go_on=True)
+        self._critic_first = int(state.get('critic_first', 0))
         self.iteration = int(state['iteration'])
         self.environment.steps = int(state['steps'])
         torch.set_rng_state(state['random'].cpu())
@@ -107,11 +110,12 @@ class Learner:
         """
         self._check_observation(state)
         actor = dict(state['actor_state_dict'])
+        own = self.ppo.critic.state_dict()
+        if any(own[key].shape != value.shape for key, value in state['critic_state_dict'].items()):
+            raise InputError('the networks of that run have other sizes than this one; begin anew')
         actor[_STD] = torch.full_like(actor[_STD], self.config.ppo.std)
         self.ppo.load({**state, 'actor_state_dict': actor}, {'actor': True, 'critic': True}, True)
-        self._remember_gait()
-        if self._first_gait is not None and 'first_gait' in state:
-            self._first_gait.take(state['first_gait'])
+        self._remember_gait(state.get('first_gait'))
 
     def _check_observation(self, state: dict[str, Any]) -> None:
         seen = self.environment.observation.content()
@@ -129,9 +133,11 @@ class Learner:
         left = imitate(self.config, actor, Mirror(self.environment.observation), report)
         actor.to(self.device)
         self._remember_gait()
+        self._critic_first = self.config.imitation.critic_rounds
         return left
 
-    def _remember_gait(self) -> None:
+    def _remember_gait(self, content: dict[str, Any] | None = None, go_on: bool = False) -> None:
+        """Hold to what the policy is now, or to the first gait of a checkpoint."""
         ppo = self.config.ppo
         if ppo.hold_rate > 0.0:
             self._first_gait = FirstGait(
@@ -140,6 +146,8 @@ class Learner:
                 within=ppo.hold_within,
                 rate=ppo.hold_rate,
             )
+            if content is not None:
+                self._first_gait.take(content, go_on=go_on)
 
     def actor_layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         """Weight [out, in] and bias [out] of each layer of the policy."""
@@ -170,8 +178,7 @@ class Learner:
     def _learn(self) -> dict[str, float]:
         """A critic that knows nothing yet would spoil a gait that is there already."""
         self._fit_critic()
-        plan = self.config.imitation
-        if not plan.gait or self.iteration >= plan.critic_rounds:
+        if self.iteration >= self._critic_first:
             losses: dict[str, float] = self.ppo.update()
             return losses | self._hold()
         kept = {name: value.clone() for name, value in self.ppo.actor.state_dict().items()}

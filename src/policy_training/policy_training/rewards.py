@@ -20,7 +20,7 @@ class Moment:
     """What rewards look at, beside the motion: N robots at one step."""
 
     command: Floats  # m/s, m/s, rad/s [N, 3]
-    asked: NDArray[np.bool_]  # whether the command is to move at all [N]
+    asked: NDArray[np.bool_]  # whether steps are asked for, by the command or to catch a fall [N]
     action: Floats  # [N, 12]
     last_action: Floats  # [N, 12]
     acceleration: Floats  # rad/s² [N, 12], of the joints

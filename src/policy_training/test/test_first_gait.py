@@ -1,6 +1,8 @@
+import copy
 import json
 
 import numpy as np
+import pytest
 import torch
 from policy_runner.observations import CLOCKED
 from policy_training.first_gait import FirstGait
@@ -9,7 +11,13 @@ from policy_training.train_command import main
 
 HELD = (
     *('--environments', '4', '--threads', '1', '--set', 'ppo.steps=6', 'ppo.minibatches=2'),
-    *('ppo.epochs=1', 'ppo.hidden=[16]', 'ppo.hold_rate=1e-3', 'imitation.critic_rounds=0'),
+    *(
+        'ppo.epochs=1',
+        'ppo.hidden=[16]',
+        'ppo.hold_rate=1e-3',
+        'ppo.hold_within=0',
+        'imitation.critic_rounds=0',
+    ),
     *('imitation.robots=2', 'imitation.seconds=2', 'imitation.epochs=2', 'random.velocity=2.0'),
 )
 
@@ -70,6 +78,11 @@ def test_actions_that_are_near_enough_are_left_as_they_are():
         actor.bias += 0.04
     gait.hold(seen, seen)
     assert not torch.equal(actor.weight, before)
+    with torch.no_grad():
+        actor.bias.copy_(gait.content()['network']['bias'])
+        actor.weight.copy_(gait.content()['network']['weight'])
+    gait.hold(seen, seen)  # nor does momentum go on
+    assert torch.equal(actor.weight, before)
 
 
 def test_what_counts_is_how_it_is_and_not_what_sensors_say():
@@ -91,8 +104,59 @@ def test_runs_and_runs_from_them_hold_to_the_same_first_gait(tmp_path):
         assert torch.equal(values, held[1][name])
         assert not torch.equal(values, reached[f'mlp.{name}'])
     assert json.loads((two / 'curves.jsonl').read_text().splitlines()[-1])['steps'] == 72
+    assert read_curves(two)[-1]['loss/from_first_gait'] > 0.0
+    moments = read_checkpoint(two)['first_gait']['optimiser']['state'][0]
+    assert moments['step'] > 8  # of two rounds and of the one after
 
 
-def test_to_hold_to_a_first_gait_strides_must_hurry(tmp_path, capsys):
-    assert main(['-o', str(tmp_path / 'r'), *HELD, 'hurry=[]']) == 2
-    assert 'ppo.hold_rate is 0.001 without hurry' in capsys.readouterr().err
+def test_a_gait_is_held_on_as_if_it_had_never_been_put_down():
+    gait = FirstGait(torch.nn.Linear(CLOCKED.size, 12), CLOCKED, within=0.0, rate=1e-3)
+    seen = rows(50, velocity=1.0)
+    disturb(gait.actor)
+    gait.hold(seen, seen)
+    actor = copy.deepcopy(gait.actor)
+    other = FirstGait(actor, CLOCKED, within=0.0, rate=1e-3)
+    other.take(copy.deepcopy(gait.content()), go_on=True)
+    for one in (gait, other):
+        torch.manual_seed(0)
+        one.hold(seen, seen)
+    torch.testing.assert_close(actor.weight, gait.actor.weight)
+
+
+def test_a_changed_rate_counts_for_a_run_that_goes_on():
+    seen = rows(50, velocity=1.0)
+    moved = []
+    for rate in (1e-4, 1e-2):
+        first = FirstGait(torch.nn.Linear(CLOCKED.size, 12), CLOCKED, within=0.0, rate=1e-4)
+        disturb(first.actor)
+        first.hold(seen, seen)
+        gait = FirstGait(copy.deepcopy(first.actor), CLOCKED, within=0.0, rate=rate)
+        gait.take(first.content(), go_on=True)
+        before = gait.actor.weight.detach().clone()
+        gait.hold(seen, seen)
+        moved.append((gait.actor.weight - before).abs().max().item())
+    assert moved[1] > 10.0 * moved[0]
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['--config', 'pmp', '--set', "power.model=''", 'power.weight=0.0'], 'needs a first gait'),
+        (['--set', 'hurry=[3.0]'], 'hurry is [3.0]'),
+        (['--set', 'hurry=[fast, 0.2, 0.6]'], 'must be a list of numbers'),
+        (['--set', 'hurry=[]'], 'without hurry'),
+    ],
+)
+def test_bad_input_ends_with_one_line_and_code_2(tmp_path, capsys, arguments, words):
+    assert main(['-o', str(tmp_path / 'r'), '--environments', '2', *arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert words in error
+    assert '\n' not in error
+
+
+def test_a_run_that_held_to_no_gait_does_not_begin_to_in_its_middle(tmp_path, capsys):
+    free = [*HELD, 'ppo.hold_rate=0.0']
+    assert main(['-o', str(tmp_path / 'r'), '--steps', '24', *free]) == 0
+    again = ['-o', str(tmp_path / 'r'), '--resume', '--steps', '48']
+    assert main([*again, '--set', 'ppo.hold_rate=1e-4']) == 2
+    assert 'held to no gait' in capsys.readouterr().err

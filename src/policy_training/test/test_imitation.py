@@ -8,7 +8,7 @@ TROT = {
     'imitation.gait': 'trot',
     'imitation.robots': 4,
     'imitation.seconds': 2.0,
-    'imitation.epochs': 8,
+    'imitation.epochs': 20,
     'imitation.critic_rounds': 2,
     'ppo.hidden': (64, 32),
 }
@@ -30,6 +30,7 @@ def test_a_network_comes_to_do_what_the_trot_does(tiny):
 
 def test_the_critic_learns_alone_before_the_gait_is_touched(tiny):
     learner = make_learner(tiny.with_values(TROT))
+    learner.begin_with_gait(lambda share: None)
     before = actor_of(learner)
     critic = learner.ppo.critic.mlp[0].weight.detach().clone()
     learner.run(2, lambda done: None)

@@ -18,8 +18,7 @@ def test_the_pmp_is_the_baseline_without_torque_and_with_power():
         config = TrainingConfig.load(name)
         assert config.power.weight == weight
         same = config.with_values({'rewards.torque': -2.5e-5, 'name': 'baseline'})
-        same = replace(same, power=PowerConfig(), imitation=baseline.imitation)
-        assert same == baseline
+        assert replace(same, power=PowerConfig(), imitation=baseline.imitation) == baseline
 
 
 def test_a_config_is_read_back_as_it_was_saved(tmp_path, tiny):

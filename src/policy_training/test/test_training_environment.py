@@ -279,6 +279,22 @@ def test_sensors_that_say_a_robot_is_pushed_make_its_clock_hurry(tiny):
     assert rates[1].max() > 1.2 * config.stride_frequency
 
 
+def test_the_clock_goes_by_what_sensors_say(tiny):
+    still = {'random.pose': 0.0, 'random.velocity': 0.0, 'random.push': 0.0}
+    loud = {'noise.least': 1.0, 'noise.clean': 0.0, 'noise.base_velocity': 2.0}
+    walked = []
+    for noise in ({}, loud):
+        environment = WalkingEnvironment(tiny.with_values(QUIET | still | noise))
+        environment.commands.values[:] = 0.0
+        environment.age[:] = 1
+        seen = []
+        for _ in range(60):
+            environment.step(np.zeros((4, 12)))
+            seen.append(environment.clock.walking.any())
+        walked.append(any(seen[40:]))
+    assert walked == [False, True]
+
+
 def test_a_push_is_seen_at_once(tiny):
     environment = WalkingEnvironment(tiny.with_values({'random.push_period': 0.2}))
     environment.age[:] = 8
