@@ -12,7 +12,7 @@ FORWARD = next(task for task in TASKS if task.name == 'forward')
 
 
 def test_the_papers_policies_are_shipped():
-    assert set(shipped()) == {'baseline', 'pmp', 'pmp_heavy', 'sturdy'}
+    assert set(shipped()) == {'baseline', 'pmp', 'pmp_heavy'}
 
 
 @pytest.mark.parametrize('name', shipped())
@@ -20,7 +20,7 @@ def test_a_shipped_policy_follows_commands_on_rough_ground_under_pushes(name):
     contract, tensors = read_folder(SHIPPED / name)
     network = Perceptron(tensors, contract.network.activation)
     trials = run_trials(contract, network, TrialConfig(robots=24, seconds=10.0, seed=77))
-    assert trials.falls <= (1 if name == 'sturdy' else 6)
+    assert trials.falls <= 1
     for axis, most in zip(('vx', 'vy', 'yaw'), LIMITS, strict=True):
         assert trials.mean_error[axis] < most
 
@@ -42,5 +42,5 @@ def test_four_times_the_weight_on_power_draws_less_than_the_torque_term_on_the_s
         assert walk.falls == 0
         assert walk.velocity[walk.steady, 0].mean() == pytest.approx(0.6, abs=0.06)
         watts[name] = walk.data.supply[walk.steady].mean()
-    assert watts['pmp_heavy'] < 0.97 * watts['baseline']
-    assert watts['pmp'] < 1.06 * watts['baseline']
+    assert watts['pmp_heavy'] < watts['baseline']
+    assert watts['pmp'] < 1.05 * watts['baseline']
