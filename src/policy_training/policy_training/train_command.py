@@ -65,12 +65,12 @@ def main(args: Sequence[str] | None = None) -> int:
         config = config.with_values(_changes(options))
     else:
         config = TrainingConfig.load(options.config).with_values(_changes(options))
+    learner = make_learner(config, options.device)
     held = config.ppo.hold_rate > 0.0 and not config.imitation.gait
     if held and state is None and options.source is None:
         raise InputError(
             'ppo.hold_rate needs a first gait: --from a run that walks, or imitation.gait'
         )
-    learner = make_learner(config, options.device)
     if state is not None:
         learner.restore(state)
     elif options.source is not None:
