@@ -240,7 +240,7 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
     demo.run('power_estimator', 'train', first, *offline, '-o', network, '--folds', '1')
 
     demo.title(
-        f'4/6  The network estimates live while a policy with power in its reward walks for {live:.0f} s'
+        f'4/6  The network estimates live; a policy with power in its reward walks {live:.0f} s'
     )
     second = demo.live('live_2', 'pmp', live, seed + 1, network)
     picture = demo.output / 'live.png'
