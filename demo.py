@@ -22,7 +22,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
-from types import FrameType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -317,14 +316,10 @@ def parse(args: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
-
-
 def main(args: Sequence[str] | None = None) -> int:
     """Run the demo: 0 done, 1 a step failed, 2 bad input, 130 stopped from outside."""
     options = parse(args)
-    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     output = options.output or ROOT / 'runs' / f'demo_{datetime.now():%Y%m%d_%H%M%S}'
     if output.exists():
         print(f'demo: {output} exists; name another folder', file=sys.stderr)

@@ -17,9 +17,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 from policy_training.config import TrainingConfig
+from policy_training.pictures import COLORS
 from policy_training.run_folder import read_curves
 
-COLORS = ('#d55e00', '#0072b2', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
 PANELS = (
     ('error/velocity', 'off by, m/s', 1.0),
     ('falls', 'falls per robot and minute', 60.0 / TrainingConfig().step_time),

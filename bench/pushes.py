@@ -12,15 +12,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from policy_runner.pacing import HURRY
-from policy_runner.trot import TROTS, ScriptedTrot
-from policy_training.config import TrainingConfig
+from policy_runner.trot import TROTS
 from policy_training.environment import WalkingEnvironment
+from policy_training.leaders import Leaders
+from policy_training.trials import TrialConfig, world
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
-from sim_bridge.robot import DEFAULT_POSE
 
 
 def falls(
@@ -33,39 +32,15 @@ def falls(
     changes: dict[str, Any] | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> int:
-    """Falls of robots that are led by a scripted gait; changes: of the trials' config."""
-    config = TrainingConfig().with_values(
-        {
-            'physics.environments': robots,
-            'physics.episode': seconds + 1.0,
-            'random.push_period': 7.0,
-            'random.resting': 0.0,
-            'commands.ramp_from': 1.0,
-            'seed': 1001,
-            **(changes or {}),
-        }
-    )
-    environment = WalkingEnvironment(config)
+    """Falls of robots that are led by a scripted gait; changes: of the trials' world."""
+    trials = world(TrialConfig(robots=robots, seconds=seconds)).with_values(changes or {})
+    environment = WalkingEnvironment(trials)
     environment.age[:] = 0
-    shape = replace(TROTS[gait], ramp=0.3, frequency=rate, hurry=hurry)
-    trots = [ScriptedTrot(shape) for _ in range(robots)]
-    fallen, steps = 0, round(seconds / config.step_time)
+    leaders = Leaders(environment, replace(TROTS[gait], frequency=rate, hurry=hurry))
+    fallen, steps = 0, round(seconds / trials.step_time)
     for step in range(1, steps + 1):
-        motion, shown = environment.motion, environment.shown.values
-        targets = [
-            trot.step(
-                step * config.step_time,
-                shown[robot],
-                motion.position[robot],
-                motion.gravity[robot],
-                motion.rate[robot],
-                motion.velocity[robot],
-            )
-            for robot, trot in enumerate(trots)
-        ]
-        outcome = environment.step((np.stack(targets) - DEFAULT_POSE) / config.action_scale)
-        for robot in np.flatnonzero(outcome.done):
-            trots[robot].reset()
+        outcome = environment.step(leaders.actions())
+        leaders.reset(outcome.done)
         fallen += int((outcome.done & ~outcome.timed_out).sum())
         progress(step / steps)
     return fallen

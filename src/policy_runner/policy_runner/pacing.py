@@ -16,14 +16,14 @@ COMMAND_SLEW: Final = (1.0, 1.0, 2.0)
 """The fastest that walkers here are shown a velocity command to change: m/s², m/s², rad/s²."""
 
 HURRY: Final = (3.0, 0.25, 0.6)
-"""How the clock of the policies that are trained here hurries: Hz, m/s, m/s, see `stride_rate`."""
+"""How the clock of the policies that are trained here hurries: Hz, m/s, m/s, see `haste`."""
 
 _LEAN: Final = 2.26  # m/s, √(gravity × height of the body): a tilt is as bad as such a speed
 _SENSED: Final = 0.04  # s, time constant on velocity error and tilt that the clock hurries by
 
 
 def check_hurry(hurry: Sequence[float], frequency: float) -> None:
-    """InputError unless it is empty, or three numbers that `stride_rate` can go by."""
+    """InputError unless it is empty, or three numbers that `haste` can go by."""
     if not hurry:
         return
     if len(hurry) == 3:

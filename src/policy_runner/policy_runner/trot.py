@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from policy_runner import kinematics
 from policy_runner.gait import DEFAULT_TROT, TROTS, Feedback, GaitClock, TrotConfig
 from policy_runner.kinematics import LIMITS
-from policy_runner.pacing import COMMAND_SLEW, haste, off_balance, stride_rate
+from policy_runner.pacing import COMMAND_SLEW, haste, off_balance
 from policy_runner.stance import stance_torque
 
 __all__ = ['TARGET_LIMITS', 'TROTS', 'Feedback', 'ScriptedTrot', 'TrotConfig']
@@ -165,8 +165,8 @@ class ScriptedTrot:
             return
         if cfg.hurry:
             away = off_balance(self._command[:2] - self._velocity, self._tilt)
-            self._rate = float(stride_rate(cfg.frequency, cfg.hurry, away))
             share = float(haste(cfg.hurry, away))
+            self._rate = cfg.frequency + share * (cfg.hurry[0] - cfg.frequency)
             self._lift = cfg.swing_height + share * (cfg.hurried_height - cfg.swing_height)
         speed = float(np.hypot(*self._velocity))
         tilt = float(np.hypot(*self._tilt))

@@ -14,18 +14,17 @@ from typing import Final
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from policy_runner.trot import TROTS, ScriptedTrot
-from sim_bridge.robot import DEFAULT_POSE
+from policy_runner.trot import TROTS
 from torch import nn
 
 from policy_training.config import TrainingConfig
 from policy_training.environment import WalkingEnvironment
+from policy_training.leaders import RAMP, Leaders
 from policy_training.vec_env import Mirror
 
 Floats = NDArray[np.float32]
 
 _SHARES: Final = (0.0, 0.4, 0.7)  # of the policy in the action, round by round
-_RAMP: Final = 0.3  # s from the pose of a start to standing; not learned from
 _SHAKE: Final = 0.15  # noise on the actions of every other robot, standard deviation
 _RATE: Final = 1e-3
 _BATCH: Final = 2048
@@ -69,7 +68,6 @@ class _Teacher:
         asked = config.commands
         gait = replace(
             TROTS[plan.gait],
-            ramp=_RAMP,
             frequency=config.stride_frequency,
             hurry=config.hurry,
             max_forward=min(asked.forward, 1.5),
@@ -84,48 +82,31 @@ class _Teacher:
                 random=replace(config.random, pose=0.3, velocity=0.3),
             )
         )
-        self._trots = [ScriptedTrot(gait) for _ in range(plan.robots)]
+        self._leaders = Leaders(self._environment, gait)
         self._random = np.random.default_rng([config.seed, 1])
-        self._step, self._scale = config.step_time, config.action_scale
         self._steps = round(plan.seconds / config.step_time)
-        self._time = 0.0
+        self._settled = (
+            round(RAMP / config.step_time) + 5
+        )  # while it rises, it is not learned from
 
     def show(self, actor: nn.Module, share: float) -> Demonstrations:
         """Walk on, with a share of the actor in the actions."""
-        environment, settled = self._environment, round(_RAMP / self._step) + 5
+        environment, leaders = self._environment, self._leaders
         shaken = _SHAKE * (np.arange(environment.count) % 2)[:, None]
         seen, done = [], []
         for _ in range(self._steps):
-            action = (self._targets() - DEFAULT_POSE) / self._scale
-            environment.clock.phase[:] = [trot.stride for trot in self._trots]
+            action = leaders.actions()
+            environment.clock.phase[:] = leaders.strides
             observation = environment.observe()
-            valid = environment.age >= settled
+            valid = environment.age >= self._settled
             seen.append(observation[valid])
             done.append(action[valid])
             with torch.no_grad():
                 own = actor(torch.from_numpy(observation)).numpy() if share else 0.0
             noise = shaken * self._random.standard_normal(action.shape)
             outcome = environment.step((1.0 - share) * action + share * own + noise)
-            for robot in np.flatnonzero(outcome.done):
-                self._trots[robot].reset()
+            leaders.reset(outcome.done)
         return Demonstrations(np.concatenate(seen), np.concatenate(done).astype(np.float32))
-
-    def _targets(self) -> NDArray[np.float64]:
-        motion, commands = self._environment.motion, self._environment.shown.values
-        self._time += self._step
-        return np.stack(
-            [
-                trot.step(
-                    self._time,
-                    commands[robot],
-                    motion.position[robot],
-                    motion.gravity[robot],
-                    motion.rate[robot],
-                    motion.velocity[robot],
-                )
-                for robot, trot in enumerate(self._trots)
-            ]
-        )
 
 
 def _fit(actor: nn.Module, mirror: Mirror, rounds: list[Demonstrations], epochs: int) -> float:

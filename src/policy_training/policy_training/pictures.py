@@ -14,7 +14,7 @@ Figure = dict[str, Any]
 
 PARTS: Final = ('electronics', 'idle', 'HAA', 'HFE', 'KFE')
 _PART_COLORS: Final = ('#8a949e', '#bcc4cc', '#56b4e9', '#009e73', '#d55e00')
-_COLORS: Final = ('#d55e00', '#0072b2', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
+COLORS: Final = ('#d55e00', '#0072b2', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
 _SIGNALS: Final = {
     'torque': 'torque N·m',
     'velocity': 'speed rad/s',
@@ -63,7 +63,7 @@ def gait_cycles(cycles: Mapping[str, Cycle]) -> Figure:
         horizontal_spacing=0.03,
     )
     for column, (name, cycle) in enumerate(cycles.items(), start=1):
-        color = _COLORS[(column - 1) % len(_COLORS)]
+        color = COLORS[(column - 1) % len(COLORS)]
         for row, (key, title) in enumerate(_SIGNALS.items(), start=1):
             band = [*cycle.high[key].tolist(), *cycle.low[key][::-1].tolist()]
             figure.add_trace(
@@ -110,7 +110,7 @@ def front(entries: Sequence[Mapping[str, Any]]) -> Figure:
     """Supply power against tracking error, a point for each policy on each task."""
     figure = go.Figure()
     tasks = list(dict.fromkeys(entry['task'] for entry in entries))
-    for task, color in zip(tasks, _COLORS, strict=False):
+    for task, color in zip(tasks, COLORS, strict=False):
         rows = [e for e in entries if e['task'] == task and e['power_w']]
         figure.add_scatter(
             x=[round(_error(entry), 3) for entry in rows],
@@ -134,7 +134,7 @@ def learning_curves(runs: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure
         'power/watts': 'predicted W',
     }
     figure = make_subplots(rows=len(keys), cols=1, shared_xaxes=True, vertical_spacing=0.04)
-    for (name, rows), color in zip(runs.items(), _COLORS * 8, strict=False):
+    for (name, rows), color in zip(runs.items(), COLORS * 8, strict=False):
         for index, key in enumerate(keys, start=1):
             found = [row for row in rows if key in row]
             figure.add_trace(

@@ -76,7 +76,8 @@ def run_trials(
     differ from those of training.
     """
     environment = WalkingEnvironment(
-        _training(contract, config, threads), observation=contract.observation
+        replace(world(config, threads), action_scale=_scale_of(contract)),
+        observation=contract.observation,
     )
     environment.age[:] = 0
     step = environment.config.step_time
@@ -100,23 +101,12 @@ def run_trials(
     return _judge(config, commands, reached, fell, pushed, step)
 
 
-def _training(contract: Contract, config: TrialConfig, threads: int) -> TrainingConfig:
-    scale = contract.action.scale[0]
-    same = (
-        contract.joints == JOINT_NAMES
-        and np.allclose(contract.default_pose, DEFAULT_POSE, atol=1e-4)
-        and np.allclose(contract.action.scale, scale)
-    )
+def world(config: TrialConfig, threads: int = 0) -> TrainingConfig:
+    """What robots walk in and are asked for: rough ground, full noise, a push every 7 s."""
     base = TrainingConfig()
-    if not same or abs(contract.rate * base.step_time - 1.0) > 1e-6:
-        raise InputError(
-            f'policy {contract.name!r}: trials need the order of joints, the default pose and '
-            'the rate of training'
-        )
     return replace(
         base,
         seed=config.seed,
-        action_scale=scale,
         physics=replace(
             base.physics, environments=config.robots, threads=threads, episode=config.seconds + 1
         ),
@@ -131,6 +121,21 @@ def _training(contract: Contract, config: TrialConfig, threads: int) -> Training
         random=replace(base.random, push_period=7.0, resting=0.0),
         noise=replace(base.noise, least=1.0, clean=0.0),
     )
+
+
+def _scale_of(contract: Contract) -> float:
+    scale = contract.action.scale[0]
+    same = (
+        contract.joints == JOINT_NAMES
+        and np.allclose(contract.default_pose, DEFAULT_POSE, atol=1e-4)
+        and np.allclose(contract.action.scale, scale)
+    )
+    if not same or abs(contract.rate * TrainingConfig().step_time - 1.0) > 1e-6:
+        raise InputError(
+            f'policy {contract.name!r}: trials need the order of joints, the default pose and '
+            'the rate of training'
+        )
+    return scale
 
 
 def _judge(

@@ -2,7 +2,6 @@
 
 import signal
 from collections.abc import Callable, Sequence
-from types import FrameType
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -56,12 +55,8 @@ def interrupt_on_signals() -> None:
     To go with rclpy.init and SignalHandlerOptions.NO: the context stays valid, so that a node can
     still publish what it has. A node without a timer may notice late.
     """
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
+        signal.signal(number, signal.default_int_handler)
 
 
 def ignore_signals() -> None:
