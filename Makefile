@@ -3,7 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 TORCH ?= torch==2.13.0
-PACKAGES := power_daq power_estimator power_lab sim_bridge policy_runner policy_training
+PACKAGES := wattwalk_core power_recordings power_daq power_calibration sound_levels power_estimator \
+	policy_runner drive_bench sim_bridge power_lab policy_training
 STAMP := $(VENV)/.installed
 ROS := .ros
 ROS_VENV ?= $(ROS)/venv

@@ -9,13 +9,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import domains
 import pytest
 from hypothesis import settings
+from synthetic_walk import Walk
 
 # The same examples in every run; HYPOTHESIS_RANDOM=1 looks for new ones.
 settings.register_profile('same', derandomize=not os.environ.get('HYPOTHESIS_RANDOM'))
@@ -41,6 +42,12 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
         monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         yield domain
+
+
+@pytest.fixture
+def walk() -> Callable[..., Walk]:
+    """Makes a recording of `seconds` to be changed and written."""
+    return Walk
 
 
 class NodeProcess:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from live_system import LiveSystem
 from numpy.typing import NDArray
-from power_daq.recording.reader import Recording
+from power_recordings.reading.reader import Recording
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table

@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-from power_daq.recording import cdr
-from power_daq.recording.alignment import load_aligned
-from power_daq.recording.writer import BagWriter
+from power_recordings.alignment.align import load_aligned
+from power_recordings.messages import cdr
+from power_recordings.writing.writer import BagWriter
 
 TARGET = 200.0
 START = 1_700_000_000_000_000_000

@@ -16,23 +16,23 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from power_daq.recording.reader import Recording
-from power_daq.recording.samples import DriveSamples
-from power_daq.reference.comparison import Comparison, compare
-from power_daq.reference.fit import Value
-from power_daq.reference.log import Log
-from power_daq.reference.measured import Measured
+from power_calibration.analyser.comparison import Comparison, compare
+from power_calibration.analyser.fit import Value
+from power_calibration.analyser.log import Log
+from power_calibration.analyser.measured import Measured
+from power_recordings.messages.samples import DriveSamples
+from power_recordings.reading.reader import Recording
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from sim_bridge.analyser import Analyser, AnalyserParameters
-from sim_bridge.meter import DeviceClock, Meter
-from sim_bridge.motions import Motion, bench_motion
-from sim_bridge.offline import OfflineRun
-from sim_bridge.plant import MeterParameters, Plant
-from sim_bridge.simulation import STEP, Block
-from sim_bridge.telemetry import START_NS
-from sim_bridge.world import stand_world
+from sim_bridge.instruments.analyser import Analyser, AnalyserParameters
+from sim_bridge.offline.motions import Motion, bench_motion
+from sim_bridge.offline.run import OfflineRun
+from sim_bridge.offline.telemetry import START_NS
+from sim_bridge.plant.parameters import MeterParameters, Plant
+from sim_bridge.plant.simulation import STEP, Block
+from sim_bridge.plant.world import stand_world
+from sim_bridge.sensors.meter import DeviceClock, Meter
 
 DRIVE = 'LF_KFE'
 

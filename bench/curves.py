@@ -17,8 +17,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 from policy_training.config import TrainingConfig
-from policy_training.pictures import COLORS
-from policy_training.run_folder import read_curves
+from policy_training.evaluation.figures import COLORS
+from policy_training.learning.run_folder import read_curves
 
 PANELS = (
     ('error/velocity', 'off by, m/s', 1.0),

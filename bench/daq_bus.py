@@ -14,10 +14,10 @@ import can
 import cantools
 import numpy as np
 from numpy.typing import NDArray
+from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.description import DEFAULT_DBC, BusDescription
 from power_daq.bus.unix_socket import UnixSocketBus
-from power_daq.clock_mapping import ClockMapping, RosTime
-from power_daq.receiver import Receiver
+from power_daq.clock.mapping import ClockMapping, RosTime
 from rich.console import Console
 from rich.table import Table
 

@@ -19,12 +19,12 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from power_estimator.checkpoint import Checkpoint, Network, NetworkConfig
 from power_estimator.drive_types import DriveType
-from power_estimator.features import Scaling
-from power_estimator.live import LiveEstimator
-from power_estimator.lstm import LstmBank, Weights
-from power_estimator.ppn import PowerPredictionNetwork
+from power_estimator.live.estimator import LiveEstimator
+from power_estimator.network.checkpoint import Checkpoint, Network, NetworkConfig
+from power_estimator.network.features import Scaling
+from power_estimator.network.lstm import LstmBank, Weights
+from power_estimator.network.ppn import PowerPredictionNetwork
 
 JOINTS = [f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')]
 HIDDEN = 100
@@ -55,7 +55,7 @@ def row(label: str, reached: str, target: str, ratio: float | None = None) -> No
 def bench_training(epochs: int) -> None:
     """One fold of 30 min of one drive type, on one thread."""
     import torch
-    from power_estimator.network import Tracks, Trainer, TrainingConfig
+    from power_estimator.network.trainer import Tracks, Trainer, TrainingConfig
 
     torch.set_num_threads(1)
     random = np.random.default_rng(1)
@@ -109,7 +109,7 @@ def bench_arithmetic(checkpoint: Checkpoint) -> None:
 def bench_batch() -> None:
     """A policy step of 20 ms (four samples) of many robots with twelve drives each."""
     import torch
-    from power_estimator.cost import policy_step_cost
+    from power_estimator.network.cost import policy_step_cost
 
     torch.set_num_threads(1)
     for hidden, sizes in ((32, (64, 512, 4096)), (HIDDEN, (64, 512))):
@@ -181,7 +181,7 @@ def bench_node(checkpoint: Checkpoint, seconds: float) -> None:
     os.environ.setdefault('ROS_DOMAIN_ID', '93')
     with tempfile.TemporaryDirectory() as folder:
         checkpoint.save(Path(folder) / 'model.safetensors')
-        code = 'from power_estimator.estimate_node import main; raise SystemExit(main())'
+        code = 'from power_estimator.live.node import main; raise SystemExit(main())'
         node = subprocess.Popen(
             [sys.executable, '-c', code, '--ros-args', '-p', f'model:=ppn:{folder}']
         )

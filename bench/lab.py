@@ -3,7 +3,7 @@ The blind benchmark of power_lab: hidden effects, nulls, strangers and faults of
 
     python bench/lab.py [--seeds 0 1 …] [--sources circuit sim] [--quick] [--out FILE.jsonl]
 
-Truths are circuits (src/power_lab/test/truth_circuit.py) and sim_bridge's plants, never the
+Truths are circuits (bench/truth_circuit.py) and sim_bridge's plants, never the
 lab's own formulas. Results are appended to FILE, and what is there is not run again.
 """
 
@@ -22,13 +22,13 @@ from typing import Any
 
 import numpy as np
 from lab_scenarios import STRANGERS, Scenario, random_order, scenarios
-from power_daq.recording.aligned import AlignedDataset
-from power_estimator.effect_design import Active, Structure
-from power_estimator.effect_fit import Fitter, measurement_terms
-from power_estimator.effect_signals import prepare
-from power_estimator.effect_training import fit_model, material
 from power_estimator.effects import builtin_catalogue
-from power_lab.diagnosis import Diagnoser, Diagnosis
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.fitter import Fitter, measurement_terms
+from power_estimator.effects.fit.training import fit_model, material
+from power_estimator.effects.signals.prepared import prepare
+from power_lab.diagnose.diagnosis import Diagnoser, Diagnosis
+from power_recordings.alignment.dataset import AlignedDataset
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table

@@ -1,17 +1,13 @@
 """What the blind benchmark of the lab hides, and in which simulated hardware."""
 
-import sys
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from power_daq.recording.aligned import AlignedDataset
-from power_daq.recording.alignment import align
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'src' / 'power_lab' / 'test'))
+from power_recordings.alignment.align import align
+from power_recordings.alignment.dataset import AlignedDataset
 from truth_circuit import STRANGERS, Faults, Truth, record
 
 BASES: Mapping[str, tuple[str, ...]] = {
@@ -116,11 +112,11 @@ class Scenario:
 
 
 def _simulated(scenario: Scenario, effects: Mapping[str, float], seed: int) -> AlignedDataset:
-    from policy_runner.segment_path import JUMPS
-    from sim_bridge.motions import Motion, bench_motion
-    from sim_bridge.offline import OfflineRun, simulate_recording, walking_run
-    from sim_bridge.plant import Plant
-    from sim_bridge.world import Stand, stand_world
+    from drive_bench.motion.segment_path import JUMPS
+    from sim_bridge.offline.motions import Motion, bench_motion
+    from sim_bridge.offline.run import OfflineRun, simulate_recording, walking_run
+    from sim_bridge.plant.parameters import Plant
+    from sim_bridge.plant.world import Stand, stand_world
 
     base = Plant.load('anymal_c').unit(scenario.seed + 1)
     changes: dict[str, Any] = {name: False for name, _ in base.effects}

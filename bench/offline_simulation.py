@@ -18,15 +18,15 @@ os.environ['OMP_NUM_THREADS'] = '1'
 from power_daq.bus.description import BusDescription
 from rich.console import Console
 from rich.table import Table
-from sim_bridge.drive import JointCommand
-from sim_bridge.frames import FrameEncoder
-from sim_bridge.instruments import Instruments
-from sim_bridge.live import BLOCK
-from sim_bridge.offline import run_offline, simulate_recording, walking_run
-from sim_bridge.plant import Plant
-from sim_bridge.robot import DEFAULT_POSE
-from sim_bridge.simulation import STEP, Simulation
-from sim_bridge.world import walking_world
+from sim_bridge.live.frames import FrameEncoder
+from sim_bridge.live.real_time import BLOCK
+from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
+from sim_bridge.plant.drive import JointCommand
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.robot import DEFAULT_POSE
+from sim_bridge.plant.simulation import STEP, Simulation
+from sim_bridge.plant.world import walking_world
+from sim_bridge.sensors.blocks import Instruments
 
 TARGET = 5.0
 LIVE_TARGET = 0.6

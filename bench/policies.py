@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 import torch
 from policy_training.config import TrainingConfig
-from policy_training.environment import WalkingEnvironment
-from policy_training.learner import Learner
-from policy_training.power_term import PowerModel, WindowedNetwork, load_power
-from power_estimator.checkpoint import FILE, Checkpoint, Network, NetworkConfig
+from policy_training.environment.environment import WalkingEnvironment
+from policy_training.environment.power_term import PowerModel, WindowedNetwork, load_power
+from policy_training.learning.learner import Learner
 from power_estimator.drive_types import DriveType
-from power_estimator.features import Scaling
-from power_estimator.lstm import Weights
+from power_estimator.network.checkpoint import FILE, Checkpoint, Network, NetworkConfig
+from power_estimator.network.features import Scaling
+from power_estimator.network.lstm import Weights
 
 RATE = 12_000.0  # policy steps a second
 SLOWER = 1.1

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from policy_runner.pacing import HURRY
-from policy_runner.trot import TROTS
-from policy_training.environment import WalkingEnvironment
-from policy_training.leaders import Leaders
-from policy_training.trials import TrialConfig, world
+from policy_runner.policies.gait_phase import HURRY
+from policy_runner.policies.trot import TROTS
+from policy_training.environment.environment import WalkingEnvironment
+from policy_training.environment.expert_policy import Leaders
+from policy_training.evaluation.robustness import TrialConfig, world
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from power_daq.cli import InputError
-from power_daq.recording import bag_folder
-from power_daq.recording.columns import Columns
-from power_daq.recording.mcap_file import Topic
-from power_daq.recording.reader import Recording
-from power_daq.recording.samples import DriveSamples, JointSamples, Samples, SupplySamples
-from power_daq.recording.topics import KINDS
+from power_recordings.messages.columns import Columns
+from power_recordings.messages.samples import DriveSamples, JointSamples, Samples, SupplySamples
+from power_recordings.messages.topics import KINDS
+from power_recordings.reading import bag_folder
+from power_recordings.reading.mcap_file import Topic
+from power_recordings.reading.reader import Recording
 from soak_account import BagRows
 from soak_devices import current_numbers, position_numbers, supply_numbers
+from wattwalk_core.errors import InputError
 
 STREAMS = {'electrical': 'drive_supply', 'joints': 'joint_states', 'supply': 'supply'}
 _CAME = r'(?:all |places \()(\d+) (?:samples of drive_supply )?came'

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
 from power_daq.bus.unix_socket import UnixSocketBus
-from sim_bridge.scpi_instrument import ScpiInstrument, SupplyState, Terminals
+from sim_bridge.instruments.scpi import ScpiInstrument, SupplyState, Terminals
 
 _MS = 1_000_000
 _DIGITS = 4  # base 100, each in the value of one drive

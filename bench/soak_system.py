@@ -187,8 +187,8 @@ class System:
         bus = ['-p', 'interface:=unixsocket', '-p', f'channel:={folder}/bus']
         instrument = ['-p', 'host:=127.0.0.1', '-p', f'port:={self.supply.port}']
         self.nodes = {
-            'daq': self._start('power_daq.daq_node', ['--ros-args', *bus], 'daq'),
-            'supply': self._start('power_daq.supply_node', ['--ros-args', *instrument], 'supply'),
+            'daq': self._start('power_daq.nodes.daq', ['--ros-args', *bus], 'daq'),
+            'supply': self._start('power_daq.nodes.supply', ['--ros-args', *instrument], 'supply'),
         }
         self.used: dict[str, tuple[float, float, int]] = {}
 
@@ -203,7 +203,7 @@ class System:
         """Start a recorder, and wait until it is ready."""
         name = f'bag_{len(self.takes) + 1}'
         path = (folder or self.folder) / name
-        process = self._start('power_daq.recorder_node', ['-o', str(path)], name)
+        process = self._start('power_daq.nodes.recorder', ['-o', str(path)], name)
         process.wait_for('recording to')
         now = self.measured()
         self.takes.append(Take(path, process, now, now))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from power_daq.recording.reader import Recording
+from power_recordings.reading.reader import Recording
 
 SHORT = ('--duration', '4', '--load', '1.3kg@0.45m')
 PENDULUM = ('-p', 'mass:=1.3', '-p', 'length:=0.45')

@@ -5,16 +5,16 @@ import json
 import numpy as np
 import pytest
 from calibration import estimates, plant_blocks, trial
-from power_daq.calibrate_command import main as calibrate
-from power_daq.recording.card import Card
-from power_daq.recording.reader import Recording
-from power_daq.synchronisation.delay import delay_of
-from power_daq.synchronisation.events import answer_of
-from sim_bridge.bench_command import main as bench
-from sim_bridge.drive import JointCommand
-from sim_bridge.offline import OfflineRun, simulate_recording
-from sim_bridge.plant import Plant
-from sim_bridge.world import Stand, stand_world
+from power_calibration.commands.calibrate import main as calibrate
+from power_calibration.timing.delay import delay_of
+from power_calibration.timing.events import answer_of
+from power_recordings.card import Card
+from power_recordings.reading.reader import Recording
+from sim_bridge.commands.bench import main as bench
+from sim_bridge.offline.run import OfflineRun, simulate_recording
+from sim_bridge.plant.drive import JointCommand
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.world import Stand, stand_world
 
 SEEDS = 5
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from power_daq.recording.reader import Recording
+from power_recordings.reading.reader import Recording
 
 MOTION = """
 format: motion/1

@@ -12,7 +12,7 @@ import pytest
 import runtimes
 from contents import MESSAGES
 
-PEER = Path(__file__).parent / 'nodes' / 'peer.py'
+PEER = Path(__file__).parent / 'props' / 'peer.py'
 COUNTER = Path(__file__).parents[1] / 'embedded' / 'test' / 'nodes' / 'counter.py'
 ANSWERS = ('True pushed by 0.30 m/s', 'True enabled', 'False off')
 PYTHON = {'embedded': runtimes.embedded, 'ROS 2': runtimes.real}

@@ -1,4 +1,4 @@
-from policy_runner.pacing import HURRY
+from policy_runner.policies.gait_phase import HURRY
 from pushes import falls
 
 HARD = {'random.push': 1.2, 'random.push_period': 2.0}

@@ -18,7 +18,7 @@ import pytest
 import rclpy
 from contents import MESSAGES
 from diagnostic_msgs.msg import DiagnosticStatus
-from power_daq.recording import cdr
+from power_recordings.messages import cdr
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,

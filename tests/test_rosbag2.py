@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from power_daq.recording.alignment import load_aligned
-from power_daq.recording.reader import Recording
+from power_recordings.alignment.align import load_aligned
+from power_recordings.reading.reader import Recording
 
 RECORDED = Path(__file__).resolve().parents[1] / 'bags' / 'walk_small'
 

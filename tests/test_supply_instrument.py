@@ -4,9 +4,9 @@ import threading
 import time
 
 import pytest
-from power_daq.cli import InputError
 from power_daq.supply.instrument import Instrument, InstrumentSettings
-from sim_bridge.scpi_instrument import ScpiInstrument, SupplyState, Terminals, whole
+from sim_bridge.instruments.scpi import ScpiInstrument, SupplyState, Terminals, whole
+from wattwalk_core.errors import InputError
 
 LINE = '48.00 V, 2.00 A, 96.0 W'
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from power_daq.recording.alignment import load_aligned
-from power_daq.recording.reader import Recording
+from power_recordings.alignment.align import load_aligned
+from power_recordings.reading.reader import Recording
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState, JointState
-from sim_bridge.scpi_instrument import ScpiInstrument, SupplyState, Terminals
+from sim_bridge.instruments.scpi import ScpiInstrument, SupplyState, Terminals
 from std_srvs.srv import Trigger
 
 from drive_power_msgs.msg import DriveSupply

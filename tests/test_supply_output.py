@@ -3,11 +3,11 @@
 import time
 
 import pytest
-from power_daq.cli import InputError
 from power_daq.supply.instrument import Instrument, InstrumentSettings, LostError
 from power_daq.supply.output import OutputRequest
-from sim_bridge.scpi_instrument import SupplyState, whole
+from sim_bridge.instruments.scpi import SupplyState, whole
 from supply_bench import PATIENCE
+from wattwalk_core.errors import InputError
 
 
 def assert_panel_has_control(bench):
@@ -60,7 +60,7 @@ def switch_on(bench, request):
 
 
 def test_an_output_beyond_the_rating_stays_off(bench, monkeypatch):
-    monkeypatch.setattr('sim_bridge.scpi_instrument.RATED_VOLTAGE', 40.0)
+    monkeypatch.setattr('sim_bridge.instruments.scpi.RATED_VOLTAGE', 40.0)
     bench.state.output = False
     with pytest.raises(InputError, match='48 V is more than the 40 V that PSB'):
         switch_on(bench, OutputRequest(48.0, 5.0))

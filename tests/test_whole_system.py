@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from power_daq.recording.alignment import load_aligned
-from power_daq.recording.reader import Recording
+from power_recordings.alignment.align import load_aligned
+from power_recordings.reading.reader import Recording
 from soak_bags import told_lost
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -21,9 +21,9 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'run = policy_runner.run_node:main',
-            'excite = policy_runner.excite_node:main',
-            'bench = policy_runner.bench_node:main',
+            'run = policy_runner.nodes.run:main',
+            'excite = drive_bench.nodes.excite:main',
+            'bench = drive_bench.nodes.bench:main',
         ],
     },
 )

@@ -33,8 +33,8 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'train = policy_training.train_command:main',
-            'evaluate = policy_training.evaluate_command:main',
+            'train = policy_training.commands.train:main',
+            'evaluate = policy_training.commands.evaluate:main',
         ],
     },
 )

@@ -31,12 +31,12 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'estimate = power_estimator.estimate_node:main',
-            'train = power_estimator.train_command:main',
-            'benchmark = power_estimator.benchmark_command:main',
-            'replay = power_estimator.replay_command:main',
-            'sweep = power_estimator.sweep_command:main',
-            'distil = power_estimator.distil_command:main',
+            'estimate = power_estimator.live.node:main',
+            'train = power_estimator.commands.train:main',
+            'benchmark = power_estimator.commands.benchmark:main',
+            'replay = power_estimator.commands.replay:main',
+            'sweep = power_estimator.commands.sweep:main',
+            'distil = power_estimator.commands.distil:main',
         ],
     },
 )

@@ -39,14 +39,14 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'fit = power_lab.fit_command:main',
-            'compare = power_lab.compare_command:main',
-            'diagnose = power_lab.diagnose_command:main',
-            'add = power_lab.add_command:main',
-            'challenge = power_lab.challenge_command:main',
-            'reveal = power_lab.challenge_command:reveal',
-            'execute = power_lab.execute_command:main',
-            'to_plant = power_lab.to_plant_command:main',
+            'fit = power_lab.commands.fit:main',
+            'compare = power_lab.commands.compare:main',
+            'diagnose = power_lab.commands.diagnose:main',
+            'add = power_lab.commands.add:main',
+            'challenge = power_lab.commands.challenge:main',
+            'reveal = power_lab.commands.challenge:reveal',
+            'execute = power_lab.commands.execute:main',
+            'to_plant = power_lab.commands.to_plant:main',
         ],
     },
 )

@@ -24,12 +24,12 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'sim = sim_bridge.sim_node:main',
-            'bench = sim_bridge.bench_command:main',
-            'record = sim_bridge.record_command:main',
+            'sim = sim_bridge.live.node:main',
+            'bench = sim_bridge.commands.bench:main',
+            'record = sim_bridge.commands.record:main',
             'sound = sim_bridge.sound_command:main',
-            'supply_instrument = sim_bridge.supply_instrument:main',
-            'ethercat_segment = sim_bridge.ethercat_command:main',
+            'supply_instrument = sim_bridge.instruments.supply_node:main',
+            'ethercat_segment = sim_bridge.commands.ethercat_segment:main',
         ],
     },
 )

@@ -4,13 +4,13 @@ import numpy as np
 import policy_folders
 import pytest
 import yaml
-from policy_runner.errors import InputError
-from policy_runner.handover import Handover
-from policy_runner.inputs import Inputs
-from policy_runner.kinematics import DEFAULT_POSE, JOINT_NAMES
-from policy_runner.learned import LearnedPolicy
-from policy_runner.observations import CLOCKED, STANDARD
-from policy_runner.policies import load_policy
+from policy_runner.policies.by_name import load_policy
+from policy_runner.policies.inputs import Inputs
+from policy_runner.policies.kinematics import DEFAULT_POSE, JOINT_NAMES
+from policy_runner.policies.learned import LearnedPolicy
+from policy_runner.policies.observations import CLOCKED, STANDARD
+from policy_runner.supervisor.handover import Handover
+from wattwalk_core.errors import InputError
 
 VELOCITY = np.array([0.3, -0.1, 0.02])
 COMMAND = np.array([0.5, -0.2, 0.8])

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
-
-from policy_runner import kinematics
+from policy_runner.policies import kinematics
 
 mujoco = pytest.importorskip('mujoco')
-robot = pytest.importorskip('sim_bridge.robot')
+robot = pytest.importorskip('sim_bridge.plant.robot')
 
 
 @pytest.fixture(scope='module')

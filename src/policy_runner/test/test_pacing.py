@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from policy_runner.errors import InputError
-from policy_runner.pacing import GaitPhase, check_hurry, off_balance, stride_rate
+from policy_runner.policies.gait_phase import GaitPhase, check_hurry, off_balance, stride_rate
+from wattwalk_core.errors import InputError
 
 LEVEL = np.array([[0.0, 0.0, -1.0]])
 STILL = np.zeros((1, 3))

@@ -2,12 +2,12 @@ import numpy as np
 import policy_folders
 import pytest
 import yaml
-from policy_runner.errors import InputError
-from policy_runner.kinematics import JOINT_NAMES
-from policy_runner.observations import CLOCKED, STANDARD
-from policy_runner.policies import load_policy
-from policy_runner.policy_folder import read_folder, write_folder
+from policy_runner.policies.by_name import load_policy
+from policy_runner.policies.folder import read_folder, write_folder
+from policy_runner.policies.kinematics import JOINT_NAMES
+from policy_runner.policies.observations import CLOCKED, STANDARD
 from safetensors.numpy import load_file, save_file
+from wattwalk_core.errors import InputError
 
 
 @pytest.mark.parametrize('observation', [STANDARD, CLOCKED])

@@ -3,15 +3,15 @@
 import numpy as np
 import policy_folders
 import pytest
-from policy_runner.base_velocity import BaseVelocity
-from policy_runner.kinematics import DEFAULT_POSE, JOINT_NAMES
-from policy_runner.policies import load_policy
-from policy_runner.safety import FaultKind
-from policy_runner.supervisor import Output, State, Supervisor
-from policy_runner.trot import TROTS, ScriptedTrot
+from policy_runner.policies.base_velocity import BaseVelocity
+from policy_runner.policies.by_name import load_policy
+from policy_runner.policies.kinematics import DEFAULT_POSE, JOINT_NAMES
+from policy_runner.policies.trot import TROTS, ScriptedTrot
+from policy_runner.supervisor.safety import FaultKind
+from policy_runner.supervisor.supervisor import Output, State, Supervisor
 
 mujoco = pytest.importorskip('mujoco')
-robot = pytest.importorskip('sim_bridge.robot')
+robot = pytest.importorskip('sim_bridge.plant.robot')
 
 
 class Robot:

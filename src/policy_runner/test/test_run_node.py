@@ -4,7 +4,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from peers import Peer, wait_until
-from policy_runner.kinematics import DEFAULT_POSE, JOINT_NAMES
+from policy_runner.policies.kinematics import DEFAULT_POSE, JOINT_NAMES
 from sensor_msgs.msg import Imu, JointState
 
 PATIENT = ('--ros-args', '-p', 'stale_after:=1.0')

@@ -1,4 +1,4 @@
-from policy_runner.pace import Pace
+from policy_runner.supervisor.loop_timing import Pace
 
 
 def test_steps_on_time_miss_no_period_and_late_ones_those_between():

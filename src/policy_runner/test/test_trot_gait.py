@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from policy_runner.gait import GaitClock
-from policy_runner.kinematics import DEFAULT_POSE, LIMITS, forward, inverse
-from policy_runner.trot import TARGET_LIMITS, TROTS, Feedback, ScriptedTrot, TrotConfig
+from policy_runner.policies.gait import GaitClock
+from policy_runner.policies.kinematics import DEFAULT_POSE, LIMITS, forward, inverse
+from policy_runner.policies.trot import TARGET_LIMITS, TROTS, Feedback, ScriptedTrot, TrotConfig
 
 LEVEL = np.array([0.0, 0.0, -1.0])
 STILL = np.zeros(3)

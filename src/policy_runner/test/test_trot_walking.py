@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from policy_runner.trot import TROTS, ScriptedTrot
+from policy_runner.policies.trot import TROTS, ScriptedTrot
 
 mujoco = pytest.importorskip('mujoco')
-robot = pytest.importorskip('sim_bridge.robot')
-terrain = pytest.importorskip('sim_bridge.terrain')
+robot = pytest.importorskip('sim_bridge.plant.robot')
+terrain = pytest.importorskip('sim_bridge.plant.terrain')
 
 STEPS = 10
 

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import yaml
-from policy_runner.errors import InputError as ContractError
-from policy_runner.gait import TROTS
-from policy_runner.observations import CLOCKED
-from policy_runner.pacing import COMMAND_SLEW, HURRY, check_hurry
-from power_daq.cli import InputError
-from power_daq.recording.files import write_whole
-from sim_bridge.bounded import bounded, check, from_mapping, read_named
+from policy_runner.policies.gait import TROTS
+from policy_runner.policies.gait_phase import COMMAND_SLEW, HURRY, check_hurry
+from policy_runner.policies.observations import CLOCKED
+from sim_bridge.plant.config_fields import bounded, check, from_mapping, read_named
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
 
 CONFIGS: Final = Path(__file__).parent / 'configs'
 
@@ -233,10 +232,7 @@ class TrainingConfig:
             ):
                 raise InputError(f'{name} is {value!r}; it must be a list of numbers')
             object.__setattr__(self, name, tuple(value))
-        try:
-            check_hurry(self.hurry, self.stride_frequency)
-        except ContractError as error:
-            raise InputError(str(error)) from None
+        check_hurry(self.hurry, self.stride_frequency)
         if self.ppo.hold_rate > 0.0 and not self.hurry:
             raise InputError(
                 f'ppo.hold_rate is {self.ppo.hold_rate!r} without hurry; give hurry, or 0'

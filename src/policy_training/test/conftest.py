@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 from policy_training.config import TrainingConfig
-from power_estimator.checkpoint import FILE, Checkpoint, Network, NetworkConfig
 from power_estimator.drive_types import DriveType
-from power_estimator.features import Scaling
-from power_estimator.lstm import Weights
+from power_estimator.network.checkpoint import FILE, Checkpoint, Network, NetworkConfig
+from power_estimator.network.features import Scaling
+from power_estimator.network.lstm import Weights
 
 
 @pytest.fixture

@@ -5,24 +5,30 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from policy_training.evaluate_command import main
-from policy_training.gait import find_steps
-from policy_training.scores import score
-from policy_training.tasks import TASKS, Task, parse_tasks
-from policy_training.trials import TrialConfig
-from policy_training.verdict import verdict
-from policy_training.walk import RAW_RATE, _held, idle_power, measure_walk, recorded_walk
-from power_daq.cli import InputError
-from power_daq.recording.card import Card
+from policy_runner.policies.by_name import load_policy
+from policy_training.commands.evaluate import main
+from policy_training.evaluation import robustness as trials
+from policy_training.evaluation.gait_cycle import find_steps
+from policy_training.evaluation.measured_walk import (
+    RAW_RATE,
+    _held,
+    idle_power,
+    measure_walk,
+    recorded_walk,
+)
+from policy_training.evaluation.robustness import TrialConfig
+from policy_training.evaluation.scores import score
+from policy_training.evaluation.tasks import TASKS, Task, parse_tasks
+from policy_training.evaluation.verdict import verdict
 from power_estimator.proxies import Proxy
-from sim_bridge.controllers import PolicyWalk, make_controller, make_policy
-from sim_bridge.offline import OfflineRun, write_bag
-from sim_bridge.plant import Plant
-from sim_bridge.robot import DEFAULT_POSE
-from sim_bridge.simulation import Simulation
-from sim_bridge.world import walking_world
-
-from policy_training import trials
+from power_recordings.card import Card
+from sim_bridge.offline.controllers import PolicyWalk, make_controller
+from sim_bridge.offline.run import OfflineRun, write_bag
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.robot import DEFAULT_POSE
+from sim_bridge.plant.simulation import Simulation
+from sim_bridge.plant.world import walking_world
+from wattwalk_core.errors import InputError
 
 
 @pytest.fixture(scope='module')
@@ -208,7 +214,7 @@ def test_a_command_that_holds_all_the_time_counts_after_a_second_and_a_half():
 def test_a_bag_of_running_nodes_is_evaluated_by_the_command_that_it_holds(tmp_path):
     bag = tmp_path / 'walk'
     world = walking_world()
-    controller = PolicyWalk('trot', make_policy('trot'), Task('x', (0.3, 0.0, 0.5)))
+    controller = PolicyWalk('trot', load_policy('trot'), Task('x', (0.3, 0.0, 0.5)))
     run = OfflineRun(Plant.load('anymal_c'), world, controller, duration=6.0, seed=2)
     write_bag(bag, run, Card(robot='anymal_c', drives=world.joints, controller='trot'))
     walk = recorded_walk(bag, 'mine')

@@ -4,10 +4,10 @@ import json
 import numpy as np
 import pytest
 import torch
-from policy_runner.observations import CLOCKED
-from policy_training.first_gait import FirstGait
-from policy_training.run_folder import read_checkpoint, read_curves
-from policy_training.train_command import main
+from policy_runner.policies.observations import CLOCKED
+from policy_training.commands.train import main
+from policy_training.learning.reference_policy import FirstGait
+from policy_training.learning.run_folder import read_checkpoint, read_curves
 
 HELD = (
     *('--environments', '4', '--threads', '1', '--set', 'ppo.steps=6', 'ppo.minibatches=2'),

@@ -1,8 +1,8 @@
 import numpy as np
 import torch
-from policy_training.imitation import imitate
-from policy_training.train_command import make_learner
-from policy_training.vec_env import Mirror
+from policy_training.commands.train import make_learner
+from policy_training.environment.vec_env import Mirror
+from policy_training.learning.imitation import imitate
 
 TROT = {
     'imitation.gait': 'trot',

@@ -1,7 +1,7 @@
 import pytest
 import torch
-from policy_training.learner import _tame
-from policy_training.train_command import make_learner
+from policy_training.commands.train import make_learner
+from policy_training.learning.learner import _tame
 
 
 @pytest.mark.parametrize('share', [0.0, 0.4])

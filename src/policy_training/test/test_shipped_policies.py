@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from policy_runner.network import Perceptron
-from policy_runner.policies import SHIPPED, shipped
-from policy_runner.policy_folder import read_folder
-from policy_training.tasks import TASKS
-from policy_training.trials import LIMITS, TrialConfig, run_trials
-from policy_training.walk import measure_walk
-from sim_bridge.plant import Plant
+from policy_runner.policies.by_name import SHIPPED, shipped
+from policy_runner.policies.folder import read_folder
+from policy_runner.policies.perceptron import Perceptron
+from policy_training.evaluation.measured_walk import measure_walk
+from policy_training.evaluation.robustness import LIMITS, TrialConfig, run_trials
+from policy_training.evaluation.tasks import TASKS
+from sim_bridge.plant.parameters import Plant
 
 FORWARD = next(task for task in TASKS if task.name == 'forward')
 

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 from policy_training.config import CONFIGS, PowerConfig, TrainingConfig
-from power_daq.cli import InputError
+from wattwalk_core.errors import InputError
 
 
 @pytest.mark.parametrize('path', sorted(CONFIGS.glob('*.yaml')), ids=lambda path: path.stem)

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 import torch
-from policy_runner.inputs import Inputs
-from policy_runner.learned import LearnedPolicy
-from policy_runner.observations import CLOCKED, STANDARD
-from policy_training.environment import WalkingEnvironment
-from policy_training.export import export_policy
-from policy_training.power_term import WindowedNetwork, load_power, predict_step
-from policy_training.vec_env import Mirror, TorchEnvironment
-from sim_bridge.robot import JOINT_NAMES
+from policy_runner.policies.inputs import Inputs
+from policy_runner.policies.learned import LearnedPolicy
+from policy_runner.policies.observations import CLOCKED, STANDARD
+from policy_training.environment.environment import WalkingEnvironment
+from policy_training.environment.power_term import WindowedNetwork, load_power, predict_step
+from policy_training.environment.vec_env import Mirror, TorchEnvironment
+from policy_training.learning.export import export_policy
+from sim_bridge.plant.robot import JOINT_NAMES
 
 QUIET = {
     'noise.base_velocity': 0.0,

@@ -2,9 +2,9 @@ import mujoco
 import numpy as np
 import pytest
 from mujoco.batch import Batch
-from policy_training.ground import Ground, Relief, add_planes
-from sim_bridge.robot import FOOT_NAMES, FOOT_RADIUS, build_model, build_spec
-from sim_bridge.terrain import FLAT, Terrain
+from policy_training.environment.ground import Ground, Relief, add_planes
+from sim_bridge.plant.robot import FOOT_NAMES, FOOT_RADIUS, build_model, build_spec
+from sim_bridge.plant.terrain import FLAT, Terrain
 
 ROUGH = Terrain(noise=0.02, slope=0.02, extent=30.0, seed=4)
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 from policy_training.config import RewardConfig
-from policy_training.rewards import FootClock, Moment, Rewards
-from policy_training.robots import Motion
-from sim_bridge.robot import DEFAULT_POSE
+from policy_training.environment.rewards import FootClock, Moment, Rewards
+from policy_training.environment.robots import Motion
+from sim_bridge.plant.robot import DEFAULT_POSE
 
 STEP = 0.02
 

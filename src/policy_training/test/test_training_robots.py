@@ -2,13 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from policy_runner.trot import TROTS, ScriptedTrot
+from policy_runner.policies.trot import TROTS, ScriptedTrot
 from policy_training.config import PhysicsConfig, RandomConfig
-from policy_training.drives import BatchDrives
-from policy_training.robots import Robots
-from sim_bridge.drive import Drives, JointCommand
-from sim_bridge.plant import Plant
-from sim_bridge.robot import DEFAULT_POSE, JOINT_NAMES
+from policy_training.environment.drives import BatchDrives
+from policy_training.environment.robots import Robots
+from sim_bridge.plant.drive import Drives, JointCommand
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.robot import DEFAULT_POSE, JOINT_NAMES
 
 CALM = RandomConfig(
     friction_low=0.9,

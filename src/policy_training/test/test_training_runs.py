@@ -3,10 +3,10 @@ import json
 import numpy as np
 import pytest
 import torch
-from policy_runner.policies import load_policy
+from policy_runner.policies.by_name import load_policy
+from policy_training.commands.train import main
 from policy_training.config import TrainingConfig
-from policy_training.run_folder import read_checkpoint, read_curves
-from policy_training.train_command import main
+from policy_training.learning.run_folder import read_checkpoint, read_curves
 
 TINY = (
     *('--environments', '4', '--threads', '1', '--set', 'ppo.steps=6', 'ppo.minibatches=2'),

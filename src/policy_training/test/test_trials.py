@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from policy_runner.network import Perceptron
-from policy_runner.policy_folder import read_folder
-from policy_training.trials import TrialConfig, run_trials
-from power_daq.cli import InputError
+from policy_runner.policies.folder import read_folder
+from policy_runner.policies.perceptron import Perceptron
+from policy_training.evaluation.robustness import TrialConfig, run_trials
+from wattwalk_core.errors import InputError
 
 policy_folders = pytest.importorskip('policy_folders')
 

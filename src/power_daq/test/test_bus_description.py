@@ -12,7 +12,7 @@ from power_daq.bus.description import (
     UNDERRANGE,
     BusDescription,
 )
-from power_daq.cli import InputError
+from wattwalk_core.errors import InputError
 
 LEG = """VERSION ""
 BU_: Host

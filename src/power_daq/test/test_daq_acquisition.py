@@ -4,14 +4,20 @@ import time
 import can
 import numpy as np
 import pytest
-from power_daq.acquisition import Acquisition, Arrivals, BusState, Patience, SampleQueue
+from power_daq.acquisition.bus_acquisition import (
+    Acquisition,
+    Arrivals,
+    BusState,
+    Patience,
+    SampleQueue,
+)
+from power_daq.acquisition.health import Health, Level
+from power_daq.acquisition.receiver import Receiver, Sample
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
 from power_daq.bus.generator import SignalGenerator
-from power_daq.cli import InputError
-from power_daq.clock_mapping import RosTime
-from power_daq.health import Health, Level
-from power_daq.receiver import Receiver, Sample
+from power_daq.clock.mapping import RosTime
+from wattwalk_core.errors import InputError
 
 BUS = BusDescription.load()
 PATIENCE = Patience(first_retry=0.01, last_retry=0.02, silence=0.3, read=0.02)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from power_daq.assembly import Assembler
+from power_daq.acquisition.assembly import Assembler
 from power_daq.bus.description import BusDescription
 
 PERIOD = 2_500_000

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from power_daq.clock_mapping import ClockMapping, RosTime, WrappingCounter, line_below
+from power_daq.clock.mapping import ClockMapping, RosTime, WrappingCounter, line_below
 
 MS = 1_000_000
 FLOOR = 50_000

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from power_daq.acquisition import SampleQueue
+from power_daq.acquisition.bus_acquisition import SampleQueue
+from power_daq.acquisition.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
+from power_daq.acquisition.receiver import Sample
 from power_daq.bus.description import BusDescription
 from power_daq.bus.generator import SignalGenerator
-from power_daq.calibration import label
-from power_daq.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
-from power_daq.receiver import Sample
+from power_recordings.calibration import label
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState
 from drive_power_msgs.msg import DriveSupply
 
 DOMAIN = 1 + os.getpid() % 100
-RUN = 'from power_daq.daq_node import main; raise SystemExit(main())'
+RUN = 'from power_daq.nodes.daq import main; raise SystemExit(main())'
 
 
 class Topic:

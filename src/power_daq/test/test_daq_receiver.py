@@ -1,11 +1,11 @@
 import can
 import numpy as np
 import pytest
+from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.description import BusDescription
-from power_daq.calibration import Calibration
-from power_daq.cli import InputError
-from power_daq.clock_mapping import RosTime
-from power_daq.receiver import Receiver
+from power_daq.clock.mapping import RosTime
+from power_recordings.calibration import Calibration
+from wattwalk_core.errors import InputError
 
 US = 1000
 SYSTEM_MINUS_STEADY = 1_700_000_000_000_000_000

@@ -17,19 +17,19 @@ import pytest
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from power_daq.cli import InputError
-from power_daq.recorder_node import main
-from power_daq.recording import cdr
-from power_daq.recording.background import BackgroundRecorder, SequenceCheck
-from power_daq.recording.card import Card
-from power_daq.recording.files import RecordingError, check_room
-from power_daq.recording.options import card_of, topics_of
-from power_daq.recording.reader import Recording
-from power_daq.recording.writer import BagWriter
+from power_daq.nodes.recorder import main
+from power_daq.nodes.recorder_options import card_of, topics_of
+from power_recordings.card import Card
+from power_recordings.messages import cdr
+from power_recordings.reading.reader import Recording
+from power_recordings.writing.background import BackgroundRecorder, SequenceCheck
+from power_recordings.writing.writer import BagWriter
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import RecordingError, check_room
 
 from drive_power_msgs.msg import DriveSupply
 
@@ -107,7 +107,7 @@ class Recorder:
 
     def __init__(self, robot: Robot, path: Path, *arguments: str, limit: int = 0) -> None:
         self.path = path
-        run = 'import sys; from power_daq.recorder_node import main; sys.exit(main())'
+        run = 'import sys; from power_daq.nodes.recorder import main; sys.exit(main())'
         command = [sys.executable, '-c', run, '-o', str(path), *arguments]
         command += ['--ros-args', '-r', f'__ns:={robot.namespace}']
         self.process = subprocess.Popen(

@@ -6,16 +6,16 @@ import time
 
 import numpy as np
 import pytest
-from power_daq.acquisition import SampleQueue
-from power_daq.calibration import Calibration
-from power_daq.clock_mapping import RosTime
+from power_daq.acquisition.bus_acquisition import SampleQueue
+from power_daq.clock.mapping import RosTime
 from power_daq.ethercat.acquisition import SegmentAcquisition, SegmentPatience
 from power_daq.ethercat.health import SegmentHealth
 from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.segment import SegmentError
 from power_daq.ethercat.soem import longest_call
 from power_daq.ethercat.terminals import Identity
-from power_daq.reporting import Level
+from power_recordings.calibration import Calibration
+from wattwalk_core.nodes.diagnostics import Level
 
 from drive_power_msgs.msg import DriveSupply
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from power_daq.supply.books import EnergyCounter, PowerBalance
+from power_daq.supply.energy_counters import EnergyCounter, PowerBalance
 
 S = 1_000_000_000
 DRIVES = ('LF_HAA', 'LF_HFE', 'LF_KFE')

@@ -1,8 +1,8 @@
-from power_daq.reporting import Level
 from power_daq.supply.answers import Identity, ScpiError
-from power_daq.supply.books import Balance, Energy
+from power_daq.supply.energy_counters import Balance, Energy
 from power_daq.supply.health import SupplyHealth
 from power_daq.supply.poller import PollState
+from wattwalk_core.nodes.diagnostics import Level
 
 NAMES = ('LF_HAA', 'LF_HFE', 'LF_KFE', 'RF_HAA', 'RF_HFE')
 

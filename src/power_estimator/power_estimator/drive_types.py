@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from power_daq.cli import InputError
+from wattwalk_core.errors import InputError
 
 _LEG = re.compile(r'^(?:[LR][FHMBR]|[FHMBR][LR]|left|right)_(?P<type>.+)$', re.IGNORECASE)
 

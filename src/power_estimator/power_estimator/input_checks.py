@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from power_daq.cli import InputError
-from power_daq.recording.aligned import AlignedDataset
-from power_daq.recording.reader import Recording
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.reading.reader import Recording
+from wattwalk_core.errors import InputError
 
-from power_estimator.features import FEATURES, PLAUSIBLE, UNITS, features
+from power_estimator.network.features import FEATURES, PLAUSIBLE, UNITS, features
 
 SLOWEST = 195.0  # Hz of joint states; a network that runs at 200 Hz cannot be fed by fewer
 _ALIKE = 1.2  # ratio of rates that count as one

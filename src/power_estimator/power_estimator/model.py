@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from power_daq.cli import InputError
-from power_daq.recording.aligned import AlignedDataset
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
 
 from power_estimator.proxies import PROXIES, Proxy
 
@@ -30,7 +30,7 @@ def load_model(spec: str) -> PowerModel:
     """
     kind, colon, rest = spec.partition(':')
     if colon and kind == 'ppn':
-        from power_estimator.ppn import PowerPredictionNetwork
+        from power_estimator.network.ppn import PowerPredictionNetwork
 
         if not rest:
             raise InputError(f'model {spec!r}: give a run folder or a file, ppn:runs/first')
@@ -41,7 +41,7 @@ def load_model(spec: str) -> PowerModel:
         path = Path(spec)
         if not path.is_file():
             raise InputError(f'model {spec!r}: there is no such file')
-        from power_estimator.effect_model import EffectModel
+        from power_estimator.effects.model_file.model import EffectModel
 
         return EffectModel.load(path)
     raise InputError(

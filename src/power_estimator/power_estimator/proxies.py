@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from power_daq.cli import InputError
-from power_daq.recording.aligned import AlignedDataset
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign, infer_types
 

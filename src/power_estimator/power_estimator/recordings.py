@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from power_daq.cli import InputError
-from power_daq.recording.aligned import AlignedDataset
-from power_daq.recording.alignment import load_aligned
-from power_daq.recording.card import FILE, Card
-from power_daq.recording.reader import Recording
+from power_recordings.alignment.align import load_aligned
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.card import FILE, Card
+from power_recordings.reading.reader import Recording
+from wattwalk_core.errors import InputError
 
-from power_estimator.checkpoint import TrainingRecording
-from power_estimator.features import features
 from power_estimator.input_checks import check_sampling
+from power_estimator.network.checkpoint import TrainingRecording
+from power_estimator.network.features import features
 
 Floats = NDArray[np.float32]
 

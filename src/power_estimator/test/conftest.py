@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from power_daq.recording import cdr
-from power_daq.recording.aligned import AlignedDataset
-from power_daq.recording.writer import BagWriter
-from power_estimator.checkpoint import Checkpoint, NetworkConfig
 from power_estimator.drive_types import infer_types
-from power_estimator.network import TrainingConfig
-from power_estimator.protocol import Protocol
-from power_estimator.training import CrossValidation
+from power_estimator.network.checkpoint import Checkpoint, NetworkConfig
+from power_estimator.network.cross_validation import CrossValidation
+from power_estimator.network.protocol import Protocol
+from power_estimator.network.trainer import TrainingConfig
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.messages import cdr
+from power_recordings.writing.writer import BagWriter
 
 RATE = 200.0
 torch.set_num_threads(1)

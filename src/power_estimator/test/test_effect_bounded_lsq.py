@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from power_estimator.bounded_lsq import bounded_solve
+from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from scipy.optimize import lsq_linear
 
 

@@ -2,10 +2,10 @@ import textwrap
 
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from power_estimator.effect_design import Active, Structure, evaluate
 from power_estimator.effects import Signals, builtin_catalogue, load_catalogue
 from power_estimator.effects.catalogue import regressors_of
+from power_estimator.effects.fit.design import Active, Structure, evaluate
+from wattwalk_core.errors import InputError
 
 CATALOGUE = builtin_catalogue()
 CONTRACT = {

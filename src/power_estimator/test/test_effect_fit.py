@@ -2,13 +2,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_daq.recording.aligned import AlignedDataset
-from power_estimator.effect_bank import Bank
-from power_estimator.effect_design import Active, DesignBuilder, Structure, evaluate
-from power_estimator.effect_fit import Blocks, Fitter, Normal, measurement_terms, robust_weights
-from power_estimator.effect_folds import EMBARGO, FOLDS, Folds
-from power_estimator.effect_signals import prepare, signals_of
 from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.candidate_screener import Bank
+from power_estimator.effects.fit.design import Active, DesignBuilder, Structure, evaluate
+from power_estimator.effects.fit.fitter import (
+    Blocks,
+    Fitter,
+    Normal,
+    measurement_terms,
+    robust_weights,
+)
+from power_estimator.effects.fit.folds import EMBARGO, FOLDS, Folds
+from power_estimator.effects.signals.prepared import prepare, signals_of
+from power_recordings.alignment.dataset import AlignedDataset
 
 RATE = 400.0
 CATALOGUE = builtin_catalogue()

@@ -3,13 +3,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from power_daq.cli import InputError
-from power_daq.recording.aligned import AlignedDataset
 from power_estimator.drive_types import DriveType
-from power_estimator.effect_design import Active, Structure
-from power_estimator.effect_model import EffectModel, Group, Value
 from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.model_file.model import EffectModel, Group, Value
 from power_estimator.model import load_model
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
 
 CATALOGUE = builtin_catalogue()
 

@@ -2,9 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from power_daq.recording.aligned import AlignedDataset
-from power_estimator.effect_signals import REDUCED_RATE, Reducer, prepare
+from power_estimator.effects.signals.prepared import REDUCED_RATE, Reducer, prepare
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
 
 RATE = 400.0
 

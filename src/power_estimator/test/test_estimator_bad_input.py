@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from power_daq.cli import InputError
+from power_estimator.commands import train as train_command
 from power_estimator.input_checks import check_units
-
-from power_estimator import train_command
+from wattwalk_core.errors import InputError
 
 DRIVES = ('LF_HAA', 'LF_HFE')
 HFE = 1
@@ -96,7 +95,7 @@ def test_recordings_of_other_rates_or_drives_do_not_make_one_set(bag, bags, tmp_
 
 
 def test_the_recording_that_is_at_fault_is_named_among_several(drives):
-    from power_daq.recording.alignment import join
+    from power_recordings.alignment.align import join
 
     good = drives(5.0, recording='good')
     bad = drives(5.0, recording='bad')

@@ -3,16 +3,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from power_daq.cli import InputError
-from power_estimator.batch import BatchPower
+from power_estimator.batch.power import BatchPower
 from power_estimator.drive_types import infer_types
-from power_estimator.effect_design import Active
-from power_estimator.effect_training import fit_model, material
 from power_estimator.effects import builtin_catalogue
-from power_estimator.features import features
-from power_estimator.ppn import PowerPredictionNetwork
+from power_estimator.effects.fit.design import Active
+from power_estimator.effects.fit.training import fit_model, material
+from power_estimator.evaluation.scores import block_means
+from power_estimator.network.features import features
+from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy
-from power_estimator.scores import block_means
+from wattwalk_core.errors import InputError
 
 DRIVES = ('LF_HAA', 'RF_HFE', 'RF_HAA')
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from power_daq.cli import InputError
-from power_estimator.checkpoint import Checkpoint, NetworkConfig, TrainingRecording
 from power_estimator.model import load_model
+from power_estimator.network.checkpoint import Checkpoint, NetworkConfig, TrainingRecording
 from safetensors import safe_open
 from safetensors.numpy import save
+from wattwalk_core.errors import InputError
 
 
 def contents(path):

@@ -3,11 +3,12 @@ import json
 import numpy as np
 import pytest
 import yaml
-from power_daq.recording.reader import Recording
-from power_estimator.checkpoint import Checkpoint
+from power_estimator.commands import benchmark as benchmark_command
+from power_estimator.commands import replay as replay_command
+from power_estimator.commands import train as train_command
+from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.proxies import PROXIES
-
-from power_estimator import benchmark_command, replay_command, train_command
+from power_recordings.reading.reader import Recording
 
 QUICK = ['--folds', '2', '--epochs', '4', '--hidden', '12', '--workers', '1']
 

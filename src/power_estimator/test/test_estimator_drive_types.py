@@ -1,6 +1,6 @@
 import pytest
-from power_daq.cli import InputError
 from power_estimator.drive_types import assign, infer_types, parse_types
+from wattwalk_core.errors import InputError
 
 
 def names(drives):

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib import image
-from power_daq.cli import InputError
-from power_estimator.figure import draw_bars, draw_traces
-from power_estimator.traces import Traces
+from power_estimator.evaluation.figure import draw_bars, draw_traces
+from power_estimator.evaluation.traces import Traces
+from wattwalk_core.errors import InputError
 
 TIME = np.arange(100) / 50
 TRACES = Traces(

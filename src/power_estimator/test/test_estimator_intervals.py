@@ -2,13 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from power_estimator.checkpoint import Checkpoint
-from power_estimator.coverage import with_coverage
 from power_estimator.drive_types import infer_types
-from power_estimator.evaluation import compare, evaluate
-from power_estimator.intervals import Intervals
-from power_estimator.ppn import PowerPredictionNetwork
+from power_estimator.evaluation.comparison import compare, evaluate
+from power_estimator.evaluation.coverage import with_coverage
+from power_estimator.network.checkpoint import Checkpoint
+from power_estimator.network.intervals import Intervals
+from power_estimator.network.ppn import PowerPredictionNetwork
+from wattwalk_core.errors import InputError
 
 
 def noisy(count, seed):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from power_estimator.likeness import Guard, Likeness
+from power_estimator.network.out_of_distribution import Guard, Likeness
+from wattwalk_core.errors import InputError
 
 
 def motion(count=20_000, seed=0, period=2.0, amplitude=1.0):

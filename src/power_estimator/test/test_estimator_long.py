@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from power_estimator.features import features
-from power_estimator.live import LiveEstimator, Status
-from power_estimator.lstm import LstmBank
-from power_estimator.ppn import PowerPredictionNetwork
+from power_estimator.live.estimator import LiveEstimator, Status
+from power_estimator.network.features import features
+from power_estimator.network.lstm import LstmBank
+from power_estimator.network.ppn import PowerPredictionNetwork
 
 PERIOD = 5_000_000
 

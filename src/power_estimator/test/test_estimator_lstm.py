@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from power_daq.cli import InputError
-from power_estimator.checkpoint import Checkpoint
-from power_estimator.features import Scaling, features
-from power_estimator.lstm import LstmBank, Weights
-from power_estimator.network import PowerLstm
-from power_estimator.ppn import PowerPredictionNetwork
-from power_estimator.scores import block_means, r2
+from power_estimator.evaluation.scores import block_means, r2
+from power_estimator.network.checkpoint import Checkpoint
+from power_estimator.network.features import Scaling, features
+from power_estimator.network.lstm import LstmBank, Weights
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.network.trainer import PowerLstm
+from wattwalk_core.errors import InputError
 
 
 def random_network(hidden, seed):

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from power_daq.cli import InputError
-from power_estimator.protocol import Part, Protocol, runs
+from power_estimator.network.protocol import Part, Protocol, runs
+from wattwalk_core.errors import InputError
 
 layouts = st.tuples(
     st.integers(1, 4),  # segments of the protocol

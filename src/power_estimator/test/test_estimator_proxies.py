@@ -2,9 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_daq.cli import InputError
 from power_estimator.model import load_model
 from power_estimator.proxies import PROXIES, Proxy
+from wattwalk_core.errors import InputError
 
 
 @pytest.mark.parametrize('name', PROXIES)

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from power_daq.recording import cdr
-from power_daq.recording.aligned import AlignedDataset
-from power_daq.recording.writer import BagWriter
-from power_estimator.recorded import RecordedEstimate
+from power_estimator.evaluation.recorded_estimate import RecordedEstimate
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.messages import cdr
+from power_recordings.writing.writer import BagWriter
+from wattwalk_core.errors import InputError
 
 SECOND = 1_000_000_000
 NAMES = ('A', 'B')

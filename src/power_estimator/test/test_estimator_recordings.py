@@ -2,11 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from power_daq.recording.reader import Recording
-from power_estimator.features import features
-from power_estimator.live import LiveEstimator, Sample
-from power_estimator.ppn import PowerPredictionNetwork
+from power_estimator.live.estimator import LiveEstimator, Sample
+from power_estimator.network.features import features
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_recordings.reading.reader import Recording
+from wattwalk_core.errors import InputError
 
 from power_estimator import recordings
 

@@ -2,16 +2,17 @@ import json
 
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from power_estimator.cost import policy_step_cost, sample_cost
+from power_estimator.commands import distil as distil_command
+from power_estimator.commands import sweep as sweep_command
+from power_estimator.commands import train as train_command
 from power_estimator.drive_types import infer_types
 from power_estimator.model import load_model
-from power_estimator.network import TrainingConfig
-from power_estimator.ppn import PowerPredictionNetwork
+from power_estimator.network.cost import policy_step_cost, sample_cost
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.network.sweep import Point, Sweep, points
+from power_estimator.network.trainer import TrainingConfig
 from power_estimator.recordings import TrainingSet
-from power_estimator.sweep import Point, Sweep, points
-
-from power_estimator import distil_command, sweep_command, train_command
+from wattwalk_core.errors import InputError
 
 SWEEP = ['--hidden', '4', '--history', '0.05', '--epochs', '2', '--drives', 'LF_HAA']
 
@@ -90,7 +91,7 @@ def test_all_points_are_judged_on_the_same_samples(drives, monkeypatch):
     sweep = Sweep(given, infer_types(data.names), wanted, TrainingConfig(epochs=1))
     counts = []
     monkeypatch.setattr(
-        'power_estimator.sweep.r2',
+        'power_estimator.network.sweep.r2',
         lambda y, f: counts.append((len(y), np.isfinite(f).sum())) or 0.0,
     )
     for point in wanted:

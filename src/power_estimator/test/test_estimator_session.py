@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from power_estimator.live import Status
-from power_estimator.live_score import LiveScore
-from power_estimator.live_session import LiveSession, Vector
-from power_estimator.ppn import PowerPredictionNetwork
+from power_estimator.live.estimator import Status
+from power_estimator.live.score import LiveScore
+from power_estimator.live.session import LiveSession, Vector
+from power_estimator.network.ppn import PowerPredictionNetwork
+from wattwalk_core.errors import InputError
 
 START = 1_700_000_000_000_000_000
 PERIOD = 2_500_000

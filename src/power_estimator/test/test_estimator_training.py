@@ -2,18 +2,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from power_estimator.checkpoint import NetworkConfig
 from power_estimator.drive_types import infer_types
-from power_estimator.evaluation import table
-from power_estimator.features import features
-from power_estimator.network import Tracks, TrainingConfig, plan
-from power_estimator.ppn import PowerPredictionNetwork
-from power_estimator.protocol import Part, Protocol
+from power_estimator.evaluation.comparison import table
+from power_estimator.evaluation.scores import r2
+from power_estimator.network.checkpoint import NetworkConfig
+from power_estimator.network.cross_validation import CrossValidation
+from power_estimator.network.features import features
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.network.protocol import Part, Protocol
+from power_estimator.network.run_folder import RunFolder
+from power_estimator.network.trainer import Tracks, TrainingConfig, plan
 from power_estimator.proxies import PROXIES
-from power_estimator.run_folder import RunFolder
-from power_estimator.scores import r2
-from power_estimator.training import CrossValidation
+from wattwalk_core.errors import InputError
 
 SMALL = NetworkConfig(hidden=12)
 QUICK = TrainingConfig(epochs=3, batch=4, chunk=40)

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from power_daq.cli import InputError
-from power_daq.recording.aligned import AlignedDataset
-from power_daq.recording.alignment import load_aligned
-from power_daq.recording.card import FILE, Card
-from power_daq.recording.reader import Recording
-from power_estimator.checkpoint import TrainingRecording
-from power_estimator.effect_training import LEAST_SECONDS
+from power_estimator.effects.fit.training import LEAST_SECONDS
 from power_estimator.model import PowerModel, load_model
-from power_estimator.ppn import PowerPredictionNetwork
+from power_estimator.network.checkpoint import TrainingRecording
+from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import describe, held_out
+from power_recordings.alignment.align import load_aligned
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.card import FILE, Card
+from power_recordings.reading.reader import Recording
+from wattwalk_core.errors import InputError
 
 RATE = 400.0
 _SMOOTH_RATE = 200.0

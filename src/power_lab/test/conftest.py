@@ -1,18 +1,13 @@
-"""Makes the independent truth importable, and one short simulated recording."""
-
-import sys
-from pathlib import Path
+"""One short simulated recording of a leg with hidden load friction."""
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 
 @pytest.fixture(scope='session')
 def bag(tmp_path_factory):
     """A walk of 45 s of one leg with load friction hidden, from sim_bridge."""
-    from sim_bridge.offline import run_offline
-    from sim_bridge.plant import Plant
+    from sim_bridge.offline.run import run_offline
+    from sim_bridge.plant.parameters import Plant
 
     plant = Plant.load('anymal_c').unit(3)
     known = ('copper_loss', 'viscous_friction', 'coulomb_friction', 'rotor_inertia', 'idle')

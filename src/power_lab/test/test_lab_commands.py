@@ -7,21 +7,27 @@ import textwrap
 import numpy as np
 import pytest
 import yaml
-from power_daq.recording.card import Card
-from power_lab.challenge import HIDDEN, SEALED, STRANGERS, Challenge, draw, score, seal, unseal
-from power_lab.recordings import load
-from sim_bridge.offline import run_offline
-from sim_bridge.plant import Plant
-
-from power_lab import (
-    add_command,
-    challenge_command,
-    compare_command,
-    diagnose_command,
-    execute_command,
-    fit_command,
-    to_plant_command,
+from power_lab.challenge.challenge import (
+    HIDDEN,
+    SEALED,
+    STRANGERS,
+    Challenge,
+    draw,
+    score,
+    seal,
+    unseal,
 )
+from power_lab.commands import add as add_command
+from power_lab.commands import challenge as challenge_command
+from power_lab.commands import compare as compare_command
+from power_lab.commands import diagnose as diagnose_command
+from power_lab.commands import execute as execute_command
+from power_lab.commands import fit as fit_command
+from power_lab.commands import to_plant as to_plant_command
+from power_lab.recordings import load
+from power_recordings.card import Card
+from sim_bridge.offline.run import run_offline
+from sim_bridge.plant.parameters import Plant
 
 KNOWN = 'shaft,copper_loss,viscous_friction,coulomb_friction,rotor_inertia,idle'
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from power_estimator.effect_design import Active, Structure
-from power_estimator.effect_fit import Fitter, measurement_terms
-from power_estimator.effect_signals import prepare
 from power_estimator.effects import builtin_catalogue
-from power_lab.diagnosis import Diagnoser, above_floor, shared
-from power_lab.verdict import sentence
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.fitter import Fitter, measurement_terms
+from power_estimator.effects.signals.prepared import prepare
+from power_lab.diagnose.diagnosis import Diagnoser, above_floor, shared
+from power_lab.diagnose.verdict import sentence
 from truth_circuit import Faults, Truth, record
 
 CATALOGUE = builtin_catalogue()

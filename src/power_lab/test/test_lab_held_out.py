@@ -4,18 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from power_estimator.checkpoint import Checkpoint, Network, NetworkConfig, TrainingRecording
 from power_estimator.drive_types import infer_types
-from power_estimator.effect_design import Active, Structure
-from power_estimator.effect_model import EffectModel
-from power_estimator.effect_training import fit_model, material
 from power_estimator.effects import builtin_catalogue
-from power_estimator.features import Scaling
-from power_estimator.lstm import Weights
-from power_lab.comparison import compare
-from power_lab.judge import diagnose
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.training import fit_model, material
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.network.checkpoint import (
+    Checkpoint,
+    Network,
+    NetworkConfig,
+    TrainingRecording,
+)
+from power_estimator.network.features import Scaling
+from power_estimator.network.lstm import Weights
+from power_lab.compare.comparison import compare
+from power_lab.diagnose.outcome import diagnose
 from power_lab.recordings import base_power, load
+from wattwalk_core.errors import InputError
 
 CATALOGUE = builtin_catalogue()
 KNOWN = tuple(Active.of(CATALOGUE[name]) for name in ('shaft', 'copper_loss', 'idle'))

@@ -1,11 +1,11 @@
 import pytest
-from policy_runner.excitation import MotionFile
-from policy_runner.joint_limits import JointLimits
-from policy_runner.motion_plan import Plan
-from policy_runner.segment_path import Mounting, Ramps
-from power_daq.cli import InputError
+from drive_bench.motion.file import MotionFile
+from drive_bench.motion.joint_limits import JointLimits
+from drive_bench.motion.plan import Plan
+from drive_bench.motion.segment_path import Mounting, Ramps
 from power_estimator.effects import builtin_catalogue
-from power_lab.next_recording import separating_motion
+from power_lab.diagnose.next_recording import separating_motion
+from wattwalk_core.errors import InputError
 
 
 def test_the_next_motion_fits_the_joints_that_it_is_told_of():

@@ -7,8 +7,8 @@ import subprocess
 
 import numpy as np
 import pytest
-from power_daq.pages.page import Page
 from power_lab.report import figures
+from wattwalk_core.pages.page import Page
 
 BROWSER = next(
     filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None

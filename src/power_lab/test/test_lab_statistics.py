@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from power_estimator.effect_fit import Blocks
-from power_estimator.effect_folds import Folds
-from power_estimator.effect_signals import prepare
-from power_lab.confidence_set import confidence_set
-from power_lab.leftover import examine_leftover
-from power_lab.regimes import Regime, bins, worst_regimes
+from power_estimator.effects.fit.fitter import Blocks
+from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.signals.prepared import prepare
+from power_lab.compare.regimes import Regime, bins, worst_regimes
+from power_lab.diagnose.confidence_set import confidence_set
+from power_lab.diagnose.residual_structure import examine_leftover
 from truth_circuit import Truth, record
 
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from power_daq.cli import InputError
-from power_daq.recording.reader import Recording
+from power_recordings.reading.reader import Recording
 from scipy.signal import butter, lfilter, sosfilt
+from wattwalk_core.errors import InputError
 
-from sim_bridge.bounded import bounded, check
+from sim_bridge.plant.config_fields import bounded, check
 
 Floats = NDArray[np.float64]
 

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
-from power_daq.cli import InputError, command
-from power_daq.recording.files import advice
-from power_daq.recording.reader import Recording
+from power_recordings.reading.reader import Recording
 from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.progress import track
+from wattwalk_core.command import command
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import advice
 
 from sim_bridge.microphone import COMMENT, Microphone, calibrator, motion_of, pressure
 

@@ -1,9 +1,8 @@
 import mujoco
 import numpy as np
 import pytest
-from sim_bridge.terrain import FLAT, Terrain, rough
-
-from sim_bridge import robot
+from sim_bridge.plant import robot
+from sim_bridge.plant.terrain import FLAT, Terrain, rough
 
 
 @pytest.fixture(scope='module')

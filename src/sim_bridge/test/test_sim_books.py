@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from sim_bridge.drive import JointCommand
-from sim_bridge.effects import Effects
-from sim_bridge.plant import Plant
-from sim_bridge.robot import DEFAULT_POSE
-from sim_bridge.simulation import STEP, Simulation
-from sim_bridge.world import Stand, stand_world, walking_world
+from sim_bridge.plant.drive import JointCommand
+from sim_bridge.plant.effects import Effects
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.robot import DEFAULT_POSE
+from sim_bridge.plant.simulation import STEP, Simulation
+from sim_bridge.plant.world import Stand, stand_world, walking_world
 
 EFFECTS = [name for name, _ in Effects() if name != 'cross_talk']
 CHANNELS = {

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from sim_bridge.circuit import Circuit
-from sim_bridge.drive import Drives, Friction, JointCommand
-from sim_bridge.plant import Plant
-from sim_bridge.simulation import STEP, Simulation
-from sim_bridge.supply import Bus
-from sim_bridge.world import Stand, stand_world
+from sim_bridge.plant.circuit import Circuit
+from sim_bridge.plant.drive import Drives, Friction, JointCommand
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.simulation import STEP, Simulation
+from sim_bridge.plant.supply import Bus
+from sim_bridge.plant.world import Stand, stand_world
 
 DRIVE = ('LF_KFE',)
 SPEEDS = np.linspace(-8.0, 8.0, 161)[:, None]

@@ -5,16 +5,16 @@ import can
 import numpy as np
 import pytest
 from power_daq.bus.description import BusDescription
-from power_daq.cli import InputError
-from sim_bridge.drive import JointCommand
-from sim_bridge.frames import FrameEncoder, SimulatedBus
-from sim_bridge.instruments import Instruments
-from sim_bridge.joint_commands import joint_command
-from sim_bridge.live import LivePlant
-from sim_bridge.plant import Plant
-from sim_bridge.robot import JOINT_NAMES
-from sim_bridge.simulation import Simulation
-from sim_bridge.world import Stand, stand_world, walking_world
+from sim_bridge.live.frames import FrameEncoder, SimulatedBus
+from sim_bridge.live.joint_commands import joint_command
+from sim_bridge.live.real_time import LivePlant
+from sim_bridge.plant.drive import JointCommand
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.robot import JOINT_NAMES
+from sim_bridge.plant.simulation import Simulation
+from sim_bridge.plant.world import Stand, stand_world, walking_world
+from sim_bridge.sensors.blocks import Instruments
+from wattwalk_core.errors import InputError
 
 SYNC, ELECTRICAL = 128, 256
 

@@ -1,8 +1,8 @@
 from dataclasses import fields
 
 import numpy as np
-from sim_bridge.memory import gather
-from sim_bridge.telemetry import Rows, Telemetry
+from sim_bridge.offline.memory import gather
+from sim_bridge.offline.telemetry import Rows, Telemetry
 
 
 def stretch(first, **commands):

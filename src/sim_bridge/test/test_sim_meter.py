@@ -2,13 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sim_bridge.instruments import Instruments
-from sim_bridge.meter import OVERRANGE, UNDERRANGE, Delay, DeviceClock, LowPass, Meter
-from sim_bridge.plant import MeterParameters, Plant
-from sim_bridge.robot import DEFAULT_POSE, FOOT_NAMES
-from sim_bridge.sensors import JointSensors, SupplySensor, into_base
-from sim_bridge.simulation import STEP, Block, Simulation
-from sim_bridge.world import stand_world, walking_world
+from sim_bridge.plant.parameters import MeterParameters, Plant
+from sim_bridge.plant.robot import DEFAULT_POSE, FOOT_NAMES
+from sim_bridge.plant.simulation import STEP, Block, Simulation
+from sim_bridge.plant.world import stand_world, walking_world
+from sim_bridge.sensors.blocks import Instruments
+from sim_bridge.sensors.meter import OVERRANGE, UNDERRANGE, Delay, DeviceClock, LowPass, Meter
+from sim_bridge.sensors.sensors import JointSensors, SupplySensor, into_base
 
 DRIVES = ('LF_HAA', 'LF_HFE', 'LF_KFE')
 
@@ -162,7 +162,7 @@ def test_readings_do_not_depend_on_how_a_run_is_cut_into_blocks():
 
 
 def test_a_standing_robot_feels_gravity_and_its_weight():
-    from sim_bridge.drive import JointCommand
+    from sim_bridge.plant.drive import JointCommand
 
     simulation = Simulation(Plant.load('anymal_c'), walking_world())
     instruments = Instruments(simulation, seed=0)

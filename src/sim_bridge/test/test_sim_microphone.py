@@ -5,15 +5,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import soundfile
-from power_daq.cli import InputError
-from power_daq.recording.reader import Recording
-from power_daq.recording.samples import FootForceSamples, ImuSamples, JointSamples
-from power_daq.sound.alignment import align_sound
-from power_daq.sound.events import events_of
-from power_daq.sound.meter import measure
+from power_recordings.messages.samples import FootForceSamples, ImuSamples, JointSamples
+from power_recordings.reading.reader import Recording
+from sim_bridge.live.node import main as sim_main
 from sim_bridge.microphone import Microphone, calibrator, motion_of, pressure
-from sim_bridge.sim_node import main as sim_main
 from sim_bridge.sound_command import main
+from sound_levels.levels.alignment import align_sound
+from sound_levels.levels.events import events_of
+from sound_levels.levels.meter import measure
+from wattwalk_core.errors import InputError
 
 RATE = 16_000
 SILENT = {

@@ -4,8 +4,7 @@ import re
 
 import can
 import pytest
-
-from sim_bridge import sim_node
+from sim_bridge.live import node as sim_node
 
 RUNNING = r'anymal_c, unit 2, on unixsocket'
 

@@ -4,20 +4,20 @@ import mujoco
 import numpy as np
 import pytest
 from power_daq.bus.description import BusDescription
-from power_daq.cli import InputError
-from power_daq.recording.card import Card
-from power_daq.recording.reader import Recording
-from sim_bridge.drive import JointCommand
-from sim_bridge.instruments import Instruments
-from sim_bridge.motions import bench_motion
-from sim_bridge.offline import run_offline, simulate_recording, walking_run
-from sim_bridge.plant import Plant
-from sim_bridge.robot import FOOT_NAMES, JOINT_NAMES
-from sim_bridge.session import Pushes, Session
-from sim_bridge.simulation import Simulation
-from sim_bridge.world import walking_world
-
-from sim_bridge import bench_command, sim_node
+from power_recordings.card import Card
+from power_recordings.reading.reader import Recording
+from sim_bridge.commands import bench as bench_command
+from sim_bridge.live import node as sim_node
+from sim_bridge.offline.motions import bench_motion
+from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
+from sim_bridge.offline.session import Pushes, Session
+from sim_bridge.plant.drive import JointCommand
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.robot import FOOT_NAMES, JOINT_NAMES
+from sim_bridge.plant.simulation import Simulation
+from sim_bridge.plant.world import walking_world
+from sim_bridge.sensors.blocks import Instruments
+from wattwalk_core.errors import InputError
 
 TYPES = {
     '/drive_supply': 'drive_power_msgs/msg/DriveSupply',

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from power_daq.cli import InputError
-from sim_bridge.effects import Effects
-from sim_bridge.plant import PLANTS, Plant
-from sim_bridge.robot import JOINT_NAMES
+from sim_bridge.plant.effects import Effects
+from sim_bridge.plant.parameters import PLANTS, Plant
+from sim_bridge.plant.robot import JOINT_NAMES
+from wattwalk_core.errors import InputError
 
 
 @pytest.mark.parametrize('path', sorted(PLANTS.glob('*.yaml')), ids=lambda path: path.stem)

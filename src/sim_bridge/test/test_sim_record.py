@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 import yaml
-from power_daq.recording.reader import Recording
-from sim_bridge.robot import JOINT_NAMES
-
-from sim_bridge import record_command
+from power_recordings.reading.reader import Recording
+from sim_bridge.commands import record as record_command
+from sim_bridge.plant.robot import JOINT_NAMES
 
 
 @pytest.fixture(scope='module')

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import can
-
-from power_daq.cli import InputError
+from wattwalk_core.errors import InputError
 
 _KERNEL_CONFIGURED = ('socketcan', 'virtual', 'unixsocket')
 _OVERHEAD_ARBITRATION_BITS = 29

@@ -9,6 +9,7 @@ import cantools
 import numpy as np
 from cantools.database.can.database import Database
 from numpy.typing import ArrayLike
+from wattwalk_core.errors import InputError
 
 from power_daq.bus.group import (
     Frame,
@@ -21,7 +22,6 @@ from power_daq.bus.group import (
 )
 from power_daq.bus.layout import Field, Floats, Layout
 from power_daq.bus.mapping import BusMapping, load_mapping
-from power_daq.cli import InputError
 
 _FOLDER = Path(__file__).parent
 DEFAULT_DBC = _FOLDER / 'drives.dbc'

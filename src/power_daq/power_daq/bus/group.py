@@ -10,10 +10,10 @@ from cantools.database.can.database import Database
 from cantools.database.can.message import Message
 from cantools.database.can.signal import Signal
 from numpy.typing import ArrayLike
+from wattwalk_core.errors import InputError
 
 from power_daq.bus.layout import Field, Floats, Layout, LayoutError
 from power_daq.bus.mapping import OPTIONAL, REQUIRED, FrameMapping, GroupMapping
-from power_daq.cli import InputError
 
 _SHARED = ('voltage', 'status')
 _TIME_UNITS = {'s': 1e9, 'ms': 1e6, 'us': 1e3, 'µs': 1e3, 'ns': 1.0, '': 1e3}

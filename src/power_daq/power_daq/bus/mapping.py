@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from power_daq.cli import InputError
-from power_daq.yaml_entry import Entry, read_entry
+from wattwalk_core.errors import InputError
+from wattwalk_core.yaml_entry import Entry, read_entry
 
 REQUIRED: Mapping[str, tuple[str, ...]] = {
     'electrical': ('voltage', 'current'),

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from power_recordings.calibration import Calibration
+from wattwalk_core.worker import Worker
 
 from drive_power_msgs.msg import DriveSupply
+from power_daq.acquisition.receiver import Sample
 from power_daq.bus.layout import Floats
-from power_daq.calibration import Calibration
-from power_daq.clock_mapping import RosTime, Stamper
+from power_daq.clock.mapping import RosTime, Stamper
 from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.segment import (
     Segment,
@@ -20,8 +22,6 @@ from power_daq.ethercat.segment import (
     check_inputs,
     check_order,
 )
-from power_daq.receiver import Sample
-from power_daq.worker import Worker
 
 _log = logging.getLogger(__name__)
 Flags = NDArray[np.uint8]

@@ -1,8 +1,9 @@
 """How an EtherCAT segment does, in a sentence and in figures, for `diagnostics`."""
 
-from power_daq.acquisition import SampleQueue
+from wattwalk_core.nodes.diagnostics import Level, Report
+
+from power_daq.acquisition.bus_acquisition import SampleQueue
 from power_daq.ethercat.acquisition import SegmentAcquisition
-from power_daq.reporting import Level, Report
 
 _RATE_SLACK = 0.02
 _NO_FAULT = ('cycles', 'times operating')

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from wattwalk_core.yaml_entry import Entry, read_entry
+
 from power_daq.ethercat.terminals import TYPES, TerminalType
-from power_daq.yaml_entry import Entry, read_entry
 
 _TOP = ('device', 'cycle', 'frame_timeout', 'segment', 'electrical')
 _CHANNEL = ('terminal', 'channel', 'ratio', 'offset')

@@ -7,7 +7,8 @@ from contextlib import suppress
 from types import ModuleType
 from typing import Any
 
-from power_daq.cli import InputError
+from wattwalk_core.errors import InputError
+
 from power_daq.ethercat.segment import SegmentError
 from power_daq.ethercat.terminals import Identity
 

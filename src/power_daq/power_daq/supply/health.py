@@ -1,7 +1,8 @@
 """How a bench supply does, in a sentence and in figures, for `diagnostics`."""
 
-from power_daq.reporting import Level, Report
-from power_daq.supply.books import Balance, Energy
+from wattwalk_core.nodes.diagnostics import Level, Report
+
+from power_daq.supply.energy_counters import Balance, Energy
 from power_daq.supply.poller import Poller
 
 _RATE_SLACK = 0.02

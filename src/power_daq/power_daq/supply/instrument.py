@@ -9,8 +9,8 @@ import pyvisa
 from pyvisa.constants import BufferOperation
 from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
+from wattwalk_core.errors import InputError
 
-from power_daq.cli import InputError
 from power_daq.supply.answers import (
     AnswerError,
     Identity,

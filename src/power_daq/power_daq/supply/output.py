@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
-from power_daq.cli import InputError
+from wattwalk_core.errors import InputError
+
 from power_daq.supply.answers import AnswerError, quantity, switch
 from power_daq.supply.instrument import Instrument, LostError
 

@@ -5,11 +5,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from power_daq.clock_mapping import RosTime
+from wattwalk_core.worker import Worker
+
+from power_daq.clock.mapping import RosTime
 from power_daq.supply.answers import AnswerError, Identity, Measured, ScpiError
 from power_daq.supply.instrument import Instrument, LostError
 from power_daq.supply.reading import Reading
-from power_daq.worker import Worker
 
 _log = logging.getLogger(__name__)
 _S = 1_000_000_000

@@ -1,13 +1,13 @@
 """Physical effects in the electrical power of a joint drive, one class each."""
 
-from power_estimator.effects.bend import Bend
 from power_estimator.effects.catalogue import (
     Catalogue,
     builtin_catalogue,
     load_catalogue,
 )
 from power_estimator.effects.effect import Effect, Excitation, Shape, Term, smooth_sign
-from power_estimator.effects.signals import Signals
+from power_estimator.effects.library.model_discrepancy import Bend
+from power_estimator.effects.signals.state import Signals
 
 __all__ = [
     'Bend',

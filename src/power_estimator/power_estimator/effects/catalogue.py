@@ -7,19 +7,19 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from power_daq.cli import InputError
+from wattwalk_core.errors import InputError
 
-from power_estimator.effects.cogging import Cogging
-from power_estimator.effects.copper_loss import CopperLoss
-from power_estimator.effects.coulomb_friction import CoulombFriction
 from power_estimator.effects.effect import Effect, Excitation, Floats, Shape, Term
-from power_estimator.effects.field_weakening import FieldWeakening
-from power_estimator.effects.idle import Idle
-from power_estimator.effects.inverter_loss import InverterLoss
-from power_estimator.effects.iron_loss import IronLoss
-from power_estimator.effects.line_resistance import LineResistance
-from power_estimator.effects.load_friction import LoadFriction
-from power_estimator.effects.measurement import (
+from power_estimator.effects.library.cogging import Cogging
+from power_estimator.effects.library.copper_loss import CopperLoss
+from power_estimator.effects.library.coulomb_friction import CoulombFriction
+from power_estimator.effects.library.field_weakening import FieldWeakening
+from power_estimator.effects.library.idle import Idle
+from power_estimator.effects.library.inverter_loss import InverterLoss
+from power_estimator.effects.library.iron_loss import IronLoss
+from power_estimator.effects.library.line_resistance import LineResistance
+from power_estimator.effects.library.load_friction import LoadFriction
+from power_estimator.effects.library.measurement import (
     CurrentOffset,
     OffsetDrift,
     PowerGain,
@@ -28,15 +28,15 @@ from power_estimator.effects.measurement import (
     TorqueBias,
     VelocityLag,
 )
-from power_estimator.effects.regeneration_efficiency import RegenerationEfficiency
-from power_estimator.effects.regeneration_limit import RegenerationLimit
-from power_estimator.effects.rotor_inertia import RotorInertia
-from power_estimator.effects.shaft import Shaft
-from power_estimator.effects.signals import Signals
-from power_estimator.effects.spring import Spring
-from power_estimator.effects.stribeck_friction import StribeckFriction
-from power_estimator.effects.viscous_friction import ViscousFriction
-from power_estimator.effects.winding_heating import WindingHeating
+from power_estimator.effects.library.regeneration_efficiency import RegenerationEfficiency
+from power_estimator.effects.library.regeneration_limit import RegenerationLimit
+from power_estimator.effects.library.rotor_inertia import RotorInertia
+from power_estimator.effects.library.shaft import Shaft
+from power_estimator.effects.library.spring import Spring
+from power_estimator.effects.library.stribeck_friction import StribeckFriction
+from power_estimator.effects.library.viscous_friction import ViscousFriction
+from power_estimator.effects.library.winding_heating import WindingHeating
+from power_estimator.effects.signals.state import Signals
 
 _BUILTIN: tuple[type[Effect], ...] = (
     Shaft,

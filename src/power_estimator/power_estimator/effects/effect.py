@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from power_estimator.effects.signals import Signals
+from power_estimator.effects.signals.state import Signals
 
 Floats = NDArray[np.float64]
 Shape = Mapping[str, float]

@@ -6,9 +6,9 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
-from power_daq.pages.looks import COLORS, Figure, finished, short
+from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
-from power_lab.regimes import UNITS, bins
+from power_lab.compare.regimes import UNITS, bins
 
 Floats = NDArray[np.float64]
 LINES = (COLORS['base'], COLORS['better'], COLORS['third'])

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from power_daq.pages.page import Page, escape
-from power_estimator.effect_signals import Prepared
 from power_estimator.effects import Catalogue
+from power_estimator.effects.signals.prepared import Prepared
+from wattwalk_core.pages.page import Page, escape
 
-from power_lab.comparison import Comparison, compare
-from power_lab.judge import Outcome
-from power_lab.measurement_check import UNITS as TERM_UNITS
+from power_lab.compare.comparison import Comparison, compare
+from power_lab.diagnose.measurement_check import UNITS as TERM_UNITS
+from power_lab.diagnose.outcome import Outcome
+from power_lab.diagnose.verdict import plain
 from power_lab.report import figures
-from power_lab.verdict import plain
 
 Floats = NDArray[np.float64]
 

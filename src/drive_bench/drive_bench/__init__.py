@@ -1,0 +1,1 @@
+"""Single drives through motion files, safely, recorded and checked."""

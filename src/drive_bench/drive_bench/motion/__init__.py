@@ -1,0 +1,1 @@
+"""Motion files and the path of a joint through them."""

@@ -1,0 +1,1 @@
+"""Node and command that put drives through a motion."""

@@ -1,0 +1,1 @@
+"""A motion run: supervision, recording and check of the recording."""

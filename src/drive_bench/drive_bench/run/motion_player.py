@@ -1,0 +1,139 @@
+"""A motion as a policy of the supervisor: some drives move, the others hold."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from policy_runner.policies.inputs import Inputs
+from wattwalk_core.errors import InputError
+
+from drive_bench.motion.file import MotionFile
+from drive_bench.motion.joint_limits import JointLimits
+from drive_bench.motion.plan import Plan
+from drive_bench.motion.segment_path import Mounting, Ramps
+from drive_bench.motion.segment_player import Player
+from drive_bench.run.winding_temperature import Windings
+
+Floats = NDArray[np.float64]
+_LONGEST_STEP = 0.03  # s; after a stall the motion takes longer instead of jumping
+
+
+class Exciting:
+    """
+    Puts some drives through a motion while the others hold where they were at the start.
+
+    `prepare` comes first: it plans from where the joints are. Then it is a Policy; `velocity`
+    and `effort` hold what is fed forward, rad/s and N·m [D], or commanded where `mode` says so.
+    windings: temperatures as far as known. blocked: why it cannot go on, or ''.
+    """
+
+    rate = 200.0
+    ramp = 0.0
+
+    def __init__(
+        self,
+        motion: MotionFile,
+        joints: Sequence[str],
+        drives: Sequence[str],
+        mounting: Mounting,
+        limits: Mapping[str, JointLimits],
+    ) -> None:
+        self.motion = motion
+        self.velocity, self.effort = np.zeros(len(joints)), np.zeros(len(joints))
+        self.targets = np.zeros(len(joints))
+        self._drives = {list(joints).index(drive): drive for drive in drives}
+        self._mounting, self._limits = mounting, limits
+        self._players: dict[int, Player] = {}
+        self._last: float | None = None
+        self.windings = Windings()
+        self.mode, self.blocked = 'position', ''
+
+    def prepare(self, position: Floats) -> None:
+        """Plan from a pose, rad [D]; InputError for a motion that leaves the limits."""
+        if self.motion.free and len(self._drives) > 1:
+            raise InputError(
+                f'{self.motion.name} leaves position mode, which is for one drive at a time; give '
+                'one --drive'
+            )
+        players = {
+            place: Player(self.motion, float(position[place]), self._mounting, Ramps())
+            for place in self._drives
+        }
+        for place, player in players.items():
+            player.plan.check(self._drives[place], self._limits[self._drives[place]])
+        self._players = players
+        self.reset()
+        self.targets = np.array(position, dtype=np.float64)
+
+    def reset(self) -> None:
+        """Begin from the first segment; after `prepare` only."""
+        self._last = None
+        self.mode, self.blocked = 'position', ''
+
+    def take_over(self) -> float:
+        """Begin from the first segment; it takes no commands."""
+        self.reset()
+        return self.motion.seconds
+
+    def step(
+        self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
+    ) -> Floats:
+        """Joint targets, rad [D]."""
+        since = 0.0 if self._last is None else min(max(time - self._last, 0.0), _LONGEST_STEP)
+        self._last = time
+        for place, player in self._players.items():
+            warmth = self.windings.at(self._drives[place], time)
+            measured = float(inputs.position[place])
+            before = player.place
+            target = player.step(since, measured, warmth)
+            if player.place != before and self.mode != 'position':
+                self._check_again(place)
+            self.mode = target.mode
+            self.targets[place] = target.position if target.mode == 'position' else measured
+            self.velocity[place], self.effort[place] = target.velocity, target.effort
+        return self.targets.copy()
+
+    def _check_again(self, place: int) -> None:
+        drive = self._drives[place]
+        try:
+            self._players[place].plan.check(drive, self._limits[drive])
+        except InputError as error:
+            self.blocked = str(error)
+
+    @property
+    def active(self) -> bool:
+        """Whether drives are told to move."""
+        return self._last is not None
+
+    @property
+    def heeded(self) -> tuple[str, ...]:
+        """Drives that must not go on, or begin, without the temperature of their winding."""
+        if not self.active:
+            return tuple(self._drives.values()) if self.motion.warms else ()
+        return tuple(self._drives[place] for place, one in self._players.items() if one.heeds)
+
+    @property
+    def left(self) -> float:
+        """Time to the end of the motion, s."""
+        return max((player.left for player in self._players.values()), default=0.0)
+
+    @property
+    def segment(self) -> int:
+        """Index of the segment that is executed."""
+        return next(iter(self._players.values())).place
+
+    @property
+    def slack(self) -> float:
+        """How much further than usual a drive may be from its target, rad."""
+        playing = next(iter(self._players.values())).segment
+        return 2.0 * abs(playing.amplitude) if playing.saturate else 0.0
+
+    @property
+    def plans(self) -> dict[str, Plan]:
+        """What is planned, by drive."""
+        return {self._drives[place]: player.plan for place, player in self._players.items()}
+
+    def watched(self) -> Iterator[tuple[int, JointLimits]]:
+        """Places of the excited drives, with their limits."""
+        for place, drive in self._drives.items():
+            yield place, self._limits[drive]

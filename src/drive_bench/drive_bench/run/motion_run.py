@@ -1,0 +1,244 @@
+"""A motion under the supervisor that also runs policies: started, watched, damped."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from policy_runner.supervisor.safety import FaultKind, SafetyConfig, TargetLimiter
+from policy_runner.supervisor.supervisor import Output, State, Supervisor
+from wattwalk_core.errors import InputError
+
+from drive_bench.motion.file import MotionFile
+from drive_bench.motion.fitting import fitted
+from drive_bench.motion.joint_limits import JointLimits
+from drive_bench.motion.segment_path import Mounting
+from drive_bench.run.monitor import ExcitationMonitor, JointInputs, ranges_of
+from drive_bench.run.motion_player import Exciting
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Command:
+    """
+    What to send: position, rad, velocity, rad/s, and effort, N·m, of the joints that are named.
+
+    Zero velocity alone damps, as the drives do that are not named.
+    """
+
+    names: tuple[str, ...]
+    position: Floats | None
+    velocity: Floats | None
+    effort: Floats | None = None
+
+
+class ExcitationRun:
+    """
+    Runs a motion on the joints of a robot, under the supervisor that also runs policies.
+
+    limits: by joint, at least for the drives. damp_others: a drive may leave position mode though
+    other joints are there, which are then damped and not held. fit: change a motion that leaves
+    the limits, see `notes`, instead of refusing it. InputError for a drive that is no
+    joint of the robot or has no limits.
+    """
+
+    def __init__(
+        self,
+        motion: MotionFile,
+        joints: Sequence[str],
+        drives: Sequence[str],
+        mounting: Mounting,
+        limits: Mapping[str, JointLimits],
+        config: SafetyConfig,
+        *,
+        damp_others: bool = False,
+        fit: bool = False,
+    ) -> None:
+        for drive in drives:
+            if drive not in joints:
+                raise InputError(f'no drive {drive!r} in joint_states; it has {", ".join(joints)}')
+            if drive not in limits:
+                raise InputError(f'no limits are known for {drive}; give them with --limits FILE')
+        count, ranges = len(joints), ranges_of(joints, limits)
+        self.joints = tuple(joints)
+        self.inputs = JointInputs(
+            joint_names=self.joints, position=np.zeros(count), velocity=np.zeros(count)
+        )
+        self.motion, self.drives = motion, tuple(drives)
+        self.exciting = Exciting(motion, joints, drives, mounting, limits)
+        self.monitor = ExcitationMonitor(config, self.exciting, joints, limits)
+        self._supervisor = Supervisor(
+            self.exciting,
+            config,
+            inputs=self.inputs,
+            monitor=self.monitor,
+            limiter=TargetLimiter(config.target_rate, ranges),
+        )
+        self._strongest = np.array(
+            [limits[joint].torque if joint in limits else 0.0 for joint in joints]
+        )
+        self._damp_others, self._fit = damp_others, fit
+        self._mounting, self.limits = mounting, limits
+        self.notes: tuple[str, ...] = ()
+        self._planned = self._done = False
+
+    @property
+    def active(self) -> bool:
+        """Whether the motion is under way."""
+        return self._supervisor.state in (State.STANDING_UP, State.RUNNING)
+
+    @property
+    def code(self) -> int | None:
+        """Exit code once it is over: 0 done, 1 fault or emergency stop, 130 stopped."""
+        fault = self._supervisor.fault
+        if fault is None:
+            return None
+        if self._done:
+            return 0
+        return 130 if fault.kind is FaultKind.STOP else 1
+
+    @property
+    def reason(self) -> str:
+        """What it does, or why it damps, for people."""
+        if self._done:
+            return 'done'
+        if not self.active:
+            fault = self._supervisor.fault
+            return 'ready, waits for start' if fault is None else str(fault)
+        place, count = self.exciting.segment, len(self.motion.segments)
+        if place == count:
+            return 'back to where it carries no load'
+        return f'segment {place + 1} of {count}: {self.motion.segments[place]}'
+
+    @property
+    def progress(self) -> str:
+        """The reason with the time that is left, or what to do once it is done."""
+        if self.active:
+            return f'{self.reason}; {self.exciting.left:.0f} s left'
+        if not self._done:
+            return self.reason
+        motion = self.motion
+        again = ' and '.join(f'{voltage:g} V' for voltage in motion.supply)
+        return (
+            'done; '
+            + (f'the motion asks to be repeated at {again} of supply; ' if again else '')
+            + 'end the recorder, then: ros2 run power_lab diagnose '
+            + f'bags/{motion.name} --model base.yaml'
+        )
+
+    @property
+    def introduction(self) -> str:
+        """What is about to happen, and the commands for it."""
+        return (
+            f'{self.motion.name}: {self.motion.seconds:.0f} s of {", ".join(self.drives)}; '
+            f'record it: ros2 run power_daq record -o bags/{self.motion.name}; '
+            'begin (unless --start): ros2 service call /start std_srvs/srv/Trigger'
+        )
+
+    def count_publishers(self, count: int) -> None:
+        """Take the number of nodes that publish joint_commands, this one included."""
+        if count > 1:
+            self.inputs.complaints['joint_commands'] = (
+                f'{count} nodes publish joint_commands; stop all but this one'
+            )
+        else:
+            self.inputs.complaints.pop('joint_commands', None)
+
+    def figures(self, now: float) -> dict[str, str]:
+        """What diagnostics show beside the reason."""
+        shown = self._supervisor.figures(now)
+        kept = ('faults', 'joint_states age [ms]')
+        left = f'{self.exciting.left:.1f}'
+        return {'motion': self.motion.name, 'left [s]': left, **{key: shown[key] for key in kept}}
+
+    def unsound(self, now: float) -> str:
+        """Why it could not begin now, or ''."""
+        fault = self.monitor.inputs(self.inputs, now)
+        return '' if fault is None else str(fault)
+
+    def plan(self) -> None:
+        """
+        Plan from where the joints are.
+
+        InputError if the motion leaves the limits, or is under way: then it would begin anew.
+        """
+        if self.active:
+            raise InputError(f'{self.motion.name} is under way; stop it before planning it anew')
+        self._prepare()
+
+    def start(self, now: float) -> tuple[bool, str]:
+        """Begin, if that is safe; tells whether it does, and why not."""
+        if self.active:
+            return True, self.reason
+        fault = self.monitor.inputs(self.inputs, now)
+        if fault is not None:
+            return False, str(fault)
+        try:
+            self._prepare()
+        except InputError as error:
+            return False, str(error)
+        started, told = self._supervisor.start(now)
+        return started, f'{self.exciting.left:.0f} s to go' if started else told
+
+    def _prepare(self) -> None:
+        if self.motion.free and not self._damp_others:
+            there = zip(self.joints, self.inputs.there, strict=True)
+            others = [name for name, present in there if present and name not in self.drives]
+            if others:
+                raise InputError(
+                    f'{", ".join(others)} could not hold while {self.drives[0]} is not in '
+                    'position mode; take the drive alone, or allow them to be damped '
+                    '(--damp-others)'
+                )
+        if self._fit:
+            self._fit_to_limits()
+        self.exciting.prepare(self.inputs.position)
+        self._planned = True
+
+    def _fit_to_limits(self) -> None:
+        for drive in self.drives:
+            start = float(self.inputs.position[self.joints.index(drive)])
+            self.motion, notes = fitted(self.motion, start, self._mounting, self.limits[drive])
+            self.notes += notes
+        self.exciting.motion = self.motion
+
+    def stop(self, now: float) -> tuple[bool, str]:
+        """Damp and end."""
+        return self._supervisor.stop(now)
+
+    def emergency_stop(self, now: float) -> tuple[bool, str]:
+        """Damp and end as after a fault."""
+        return self._supervisor.emergency_stop(now)
+
+    def update(self, now: float) -> Command | None:
+        """
+        Take one step at time now, s; None while there is nothing to send.
+
+        InputError if the motion leaves the limits from where the joints are at first.
+        """
+        if not self._planned and self.monitor.inputs(self.inputs, now) is None:
+            self.plan()
+        output = self._supervisor.update(now)
+        if self.active and self.exciting.active and self.exciting.left == 0.0:
+            self._done = True
+            self._supervisor.stop(now)
+            output = Output(None)
+        if output is None:
+            return None
+        if output.targets is None:
+            return self.damping
+        exciting = self.exciting
+        effort = np.clip(exciting.effort, -self._strongest, self._strongest)
+        if exciting.mode == 'position':
+            return Command(self.joints, output.targets, exciting.velocity, effort)
+        places = [place for place, _ in exciting.watched()]
+        names = tuple(self.joints[place] for place in places)
+        if exciting.mode == 'velocity':
+            return Command(names, None, exciting.velocity[places])
+        return Command(names, None, None, effort[places])
+
+    @property
+    def damping(self) -> Command:
+        """What brakes all joints."""
+        return Command(self.joints, None, np.zeros(len(self.joints)))

@@ -1,0 +1,1 @@
+"""Node that runs a policy on the robot."""

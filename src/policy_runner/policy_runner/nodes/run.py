@@ -1,0 +1,199 @@
+"""Node that runs a policy on the robot: joint states and IMU in, joint commands out."""
+
+from collections.abc import Sequence
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import TwistStamped
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from wattwalk_core.nodes.running import interrupt_on_signals
+
+from policy_runner.nodes.parameters import real_parameter
+from policy_runner.nodes.run_options import InputError, Options, command, parse
+from policy_runner.nodes.topic_inputs import Listener
+from policy_runner.policies.by_name import Policy, load_policy
+from policy_runner.policies.kinematics import JOINT_NAMES
+from policy_runner.supervisor.loop_timing import Pace
+from policy_runner.supervisor.safety import FaultKind, SafetyConfig
+from policy_runner.supervisor.supervisor import Output, State, Supervisor
+
+_COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class PolicyRunner(Node):
+    """Feeds a supervisor from topics at a fixed rate and sends what it gives."""
+
+    def __init__(self, options: Options) -> None:
+        super().__init__('policy_runner')
+        text = 'name of the policy that runs, or its folder; may be set at any time'
+        named = self.declare_parameter(
+            'policy', options.policy, ParameterDescriptor(description=text)
+        )
+        self._policy = str(named.value)
+        policy = load_policy(self._policy)
+        asked = self._parameter('rate', policy.rate, 10.0, 400.0, 'Hz at which it is asked')
+        self._rate = None if asked == policy.rate else asked
+        safety = SafetyConfig()
+        stale = self._parameter(
+            'stale_after', safety.stale_after, 0.01, 1.0, 's; older joint_states or imu: damping'
+        )
+        tilt = self._parameter('tilt', safety.tilt, 0.1, 1.5, 'rad; more from level: damping')
+        self._start_wanted = options.start
+        source = options.source()
+        self._supervisor = Supervisor(
+            policy,
+            SafetyConfig(stale_after=stale, tilt=tilt),
+            restart_after=options.restart_after,
+            source=source,
+        )
+        simulated = bool(self.get_parameter('use_sim_time').value)
+        self._time = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        self._told: tuple[State, str] | None = None
+
+        Listener(self, self._supervisor.inputs, self._now)
+        self._commands = self.create_publisher(JointState, 'joint_commands', _COMMANDS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        if source is not None:
+            self._told_velocity = self.create_publisher(TwistStamped, 'cmd_vel', _COMMANDS)
+            self.create_timer(0.1, self._tell_velocity, clock=self._time)
+        self.create_service(Trigger, 'start', lambda q, a: self._serve(a, self._supervisor.start))
+        self.create_service(Trigger, 'stop', lambda q, a: self._serve(a, self._supervisor.stop))
+        self.create_service(
+            Trigger, 'estop', lambda q, a: self._serve(a, self._supervisor.emergency_stop)
+        )
+        self._pace = Pace(1.0 / (self._rate or policy.rate))
+        self._timer = self._make_timer(policy)
+        self.add_on_set_parameters_callback(self._on_parameters)
+        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _make_timer(self, policy: Policy) -> Timer:
+        return self.create_timer(1.0 / (self._rate or policy.rate), self._step, clock=self._time)
+
+    def _on_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name != 'policy':
+                continue
+            try:
+                policy = load_policy(str(parameter.value))
+            except InputError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+            done, message = self._supervisor.change(policy, self._now())
+            if not done:
+                return SetParametersResult(successful=False, reason=message)
+            self._policy = str(parameter.value)
+            self.get_logger().info(f'{self._policy}: {message}')
+            self.destroy_timer(self._timer)
+            self._pace.change(1.0 / (self._rate or policy.rate))
+            self._timer = self._make_timer(policy)
+        return SetParametersResult(successful=True)
+
+    def damp(self) -> None:
+        """Send a last damping command, if any was sent before."""
+        if self._supervisor.state is not State.IDLE:
+            self._send(Output(None))
+
+    def _parameter(
+        self, name: str, default: float, low: float, high: float, description: str
+    ) -> float:
+        return real_parameter(self, name, default, low, high, description)
+
+    def _now(self) -> float:
+        return float(self._time.now().nanoseconds) * 1e-9
+
+    def _serve(self, answer, action):  # type: ignore[no-untyped-def]
+        self._start_wanted = False
+        answer.success, answer.message = action(self._now())
+        self._announce()
+        return answer
+
+    def _step(self) -> None:
+        now = self._now()
+        self._pace.begin(now)
+        if self._start_wanted:
+            started, why = self._supervisor.start(now)
+            self._start_wanted = not started
+            if not started:
+                self.get_logger().info(f'waiting: {why}', throttle_duration_sec=5.0)
+        output = self._supervisor.update(now)
+        if output is not None:
+            self._send(output)
+            self._pace.end(self._now())
+        self._announce()
+
+    def _send(self, output: Output) -> None:
+        message = JointState()
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.name = list(JOINT_NAMES)
+        if output.targets is None:
+            message.velocity = [0.0] * len(JOINT_NAMES)
+        else:
+            message.position = output.targets.tolist()
+        self._commands.publish(message)
+
+    def _tell_velocity(self) -> None:
+        """Let recordings know what the robot was told, as if a person had told it."""
+        message = TwistStamped()
+        message.header.stamp = self.get_clock().now().to_msg()
+        vx, vy, yaw = self._supervisor.command(self._now()).tolist()
+        message.twist.linear.x, message.twist.linear.y = vx, vy
+        message.twist.angular.z = yaw
+        self._told_velocity.publish(message)
+
+    def _announce(self) -> None:
+        state, reason = self._supervisor.state, self._supervisor.reason
+        if (state, reason) == self._told:
+            return
+        self._told = (state, reason)
+        fault = self._supervisor.fault
+        if fault is None or fault.kind is FaultKind.STOP:
+            self.get_logger().info(f'{self._policy}: {reason}')
+        else:
+            self.get_logger().error(f'{self._policy}: damping, {reason}')
+        self._diagnose()
+
+    def _diagnose(self) -> None:
+        figures = {
+            'policy': self._policy,
+            **self._supervisor.figures(self._now()),
+            **self._pace.figures(),
+        }
+        fault = self._supervisor.fault
+        sound = fault is None or fault.kind is FaultKind.STOP
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.OK if sound else DiagnosticStatus.ERROR,
+            name='policy_runner',
+            message=self._supervisor.reason,
+            values=[KeyValue(key=key, value=value) for key, value in figures.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+
+@command
+def main(arguments: Sequence[str]) -> None:
+    """Run the node until it is interrupted; the drives are damped when it ends."""
+    options = parse(remove_ros_args(list(arguments)))
+    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    interrupt_on_signals()
+    node = None
+    try:
+        node = PolicyRunner(options)
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if node is not None:
+            node.damp()
+            node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,132 @@
+"""A learned policy on the robot: from measurements to joint targets, by the policy's contract."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from policy_runner.policies.base_velocity import BaseVelocity
+from policy_runner.policies.folder import Contract, read_folder
+from policy_runner.policies.gait_phase import CommandSlew, GaitPhase
+from policy_runner.policies.inputs import Inputs
+from policy_runner.policies.kinematics import JOINT_NAMES
+from policy_runner.policies.perceptron import Perceptron
+
+Floats = NDArray[np.float64]
+Network = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+
+DRIVE_GAINS: Final = (80.0, 2.0)
+"""Stiffness in N·m/rad and damping in N·m·s/rad that the drives have in position mode."""
+_STAND_UP: Final = 1.5  # s
+_LONGEST_STEP: Final = 0.1  # s that command and clock go on in one step
+_EARLY: Final = 0.25  # share of a period by which a step may come early
+
+
+class LearnedPolicy:
+    """
+    Stands up in the policy's default pose, then acts at the policy's own rate.
+
+    Asked more often than that, it holds its targets. Where the velocity of the base is not
+    measured, it is estimated from legs and IMU.
+    """
+
+    def __init__(self, contract: Contract, network: Network) -> None:
+        """network: observation [size] to action [12]. InputError for gains the drives lack."""
+        for joint, *gains in zip(
+            contract.joints, contract.stiffness, contract.damping, strict=True
+        ):
+            if not np.allclose(gains, DRIVE_GAINS, rtol=0.01):
+                raise InputError(
+                    f'policy {contract.name!r} was made for gains {gains} of {joint}; '
+                    f'the drives have {list(DRIVE_GAINS)}'
+                )
+        self.contract = contract
+        self.rate = contract.rate
+        self.ramp = _STAND_UP
+        self._network = network
+        self._order = np.array([JOINT_NAMES.index(joint) for joint in contract.joints])
+        self._pose = np.array(contract.default_pose)
+        self._scale = np.array(contract.action.scale)
+        self._velocity = BaseVelocity()
+        self.reset()
+
+    @classmethod
+    def load(cls, path: Path) -> 'LearnedPolicy':
+        """From a folder; InputError says what is wrong with it."""
+        contract, tensors = read_folder(path)
+        return cls(contract, Perceptron(tensors, contract.network.activation))
+
+    def reset(self) -> None:
+        """Forget the past; the next step starts to stand up from where the joints are."""
+        self._began: float | None = None
+        self._first: Floats | None = None
+        self._due = -np.inf
+        self._acted: float | None = None
+        self._targets = np.zeros(12)
+        self._action = np.zeros(12)
+        seen = self.contract.observation
+        self._slew = CommandSlew(seen.command_slew)
+        self._phase = GaitPhase(seen.stride_frequency, seen.hurry)
+        self._velocity.reset()
+        self._standing_up = True
+
+    def take_over(self) -> float:
+        """Forget the past; the next step acts at once, on a robot that stands or walks."""
+        self.reset()
+        self._standing_up = False
+        return 0.0
+
+    def step(
+        self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
+    ) -> Floats:
+        """Joint targets, rad [12]; command: m/s, m/s, rad/s [3]; velocity None if not known."""
+        estimate = self._velocity.update(
+            time,
+            inputs.position,
+            inputs.velocity,
+            inputs.gravity,
+            inputs.spin,
+            acceleration=inputs.acceleration,
+        )
+        velocity = estimate if base_velocity is None else base_velocity
+        if self._began is None or self._first is None:
+            self._began, self._first = time, inputs.position.copy()
+        elapsed = time - self._began
+        if self._standing_up and elapsed < self.ramp:
+            share = 0.5 - 0.5 * np.cos(np.pi * min(elapsed / (0.8 * self.ramp), 1.0))
+            return self._first + share * (self._in_robot_order(self._pose) - self._first)
+        if time >= self._due - _EARLY / self.rate:
+            late = time - self._due > 1.0 / self.rate
+            self._due = time + 1.0 / self.rate if late else self._due + 1.0 / self.rate
+            since = 1.0 / self.rate if self._acted is None else time - self._acted
+            self._acted = time
+            self._targets = self._act(command, inputs, velocity, min(since, _LONGEST_STEP))
+        return self._targets
+
+    def _act(self, command: Floats, inputs: Inputs, velocity: Floats, seconds: float) -> Floats:
+        asked = np.asarray(command, np.float64)[None]
+        shown = self._slew.advance(seconds, asked)
+        self._phase.advance(seconds, shown, asked, velocity[None], inputs.gravity[None])
+        observation = self.contract.observation.assemble(
+            {
+                'base_velocity': velocity,
+                'angular_velocity': inputs.spin,
+                'gravity': inputs.gravity,
+                'command': shown[0],
+                'joint_position': inputs.position[self._order] - self._pose,
+                'joint_velocity': inputs.velocity[self._order],
+                'last_action': self._action,
+                'gait_clock': self._phase.values()[0],
+            }
+        )
+        clip = self.contract.action.clip
+        self._action = np.clip(self._network(observation), -clip, clip).astype(np.float64)
+        return self._in_robot_order(self._pose + self._scale * self._action)
+
+    def _in_robot_order(self, values: Floats) -> Floats:
+        ordered = np.empty(12)
+        ordered[self._order] = values
+        return ordered

@@ -1,0 +1,1 @@
+"""Safety checks and the state machine that runs a policy."""

@@ -1,0 +1,224 @@
+"""The states of running a policy: idle, standing up, running, damping."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policy_runner.policies.by_name import Policy
+from policy_runner.policies.inputs import Inputs
+from policy_runner.supervisor.handover import Handover
+from policy_runner.supervisor.safety import (
+    Fault,
+    FaultKind,
+    SafetyConfig,
+    SafetyMonitor,
+    TargetLimiter,
+)
+
+Floats = NDArray[np.float64]
+
+
+class State(Enum):
+    """What the runner is doing; idle sends nothing, damping sends zero velocity."""
+
+    IDLE = 'idle'
+    STANDING_UP = 'standing up'
+    RUNNING = 'running'
+    DAMPING = 'damping'
+
+
+@dataclass(frozen=True)
+class Output:
+    """What to send to the drives: targets, rad [D], or damping if there are none."""
+
+    targets: Floats | None
+
+
+class Supervisor:
+    """
+    Runs a policy for as long as that is safe, and damps from the first fault on.
+
+    restart_after: s of sound inputs after which it starts again by itself, 0 for never; an
+    emergency stop always waits for stop() and then start(). source: velocity commands by time
+    walked, s, in place of those of the inputs. inputs, monitor and limiter: for other joints than
+    the twelve of the robot.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        config: SafetyConfig | None = None,
+        *,
+        restart_after: float = 0.0,
+        source: Callable[[float], Floats] | None = None,
+        inputs: Inputs | None = None,
+        monitor: SafetyMonitor | None = None,
+        limiter: TargetLimiter | None = None,
+    ) -> None:
+        if not restart_after >= 0.0:
+            raise ValueError(f'restart_after is {restart_after!r} s; it must be 0 or more')
+        self.state = State.IDLE
+        self.fault: Fault | None = None
+        self.inputs = inputs or Inputs()
+        self.faults = 0
+        self._policy = policy
+        self._config = config = config or SafetyConfig()
+        self._monitor = monitor or SafetyMonitor(config)
+        self._limiter = limiter or TargetLimiter(config.target_rate)
+        self._restart_after = restart_after
+        self._source = source
+        self._since = 0.0
+        self._sound_since: float | None = None
+        self._last = 0.0
+        self._walked = 0.0
+        self._updated = -np.inf
+        self._excused = False
+        self._handover: Handover | None = None
+
+    @property
+    def reason(self) -> str:
+        """Why the runner is in its state, for people."""
+        return str(self.fault) if self.fault is not None else self.state.value
+
+    def start(self, now: float) -> tuple[bool, str]:
+        """Stand up and run, if the inputs are sound; tells whether it does, and why not."""
+        if self.state in (State.STANDING_UP, State.RUNNING):
+            return True, f'already {self.state.value}'
+        if self.fault is not None and self.fault.kind is FaultKind.EMERGENCY_STOP:
+            return False, 'emergency stop holds; call stop first to release it'
+        fault = self._monitor.inputs(self.inputs, now)
+        if fault is not None:
+            return False, str(fault)
+        self.fault = None
+        self.state = State.STANDING_UP
+        self._since = self._last = now
+        self._policy.reset()
+        self._limiter.reset(self.inputs.position)
+        return True, 'standing up'
+
+    def stop(self, now: float) -> tuple[bool, str]:
+        """Damp, and stay damped; releases an emergency stop."""
+        self._damp(Fault(FaultKind.STOP, 'asked for'), now)
+        return True, self.state.value
+
+    def emergency_stop(self, now: float) -> tuple[bool, str]:
+        """Damp until stop() and start() are called."""
+        self._damp(Fault(FaultKind.EMERGENCY_STOP, 'asked for'), now)
+        return True, 'damping'
+
+    def change(self, policy: Policy, now: float) -> tuple[bool, str]:
+        """
+        Run another policy from now on, or from the next start; tells what happens.
+
+        A robot that walks comes to a stand first, and takes no commands until the new one runs.
+        """
+        if self._handover is not None:
+            return False, 'a change of policy is under way; try again in some seconds'
+        if self.state in (State.STANDING_UP, State.RUNNING):
+            self._handover = Handover(self._policy, policy, max(now, self._ready()))
+            return True, 'the robot comes to a stand, then the policy changes'
+        self._policy = policy
+        return True, 'the policy is changed'
+
+    def update(self, now: float) -> Output | None:
+        """
+        Take one step at time now, s; None while there is nothing to send.
+
+        A step that itself comes late, after a stall of this process, cannot tell a silent robot
+        from messages that wait to be read: staleness is then judged by the next one.
+        """
+        fault = self._monitor.inputs(self.inputs, now)
+        late = now - self._updated > 0.5 * self._config.stale_after
+        self._updated = now
+        if fault is None:
+            self._excused = False
+        elif fault.kind is FaultKind.STALE and late and not self._excused:
+            self._excused = True
+            return None
+        if self.state in (State.STANDING_UP, State.RUNNING):
+            if fault is None:
+                return self._run(now)
+            self._damp(fault, now)
+        elif self.state is State.DAMPING:
+            self._consider_restart(fault, now)
+        return Output(None) if self.state is State.DAMPING else None
+
+    def command(self, now: float) -> Floats:
+        """Velocity command in force: vx, vy in m/s, yaw rate in rad/s [3]."""
+        if self.state is not State.RUNNING or self._handover is not None:
+            return np.zeros(3)
+        if self._source is not None:
+            return self._source(self._walked)
+        if now - self.inputs.command_time > self._config.command_timeout:
+            return np.zeros(3)
+        return self.inputs.command
+
+    def figures(self, now: float) -> dict[str, str]:
+        """What diagnostics show beside the reason."""
+        inputs = self.inputs
+        return {
+            'state': self.state.value,
+            'faults': str(self.faults),
+            'joint_states age [ms]': f'{(now - inputs.joint_time) * 1e3:.1f}',
+            'imu age [ms]': f'{(now - inputs.imu_time) * 1e3:.1f}',
+            'odom age [ms]': f'{(now - inputs.odom_time) * 1e3:.1f}',
+            'velocity command': ' '.join(f'{value:.2f}' for value in self.command(now)),
+        }
+
+    def _run(self, now: float) -> Output:
+        if self.state is State.STANDING_UP and now - self._since >= self._policy.ramp:
+            self.state = State.RUNNING
+            self._since = now
+        fresh = now - self.inputs.odom_time <= self._config.stale_after
+        velocity = self.inputs.base_velocity
+        known = velocity if fresh and np.isfinite(velocity).all() else None
+        targets = self._act(now, known)
+        fault = self._monitor.targets(targets)
+        if fault is not None:
+            self._damp(fault, now)
+            return Output(None)
+        dt = max(now - self._last, 0.0)
+        limited = self._limiter(targets, dt)
+        if self.state is State.RUNNING:
+            self._walked += dt
+        self._last = now
+        return Output(limited)
+
+    def _act(self, now: float, velocity: Floats | None) -> Floats:
+        handover = self._handover
+        if handover is None:
+            return self._policy.step(now, self.command(now), self.inputs, velocity)
+        targets = handover.step(now, self.inputs, velocity)
+        if handover.done(now):
+            self._policy, self._handover = handover.new, None
+        return targets
+
+    def _ready(self) -> float:
+        """When standing up is over, s."""
+        return self._since + self._policy.ramp if self.state is State.STANDING_UP else self._since
+
+    def _damp(self, fault: Fault, now: float) -> None:
+        if self._handover is not None:
+            self._policy, self._handover = self._handover.new, None
+        if fault.kind is FaultKind.STOP and self.state is State.IDLE:
+            return
+        self.state = State.DAMPING
+        self.fault = fault
+        self.faults += fault.kind is not FaultKind.STOP
+        self._sound_since = None
+        self._since = now
+
+    def _consider_restart(self, fault: Fault | None, now: float) -> None:
+        asked = self.fault is not None and self.fault.kind in (
+            FaultKind.STOP,
+            FaultKind.EMERGENCY_STOP,
+        )
+        if fault is not None or asked or self._restart_after == 0.0:
+            self._sound_since = None
+        elif self._sound_since is None:
+            self._sound_since = now
+        elif now - self._sound_since >= self._restart_after:
+            self.start(now)

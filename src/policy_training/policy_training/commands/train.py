@@ -1,0 +1,203 @@
+"""`ros2 run policy_training train`: a config in, a run folder with a policy out."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from wattwalk_core.command import command
+from wattwalk_core.errors import InputError
+
+import policy_training
+from policy_training.config import TrainingConfig
+from policy_training.environment.environment import WalkingEnvironment
+from policy_training.environment.power_term import load_power
+from policy_training.learning.export import export_policy
+from policy_training.learning.learner import Learner, Round
+from policy_training.learning.run_folder import RunFolder, read_checkpoint
+
+_EPILOG = """\
+examples:
+  ros2 run policy_training train --config baseline --steps 250e3 -o runs/first
+  ros2 run policy_training train --config baseline --from runs/first -o runs/baseline
+  ros2 run policy_training train --config pmp --from runs/first --power ppn:RUN -o runs/pmp
+  ros2 run policy_training train --resume -o runs/pmp
+  tensorboard --logdir runs
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='ros2 run policy_training train',
+        description='Train a walking policy with PPO, with predicted power in its reward.',
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add('--config', default='baseline', help='file, or baseline, pmp, pmp_heavy')
+    add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the run')
+    add('--resume', action='store_true', help='go on with the run in that folder')
+    add('--from', dest='source', type=Path, metavar='RUN', help="start from a run's networks")
+    add('--seed', type=int, help='of everything random')
+    add('--steps', type=float, help='policy steps of all environments together')
+    add('--power', metavar='MODEL', help='power model: ppn:RUN, a YAML of effects, a proxy')
+    add('--weight', type=float, metavar='W', help='of the power term, per watt; the paper: 4e-4')
+    add('--environments', type=int, metavar='N', help='robots that learn at the same time')
+    add('--threads', type=int, metavar='N', help='of the simulation; 0: one per core')
+    add('--set', nargs='+', action='extend', default=[], metavar='KEY=VALUE', help="the config's")
+    add('--device', default='cpu', help='cpu or cuda, of the network and its learning')
+    add('--seconds', type=float, help='stop after so long; --resume goes on')
+    return parser
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    options = _parser().parse_args(args)
+    _check_device(options.device)
+    folder = RunFolder(options.output)
+    state: dict[str, Any] | None = None
+    if options.resume:
+        config, state = folder.resume()
+        config = config.with_values(_changes(options))
+    else:
+        config = TrainingConfig.load(options.config).with_values(_changes(options))
+    learner = make_learner(config, options.device)
+    held = config.ppo.hold_rate > 0.0 and not config.imitation.gait
+    if held and state is None and options.source is None:
+        raise InputError(
+            'ppo.hold_rate needs a first gait: --from a run that walks, or imitation.gait'
+        )
+    if state is not None:
+        learner.restore(state)
+    elif options.source is not None:
+        learner.take_networks(read_checkpoint(options.source))
+    elif config.imitation.gait:
+        begin_with_gait(learner)
+    if not options.resume:
+        folder.start(config)
+    train(learner, folder, seconds=options.seconds)
+    return 0
+
+
+def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
+    """A learner with the environment and the power model that a config asks for."""
+    torch.set_num_threads(max(1, config.physics.threads or torch.get_num_threads()))
+    power = None
+    if config.power.model:
+        power = load_power(config.power.model, config.physics.environments)
+    return Learner(config, WalkingEnvironment(config, power=power), device)
+
+
+def begin_with_gait(learner: Learner) -> None:
+    """Have the policy learn the config's scripted gait."""
+    console = Console(stderr=True)
+    with Progress(console=console) as bar:
+        task = bar.add_task(f'{learner.config.imitation.gait} as a first gait', total=1.0)
+        left = learner.begin_with_gait(lambda share: bar.update(task, completed=share))
+    console.print(f'actions are those of the gait to {left:.2f} (rms)')
+
+
+def train(
+    learner: Learner,
+    folder: RunFolder,
+    *,
+    seconds: float | None = None,
+    console: Console | None = None,
+) -> None:
+    """Train to the end of the config, or for so many seconds; then export the policy."""
+    config = learner.config
+    terminal = Console(stderr=True) if console is None else console
+    bar = Progress(
+        TextColumn('{task.description}'),
+        BarColumn(),
+        TextColumn('{task.completed:.1f} of {task.total:.1f} M steps'),
+        TimeRemainingColumn(),
+        console=terminal,
+    )
+
+    def report(done: Round) -> None:
+        folder.add(done.iteration, done.steps, done.values)
+        bar.update(task, completed=done.steps / 1e6, description=_headline(config, done))
+        if done.iteration % config.checkpoint_every == 0:
+            folder.save(learner.checkpoint())
+
+    with bar:
+        task = bar.add_task(config.name, total=config.steps / 1e6)
+        try:
+            learner.run(config.iterations, report, seconds=seconds)
+        except KeyboardInterrupt:
+            terminal.print(f'stopped; --resume -o {folder.path} goes on')
+            raise
+        finally:
+            folder.save(learner.checkpoint())
+            folder.close()
+    rows = folder.curves()
+    export_policy(
+        folder.policy,
+        learner.actor_layers(),
+        config,
+        learner.environment.observation,
+        {
+            'software': f'policy_training {policy_training.__version__}',
+            'steps': learner.environment.steps,
+            'seed': config.seed,
+            'power_model': config.power.model,
+            'power_weight': config.power.weight,
+            'torque_weight': config.rewards.torque,
+            'last_round': rows[-1] if rows else {},
+        },
+    )
+    terminal.print(f'wrote {folder.policy}')
+
+
+def _headline(config: TrainingConfig, done: Round) -> str:
+    v = done.values
+    watts = f', {v["power/watts"]:.0f} W' if 'power/watts' in v else ''
+    return (
+        f'{config.name}: off by {v["error/velocity"]:.2f} m/s, {v["error/yaw"]:.2f} rad/s'
+        f'{watts}, {v["rate/all"] / 1e3:.1f} k steps/s'
+    )
+
+
+def _check_device(device: str) -> None:
+    kind = device.partition(':')[0]
+    if kind not in ('cpu', 'cuda'):
+        raise InputError(f'--device is {device!r}; give cpu or cuda')
+    if kind == 'cuda' and not torch.cuda.is_available():
+        raise InputError('--device cuda: torch sees no CUDA device here; leave it out')
+
+
+def _changes(options: argparse.Namespace) -> dict[str, Any]:
+    changes: dict[str, Any] = {
+        key: value
+        for key, value in (
+            ('seed', options.seed),
+            ('steps', options.steps),
+            ('power.model', options.power),
+            ('power.weight', options.weight),
+            ('physics.environments', options.environments),
+            ('physics.threads', options.threads),
+        )
+        if value is not None
+    }
+    for text in options.set:
+        key, equals, value = text.partition('=')
+        if not equals:
+            raise InputError(f'--set {text!r} is not KEY=VALUE, such as ppo.mirror=true')
+        changes[key] = _value(text, value)
+    return changes
+
+
+def _value(text: str, value: str) -> Any:
+    """A value as YAML has it, and 4e-4 as a number, which YAML takes for text."""
+    try:
+        return float(value) if 'e' in value.lower() else yaml.safe_load(value)
+    except ValueError:
+        return yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise InputError(f'--set {text!r}: the value cannot be read') from error

@@ -1,0 +1,1 @@
+"""Walking by velocity command as a task for N robots."""

@@ -1,0 +1,132 @@
+"""
+The drives of N robots at the time step of training.
+
+The same loop as `sim_bridge.plant.drive`: PD on the joint's position and the rotor's speed, gear
+friction on the rotor, the series spring between rotor and joint, and a delay that differs
+between robots. Rotors take a few steps of their own within each of the rigid bodies'.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from sim_bridge.plant.drive import POSITION_GAIN, VELOCITY_GAIN
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.robot import JOINT_NAMES
+
+from policy_training.config import RandomConfig
+
+Floats = NDArray[np.float64]
+
+_SETTLING: Final = 0.03  # rad/s below which dry friction acts as a damper
+_ROTOR_STEPS: Final = 3  # in one time step of the rigid bodies
+_LIGHTEST: Final = 1e-3  # kg·m², rotor of a plant whose rotors weigh nothing
+_RIGID: Final = 4000.0  # N·m/rad, of a drive without a spring
+
+
+class BatchDrives:
+    """
+    N robots' drives, [N, 12] each.
+
+    What a spring hands to its joint in a time step depends on where the joint goes meanwhile.
+    The part of its torque that grows with the joint's speed is therefore left to the rigid
+    bodies as `joint_damping`, which MuJoCo steps implicitly: so the two neither chatter nor feed
+    energy in, though the step is long for a light shank on a stiff spring.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        count: int,
+        timestep: float,
+        spread: RandomConfig,
+        random: np.random.Generator,
+    ) -> None:
+        p, effects = plant.resolve(JOINT_NAMES), plant.effects
+
+        def vary(values: Floats, width: float) -> Floats:
+            return values * random.uniform(1.0 - width, 1.0 + width, (count, 12))
+
+        rub = spread.drive_friction
+        self._coulomb = vary(p['coulomb'] * effects.coulomb_friction.scale, rub)
+        self._stribeck = vary(p['stribeck'] * effects.stribeck_friction.scale, rub)
+        self._viscous = vary(p['viscous'] * effects.viscous_friction.scale, rub)
+        self._load = vary(p['load_friction'] * effects.load_friction.scale, rub)
+        self._fade = 1.0 / p['stribeck_velocity']
+        self._thin = 1.0 / p['shear_velocity']
+        self._limit = p['torque_limit']
+        rotor = np.maximum(p['rotor_inertia'] * effects.rotor_inertia.scale, _LIGHTEST)
+        self._inertia = vary(rotor, spread.inertia)
+        spring = effects.spring
+        self._spring = (
+            p['spring_stiffness'] / max(spring.strength, 1e-3)
+            if spring.enabled
+            else np.full(12, _RIGID)
+        )
+        self._damper = p['spring_damping']
+        self._stiffness = vary(np.full(12, POSITION_GAIN), spread.stiffness)
+        self._damping = vary(np.full(12, VELOCITY_GAIN), spread.stiffness)
+        self._timestep = timestep
+        self._delay = np.rint(random.uniform(0.0, spread.delay, count) / timestep).astype(int)
+        self.joint_damping: Floats = self._damper + 0.5 * timestep * self._spring  # [12]
+        self.target = np.zeros((count, 12))
+        self._next = np.zeros((count, 12))
+        self._age = 0
+        self._rotor = np.zeros((count, 12))
+        self._speed = np.zeros((count, 12))
+        self._given = np.zeros((count, 12))
+
+    def start(self, ids: NDArray[np.intp], pose: Floats) -> None:
+        """Some drives hold a pose at rest, rad [len(ids), 12]."""
+        self.target[ids] = pose
+        self._next[ids] = pose
+        self._rotor[ids] = pose
+        self._speed[ids] = 0.0
+
+    def aim(self, targets: Floats) -> None:
+        """Send new targets, rad; each robot's drives act on them after their delay."""
+        self._next[:] = targets
+        self._age = 0
+
+    def push(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
+        """
+        Turn the rotors for one time step, from joints at positions, rad, and speeds, rad/s.
+
+        Returns the mean torque of the motors and, less what `joint_damping` makes of the joint's
+        speed after the step, that on the joints, both N·m.
+        """
+        arrived = self._delay <= self._age
+        self.target[arrived] = self._next[arrived]
+        self._age += 1
+        h = self._timestep / _ROTOR_STEPS
+        per_inertia = h / self._inertia
+        resistance = self._damper + h * self._spring
+        rotor, speed = self._rotor, self._speed
+        mean_motor, mean_rotor, mean_speed = (np.zeros_like(rotor) for _ in range(3))
+        for index in range(_ROTOR_STEPS):
+            joint = position + velocity * (h * index)
+            motor = self._stiffness * (self.target - joint) - self._damping * speed
+            np.clip(motor, -self._limit, self._limit, out=motor)
+            push = motor - self._spring * (rotor - joint - h * velocity) + self._damper * velocity
+            against = self._drag(np.abs(speed), np.abs(motor)) + resistance
+            speed = (speed + per_inertia * push) / (1.0 + per_inertia * against)
+            mean_motor += motor
+            mean_rotor += rotor + 0.5 * h * speed
+            rotor = rotor + h * speed
+            mean_speed += speed
+        self._rotor, self._speed = rotor, speed
+        share = 1.0 / _ROTOR_STEPS
+        self._given = self._spring * (mean_rotor * share - position)
+        self._given += self._damper * (mean_speed * share)
+        return mean_motor * share, self._given
+
+    def output(self, after: Floats) -> Floats:
+        """Torque on the joints in the last time step, N·m, by their speeds after it, rad/s."""
+        return self._given - self.joint_damping * after
+
+    def _drag(self, speed: Floats, motor: Floats) -> Floats:
+        """Friction as damping, N·m·s/rad, at sizes of the rotor's speed and motor's torque."""
+        slow = 1.0 + np.square(speed * self._fade)
+        dry = self._coulomb + self._stribeck / (slow * slow) + self._load * motor
+        damping: Floats = self._viscous / (1.0 + speed * self._thin) + dry / (speed + _SETTLING)
+        return damping

@@ -1,0 +1,222 @@
+"""Walking by velocity command as a task to learn: N robots, observations, rewards, new starts."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from policy_runner.policies.gait_phase import CommandSlew, GaitPhase
+from policy_runner.policies.observations import CLOCKED, Observation
+from sim_bridge.plant.robot import DEFAULT_POSE
+
+from policy_training.config import TrainingConfig
+from policy_training.environment.power_term import PowerModel, predict_step
+from policy_training.environment.rewards import FootClock, Moment, Rewards
+from policy_training.environment.robots import Motion, Robots
+from policy_training.environment.velocity_commands import Commands
+
+Floats = NDArray[np.float64]
+
+ACTION_CLIP: Final = 100.0
+_GRAVITY: Final = 9.81  # m/s²
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of an action: N robots."""
+
+    observation: NDArray[np.float32]  # [N, size]
+    state: NDArray[np.float32]  # [N, size + 11], see `WalkingEnvironment.state`
+    reward: Floats  # [N]
+    done: NDArray[np.bool_]  # [N], started anew
+    timed_out: NDArray[np.bool_]  # [N], of those done, not by falling
+    disturbed: NDArray[np.bool_]  # [N], not done, with a new command or a push after this step
+    log: dict[str, float]  # means over the robots
+
+
+class WalkingEnvironment:
+    """
+    N robots that are rewarded for following velocity commands.
+
+    power: predicts watts per drive for the power term, or None. The weights of the power term
+    and the range of commands follow `steps`, the number of policy steps done so far.
+    observation: what robots see; else CLOCKED with the config's clock, hurry and slew. Velocity is
+    judged by the commands that robots are shown, which come gradually (`shown`).
+    """
+
+    def __init__(
+        self,
+        config: TrainingConfig,
+        *,
+        power: PowerModel | None = None,
+        observation: Observation | None = None,
+    ) -> None:
+        self.config = config
+        if observation is None:
+            observation = replace(
+                CLOCKED,
+                stride_frequency=config.stride_frequency,
+                hurry=config.hurry,
+                command_slew=config.command_slew,
+            )
+        self.observation = observation
+        self.steps = 0
+        seeds = np.random.default_rng(config.seed).spawn(3)
+        self._random = seeds[0]
+        self.robots = Robots(config.physics, config.random, seeds[1])
+        count = self.count = config.physics.environments
+        self.commands = Commands(config.commands, count, seeds[2])
+        self.power = power
+        self.watts = np.zeros((count, 12), np.float32)
+        self._rewards = Rewards(config.rewards, config.step_time)
+        self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
+        self.shown = CommandSlew(observation.command_slew, count)
+        self.clock = GaitPhase(observation.stride_frequency, observation.hurry, count)
+        self._last_action = np.zeros((count, 12))
+        self._last_velocity = np.zeros((count, 12))
+        self.age = np.zeros(count, np.int64)
+        self.longest = round(config.physics.episode / config.step_time)
+        self._new_command = round(config.commands.period / config.step_time)
+        self._new_push = round(config.random.push_period / config.step_time)
+        share = self._random.uniform(config.noise.least, 1.0, (count, 1))
+        share *= self._random.random((count, 1)) >= config.noise.clean
+        self._noise = (share * self._noise_levels()).astype(np.float32)
+        self.motion: Motion = self._start(np.arange(count))
+        self._show(config.step_time)
+        self.age[:] = self._random.integers(0, self.longest, count)
+
+    def observe(self) -> NDArray[np.float32]:
+        """Noisy observation of each robot [N, size]."""
+        return self._clean() + self._shake
+
+    def state(self) -> NDArray[np.float32]:
+        """
+        What is so, for a critic [N, size + 11].
+
+        The observation without noise, load on each foot in units of half the weight, how long
+        each has been in the air, s, and the command that is on its way, m/s, m/s and rad/s.
+        """
+        load = self.motion.foot_force / (0.5 * _GRAVITY * self.robots.mass[:, None])
+        return np.concatenate(
+            [self._clean(), load, self._feet.air, self.commands.values], axis=1, dtype=np.float32
+        )
+
+    def _clean(self) -> NDArray[np.float32]:
+        motion = self.motion
+        return self.observation.assemble(
+            {
+                'base_velocity': motion.velocity,
+                'angular_velocity': motion.rate,
+                'gravity': motion.gravity,
+                'command': self.shown.values,
+                'joint_position': motion.position - DEFAULT_POSE,
+                'joint_velocity': motion.joint_velocity,
+                'last_action': self._last_action,
+                'gait_clock': self.clock.values(),
+            }
+        )
+
+    def step(self, actions: NDArray[np.floating]) -> Outcome:
+        """Act for one step: targets are the default pose plus scaled actions [N, 12]."""
+        action = np.clip(np.asarray(actions, np.float64), -ACTION_CLIP, ACTION_CLIP)
+        motion = self.robots.step(DEFAULT_POSE + self.config.action_scale * action)
+        self.age += 1
+        moment = Moment(
+            command=self.shown.values,
+            asked=self.clock.walking,
+            action=action,
+            last_action=self._last_action,
+            acceleration=(motion.joint_velocity - self._last_velocity) / self.config.step_time,
+            flight=self._feet.land(motion.foot_force),
+        )
+        share = self.config.curriculum.share(self.steps)
+        terms = self._rewards.terms(motion, moment, share)
+        if self.power is not None:
+            terms['power'] = self._power_term(self.power)
+        reward = np.nan_to_num(self._rewards.total(terms), nan=0.0)
+        reward += self.config.rewards.fall * motion.fallen
+        timed_out = (self.age >= self.longest) & ~motion.fallen
+        done = motion.fallen | timed_out
+        log = self._log(terms, motion, reward)
+        self._last_action = action
+        self._last_velocity = motion.joint_velocity
+        self.motion = motion
+        self.steps += self.count
+        disturbed = self._go_on(done)
+        self._show(self.config.step_time)
+        return Outcome(
+            self.observe(), self.state(), reward, done, timed_out, disturbed & ~done, log
+        )
+
+    def _show(self, seconds: float) -> None:
+        """What sensors are off by, and what follows from what they say: N robots."""
+        shake = self._random.random(self._noise.shape, np.float32)
+        self._shake = (2.0 * shake - 1.0) * self._noise
+        asked, motion = self.commands.values, self.motion
+        self.clock.advance(
+            seconds,
+            self.shown.advance(seconds, asked),
+            asked,
+            motion.velocity + self._felt('base_velocity'),
+            motion.gravity + self._felt('gravity'),
+        )
+
+    def _felt(self, name: str) -> Floats | float:
+        """What a term's sensor is off by, in its own units [N, size]; 0 where it is not seen."""
+        if name not in self.observation.names:
+            return 0.0
+        part = self.observation.part(name)
+        return np.asarray(self._shake[:, part] / self.observation.scales()[part], np.float64)
+
+    def _power_term(self, model: PowerModel) -> Floats:
+        power = self.config.power
+        self.watts = predict_step(model, self.robots.substeps)
+        counted = self.age > power.masked
+        weight = power.weight_at(self.steps) * self.config.step_time
+        return np.asarray(-weight * self.watts.sum(axis=1) * counted, np.float64)
+
+    def _go_on(self, done: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        over = np.flatnonzero(done)
+        if len(over):
+            self.motion = self._start(over)
+        fresh = (self.age % self._new_command == 0) & ~done
+        if fresh.any():
+            self.commands.draw(np.flatnonzero(fresh), self.steps)
+        pushed = (self.age % self._new_push == 0) & ~done & bool(self.config.random.push)
+        if pushed.any():
+            self.robots.push(np.flatnonzero(pushed))
+            self.motion = self.robots.motion(self.motion.torque)
+        return np.asarray(fresh | pushed)
+
+    def _start(self, ids: NDArray[np.intp]) -> Motion:
+        self.robots.start(ids)
+        self._feet.start(ids)
+        self.commands.draw(ids, self.steps)
+        self.shown.values[ids] = 0.0
+        self.clock.start(ids)
+        if self.power is not None:
+            self.power.reset(ids)
+        self._last_action[ids] = 0.0
+        self._last_velocity[ids] = 0.0
+        self.age[ids] = 0
+        return self.robots.motion()
+
+    def _noise_levels(self) -> Floats:
+        noise = self.config.noise
+        levels = np.zeros(self.observation.size)
+        for name in self.observation.names:
+            if name not in ('command', 'last_action', 'gait_clock'):
+                levels[self.observation.part(name)] = getattr(noise, name)
+        return np.asarray(levels * np.abs(self.observation.scales()))
+
+    def _log(self, terms: dict[str, Floats], motion: Motion, reward: Floats) -> dict[str, float]:
+        away = self.shown.values - np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])
+        means = np.abs(away).mean(axis=0)
+        log = {f'term/{name}': float(values.mean()) for name, values in terms.items()}
+        log['reward'] = float(reward.mean())
+        log['error/velocity'] = float(np.hypot(away[:, 0], away[:, 1]).mean())
+        log['error/vx'], log['error/vy'], log['error/yaw'] = (float(v) for v in means)
+        log['falls'] = float(motion.fallen.mean())
+        if self.power is not None:
+            log['power/watts'] = float(self.watts.sum(axis=1).mean())
+        return log

@@ -1,0 +1,1 @@
+"""Policies measured on tasks, and the report."""

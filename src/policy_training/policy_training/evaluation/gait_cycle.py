@@ -1,0 +1,146 @@
+"""Strides found from the feet's forces, and the mean gait cycle of Figure 6 of the paper."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from sim_bridge.plant.robot import FOOT_NAMES
+
+from policy_training.evaluation.measured_walk import RAW_RATE, Walk
+
+Floats = NDArray[np.float64]
+
+PHASES: Final = 100
+_LOADED, _LIFTED = 40.0, 10.0  # N: a foot touches down above the one and lifts off below the other
+_SHORTEST = 0.12  # s of a stride
+_LONGEST = 2.5  # s
+_IMPACT = 0.05  # s after touch-down
+_FAST = 20.0  # Hz, above which content is not the gait's
+_TINY = 1e-12
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Touch-downs and lift-offs of one foot, as samples of the raw data, and its strides."""
+
+    stance: NDArray[np.bool_]  # [R]
+    strides: tuple[tuple[int, int, int], ...]  # touch-down, lift-off, next touch-down
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Times and impacts of all feet; NaN where no stride was found."""
+
+    stride_s: float
+    swing_s: float
+    stance_s: float
+    impact_n: float  # peak force within 50 ms of touch-down, mean
+    impact_rate_db: float  # loudness proxy, see `loudness`
+    strides: int
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One leg's mean gait cycle from touch-down to touch-down, by name of the signal."""
+
+    phase: Floats  # 0..1 [100]
+    stance: float  # share of the cycle on the ground
+    mean: dict[str, Floats]  # [100]
+    low: dict[str, Floats]  # 10 % of the strides lie below [100]
+    high: dict[str, Floats]
+
+
+def find_steps(force: Floats, steady: NDArray[np.bool_]) -> Steps:
+    """Strides of one foot from its force, N [R], that lie wholly in steady walking [R]."""
+    stance = np.empty(len(force), bool)
+    standing = bool(force[0] > _LOADED)
+    for index, value in enumerate(force.tolist()):
+        standing = value > _LIFTED if standing else value > _LOADED
+        stance[index] = standing
+    change = np.diff(stance.astype(np.int8))
+    downs, ups = np.flatnonzero(change == 1) + 1, np.flatnonzero(change == -1) + 1
+    strides = []
+    for start, stop in pairwise(downs.tolist()):
+        lifted = ups[(ups > start) & (ups < stop)]
+        length = (stop - start) / RAW_RATE
+        whole = bool(steady[start:stop].all())
+        if whole and len(lifted) == 1 and _SHORTEST <= length <= _LONGEST:
+            strides.append((start, int(lifted[0]), stop))
+    return Steps(stance, tuple(strides))
+
+
+def gait_of(walk: Walk) -> Gait:
+    """Times and impacts of a walk's steady part."""
+    steps = [find_steps(force, walk.raw_steady) for force in walk.foot_force.T]
+    strides = [(leg, *stride) for leg, found in enumerate(steps) for stride in found.strides]
+    if not strides:
+        nan = float('nan')
+        return Gait(nan, nan, nan, nan, loudness(walk), 0)
+    times = np.array([(down, up, then) for _, down, up, then in strides]) / RAW_RATE
+    peak = round(_IMPACT * RAW_RATE)
+    impacts = [walk.foot_force[down : down + peak, leg].max() for leg, down, _, _ in strides]
+    return Gait(
+        stride_s=float(np.mean(times[:, 2] - times[:, 0])),
+        swing_s=float(np.mean(times[:, 2] - times[:, 1])),
+        stance_s=float(np.mean(times[:, 1] - times[:, 0])),
+        impact_n=float(np.mean(impacts)),
+        impact_rate_db=loudness(walk),
+        strides=len(strides),
+    )
+
+
+def loudness(walk: Walk) -> float:
+    """
+    A proxy of Figure 7's sound level, dB: how abruptly the feet are loaded.
+
+    Ten times the logarithm of the mean square of the forces' rate, over (1 kN/s)²; what radiates
+    sound is the change of force at impact. NaN without steady walking.
+    """
+    if not walk.raw_steady.any():
+        return float('nan')
+    rate = np.gradient(walk.foot_force, 1.0 / RAW_RATE, axis=0)[walk.raw_steady]
+    return float(10.0 * np.log10(np.square(rate / 1e3).sum(axis=1).mean() + _TINY))
+
+
+def cycle_of(walk: Walk, leg: str = 'LF', joint: str = 'KFE') -> Cycle | None:
+    """The mean cycle of one leg, for the drive of one joint; None with fewer than 3 strides."""
+    foot = FOOT_NAMES.index(f'{leg}_FOOT')
+    steps = find_steps(walk.foot_force[:, foot], walk.raw_steady)
+    if len(steps.strides) < 3:
+        return None
+    raw, column = walk.raw, walk.raw.names.index(f'{leg}_{joint}')
+    signals: dict[str, NDArray[np.floating]] = {
+        'torque': raw.torque[:, column],
+        'velocity': raw.velocity[:, column],
+        'position_error': raw.position_error[:, column],
+        'power': raw.power[:, column],
+        'foot_force': walk.foot_force[:, foot],
+    }
+    phase = np.linspace(0.0, 1.0, PHASES)
+    mean: dict[str, Floats] = {}
+    low: dict[str, Floats] = {}
+    high: dict[str, Floats] = {}
+    for name, values in signals.items():
+        rows = np.stack(
+            [
+                np.interp(phase, np.linspace(0.0, 1.0, stop - start + 1), values[start : stop + 1])
+                for start, _, stop in steps.strides
+            ]
+        )
+        mean[name] = rows.mean(axis=0)
+        low[name], high[name] = np.quantile(rows, (0.1, 0.9), axis=0)
+    stance = np.mean([(up - down) / (then - down) for down, up, then in steps.strides])
+    return Cycle(phase, float(stance), mean, low, high)
+
+
+def fast_share(walk: Walk, joint: str = 'KFE') -> float:
+    """Share of the torque's variance above 20 Hz, over all drives of a type; NaN if not steady."""
+    columns = [i for i, name in enumerate(walk.raw.names) if name.endswith(joint)]
+    rows = walk.raw.torque[walk.raw_steady][:, columns].astype(np.float64)
+    if len(rows) < round(RAW_RATE):
+        return float('nan')
+    spectrum = np.abs(np.fft.rfft(rows - rows.mean(axis=0), axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(rows), 1.0 / RAW_RATE)
+    return float(spectrum[frequency > _FAST].sum() / spectrum.sum())

@@ -1,0 +1,164 @@
+"""A policy on a task, measured by the simulated hardware: power meter, supply, joints, feet."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from policy_runner.policies.by_name import load_policy
+from power_recordings.alignment.align import align
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.reading.reader import Recording
+from sim_bridge.offline.controllers import PolicyWalk
+from sim_bridge.offline.memory import gather
+from sim_bridge.offline.run import OfflineRun
+from sim_bridge.plant.drive import JointCommand
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.simulation import Simulation
+from sim_bridge.plant.terrain import FLAT, rough
+from sim_bridge.plant.world import stand_world, walking_world
+from wattwalk_core.errors import InputError
+
+from policy_training.evaluation.tasks import TASKS, Task
+
+Floats = NDArray[np.float64]
+
+JOINT_TYPES: Final = ('HAA', 'HFE', 'KFE')
+RAW_RATE: Final = 400.0  # Hz
+_SMOOTHING: Final = 1.0  # s, over which velocity is averaged to see whether it is steady
+_STEADY: Final = np.array([0.1, 0.1, 0.15])  # m/s, m/s, rad/s around the median
+_AFTER: Final = 1.5  # s for which a command must have held
+_MASS: Final = 52.135  # kg, of ANYmal C
+
+
+@dataclass(frozen=True)
+class Walk:
+    """What was measured of a policy on a task: T samples at 200 Hz, R at 400 Hz."""
+
+    policy: str
+    task: Task
+    data: AlignedDataset  # smoothed as the power models want it
+    raw: AlignedDataset  # the same at 400 Hz and not smoothed
+    velocity: Floats  # vx, vy m/s, yaw rate rad/s [T, 3], of data
+    foot_force: Floats  # N [R, 4], of raw
+    steady: NDArray[np.bool_]  # [T] of data, where the velocity is constant
+    raw_steady: NDArray[np.bool_]  # [R], the same of raw
+    falls: int
+    mass: float  # kg
+
+
+def measure_walk(
+    source: str, task: Task, plant: Plant, *, duration: float, seed: int, on_rough: bool = False
+) -> Walk:
+    """
+    Run a policy (a name or a folder) on a task and measure it.
+
+    Offline, through the wire's quantisation and the meter, as a recording would have it. Only
+    stretches of constant velocity are marked as steady (Section II-B). InputError for a policy
+    that is not there.
+    """
+    world = walking_world(rough(seed) if on_rough else FLAT)
+    controller = PolicyWalk(source, load_policy(source), task)
+    telemetry = list(OfflineRun(plant, world, controller, duration=duration, seed=seed))
+    recording = gather(f'{source} {task.name}', telemetry, world.joints, world.joints)
+    falls = sum(event.kind == 'fall' for part in telemetry for event in part.events)
+    return walk_of(recording, source, task, falls=falls, mass=world.mass)
+
+
+def walk_of(recording: Recording, policy: str, task: Task, *, falls: int, mass: float) -> Walk:
+    """A recording of a policy on a task as a walk; mass of the robot in kg."""
+    data = align(recording)
+    raw = align(recording, rate=RAW_RATE, smooth=False)
+    velocity, raw_velocity = _velocity(recording, data.time), _velocity(recording, raw.time)
+    forces = recording.foot_force()
+    return Walk(
+        policy=policy,
+        task=task,
+        data=data,
+        raw=raw,
+        velocity=velocity,
+        foot_force=_at(raw.time, forces.stamp_ns * 1e-9, np.asarray(forces.force, np.float64)),
+        steady=_steady(data, velocity, _held(recording, data.time, task)),
+        raw_steady=_steady(raw, raw_velocity, _held(recording, raw.time, task)),
+        falls=falls,
+        mass=mass,
+    )
+
+
+def recorded_walk(path: Path, policy: str) -> Walk:
+    """
+    A walk from a bag of the running nodes; its task is the command that held longest.
+
+    InputError for a bag that lacks a topic, or never commands to move.
+    """
+    recording = Recording.open(path)
+    commands = np.round(np.asarray(recording.cmd_vel().velocity, np.float64), 3) + 0.0
+    rows, counts = np.unique(
+        commands[np.abs(commands).max(axis=1) > 0], axis=0, return_counts=True
+    )
+    if not len(rows):
+        raise InputError(f'{path}: cmd_vel never asks the robot to move')
+    vx, vy, yaw = (float(value) for value in rows[np.argmax(counts)])
+    known = {task.command: task.name for task in TASKS}
+    task = Task(known.get((vx, vy, yaw), f'{vx:g},{vy:g},{yaw:g}'), (vx, vy, yaw))
+    return walk_of(recording, policy, task, falls=_falls(recording), mass=_MASS)
+
+
+def idle_power(plant: Plant, duration: float = 0.5) -> float:
+    """What the twelve drives draw together while nothing moves, W, by the meter's terminals."""
+    total = 0.0
+    for kind in JOINT_TYPES:
+        for leg in ('LF', 'RF', 'LH', 'RH'):
+            simulation = Simulation(plant, stand_world(f'{leg}_{kind}'))
+            simulation.hold(JointCommand())
+            steps = round(duration / 0.0005)
+            blocks = [simulation.advance(400) for _ in range(max(steps // 400, 1))]
+            total += float(np.mean([block.power.mean() for block in blocks]))
+    return total
+
+
+def _velocity(recording: Recording, time: Floats) -> Floats:
+    odometry = recording.odom()
+    seconds = odometry.stamp_ns * 1e-9
+    planar, turning = odometry.linear_velocity[:, :2], odometry.angular_velocity[:, 2]
+    return _at(time, seconds, np.column_stack([planar, turning]))
+
+
+def _at(time: Floats, seconds: NDArray[np.floating], values: NDArray[np.floating]) -> Floats:
+    return np.column_stack([np.interp(time, seconds, column) for column in values.T])
+
+
+def _held(recording: Recording, time: Floats, task: Task) -> NDArray[np.bool_]:
+    """Where the task's command has been in force for long enough [T]."""
+    commands = recording.cmd_vel()
+    seconds = commands.stamp_ns * 1e-9
+    same = np.isclose(commands.velocity, task.command, atol=1e-3).all(axis=1)
+    if same.all():
+        return np.asarray(time - seconds[0] > _AFTER)
+    broken = seconds[~same]
+    latest = np.searchsorted(broken, time, side='right') - 1
+    since = np.where(latest >= 0, broken[np.maximum(latest, 0)], seconds[0])
+    given = np.searchsorted(seconds, time, side='right') > 0
+    return np.asarray(given & (time - since > _AFTER))
+
+
+def _steady(data: AlignedDataset, velocity: Floats, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    width = max(1, round(_SMOOTHING * data.rate))
+    kernel = np.ones(width) / width
+    smooth = np.column_stack([np.convolve(v, kernel, mode='same') for v in velocity.T])
+    inner = np.zeros(len(velocity), bool)
+    inner[width // 2 : len(velocity) - width // 2] = True
+    usable = held & inner
+    if not usable.any():
+        return usable
+    middle = np.median(smooth[usable], axis=0)
+    steady: NDArray[np.bool_] = usable & (np.abs(smooth - middle) < _STEADY).all(axis=1)
+    return steady
+
+
+def _falls(recording: Recording) -> int:
+    """How often the base tips over by more than a radian."""
+    x, y, _, _ = recording.odom().orientation.T.astype(np.float64)
+    down = 1.0 - 2.0 * (x * x + y * y) < np.cos(1.0)
+    return int((np.diff(down.astype(np.int8)) == 1).sum())

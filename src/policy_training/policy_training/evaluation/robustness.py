@@ -1,0 +1,180 @@
+"""Does it walk? Many robots on rough ground, pushed, under changing commands."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from policy_runner.policies.folder import Contract
+from policy_runner.policies.perceptron import Perceptron
+from sim_bridge.plant.robot import DEFAULT_POSE, JOINT_NAMES
+from wattwalk_core.errors import InputError
+
+from policy_training.config import TrainingConfig
+from policy_training.environment.environment import WalkingEnvironment
+
+Floats = NDArray[np.float64]
+
+LIMITS: Final = (0.15, 0.15, 0.2)  # m/s, m/s, rad/s that a policy may be off
+_SETTLED: Final = 2.0  # s after a new command until it counts; the most that one comes in by
+_PUSHED: Final = 2.0  # s after a push until velocity counts
+
+
+@dataclass(frozen=True)
+class TrialConfig:
+    """How many robots, for how long, and how fast they are asked to go."""
+
+    robots: int = 64
+    seconds: float = 20.0
+    forward: float = 1.0
+    lateral: float = 0.6
+    yaw: float = 1.0
+    seed: int = 1001
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.robots <= 4096 or not 4.0 <= self.seconds <= 600.0:
+            raise InputError(
+                f'trials of {self.robots!r} robots over {self.seconds!r} s; '
+                'give 1..4096 robots and 4..600 s'
+            )
+
+
+@dataclass(frozen=True)
+class Trials:
+    """
+    What came of it.
+
+    Errors are of the mean velocity while one command holds, from 2 s after it was given and
+    without the 2 s after a push: their mean size and that which 95 % keep below.
+    """
+
+    robots: int
+    seconds: float
+    falls: int
+    mean_error: dict[str, float]  # vx, vy m/s, yaw rad/s
+    error_95: dict[str, float]
+    following: bool  # no falls, and mean errors within 0.15 m/s and 0.2 rad/s
+
+    def content(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def run_trials(
+    contract: Contract,
+    network: Perceptron,
+    config: TrialConfig,
+    *,
+    threads: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Trials:
+    """
+    Let a learned policy walk, with the noise, spread of drives, delays and pushes of training.
+
+    progress is told the share that is done. InputError for a policy whose joints, pose or scale
+    differ from those of training.
+    """
+    environment = WalkingEnvironment(
+        replace(world(config, threads), action_scale=_scale_of(contract)),
+        observation=contract.observation,
+    )
+    environment.age[:] = 0
+    step = environment.config.step_time
+    count = round(config.seconds / step)
+    commands = np.empty((count, config.robots, 3))
+    reached = np.empty_like(commands)
+    fell = np.zeros((count, config.robots), bool)
+    observation = environment.observe()
+    for index in range(count):
+        commands[index] = environment.commands.values
+        outcome = environment.step(network(observation))
+        observation = outcome.observation
+        fell[index] = outcome.done & ~outcome.timed_out
+        motion = environment.motion
+        reached[index] = np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])
+        if progress is not None:
+            progress((index + 1) / count)
+    pushed = np.zeros_like(fell)
+    every = round(environment.config.random.push_period / step)
+    pushed[every - 1 :: every] = True
+    return _judge(config, commands, reached, fell, pushed, step)
+
+
+def world(config: TrialConfig, threads: int = 0) -> TrainingConfig:
+    """What robots walk in and are asked for: rough ground, full noise, a push every 7 s."""
+    base = TrainingConfig()
+    return replace(
+        base,
+        seed=config.seed,
+        physics=replace(
+            base.physics, environments=config.robots, threads=threads, episode=config.seconds + 1
+        ),
+        commands=replace(
+            base.commands,
+            forward=config.forward,
+            lateral=config.lateral,
+            yaw=config.yaw,
+            ramp_steps=0.0,
+            ramp_from=1.0,
+        ),
+        random=replace(base.random, push_period=7.0, resting=0.0),
+        noise=replace(base.noise, least=1.0, clean=0.0),
+    )
+
+
+def _scale_of(contract: Contract) -> float:
+    scale = contract.action.scale[0]
+    same = (
+        contract.joints == JOINT_NAMES
+        and np.allclose(contract.default_pose, DEFAULT_POSE, atol=1e-4)
+        and np.allclose(contract.action.scale, scale)
+    )
+    if not same or abs(contract.rate * TrainingConfig().step_time - 1.0) > 1e-6:
+        raise InputError(
+            f'policy {contract.name!r}: trials need the order of joints, the default pose and '
+            'the rate of training'
+        )
+    return scale
+
+
+def _judge(
+    config: TrialConfig,
+    commands: Floats,
+    reached: Floats,
+    fell: NDArray[np.bool_],
+    pushed: NDArray[np.bool_],
+    step: float,
+) -> Trials:
+    changed = np.ones(fell.shape, bool)
+    changed[1:] = (np.diff(commands, axis=0) != 0.0).any(axis=2)
+    fresh = _since(changed) < _SETTLED / step
+    shaken = (_since(pushed | fell) < _PUSHED / step) & (_since(pushed | fell) >= 0)
+    counted = ~fresh & ~shaken
+    piece = np.cumsum(changed, axis=0)
+    errors = []
+    for robot in range(config.robots):
+        for number in range(1, int(piece[-1, robot]) + 1):
+            rows = counted[:, robot] & (piece[:, robot] == number)
+            if rows.sum() * step >= 0.5:
+                away = commands[rows, robot] - reached[rows, robot]
+                errors.append(away.mean(axis=0))
+    size = np.abs(np.array(errors)) if errors else np.full((1, 3), np.nan)
+    names = ('vx', 'vy', 'yaw')
+    mean, high = size.mean(axis=0), np.quantile(size, 0.95, axis=0)
+    falls = int(fell.sum())
+    return Trials(
+        robots=config.robots,
+        seconds=config.seconds,
+        falls=falls,
+        mean_error=dict(zip(names, map(float, mean), strict=True)),
+        error_95=dict(zip(names, map(float, high), strict=True)),
+        following=falls == 0 and bool((mean <= LIMITS).all()),
+    )
+
+
+def _since(marks: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Steps since the last mark in each column; negative before the first."""
+    index = np.arange(len(marks))[:, None]
+    last = np.maximum.accumulate(np.where(marks, index, -(10**9)), axis=0)
+    return np.where(last < 0, -1, index - last)

@@ -1,0 +1,62 @@
+"""What policies are compared on: walking at constant speed, as in Figure 5 of the paper."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from policy_runner.policies.gait_phase import COMMAND_SLEW
+from wattwalk_core.errors import InputError
+
+Floats = NDArray[np.float64]
+
+SETTLE: Final = 1.0  # s of standing first
+
+
+@dataclass(frozen=True)
+class Task:
+    """A constant velocity command, reached by a ramp after a second of standing."""
+
+    name: str
+    command: tuple[float, float, float]  # vx, vy in m/s, yaw rate in rad/s
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.command).all() or np.abs(self.command).max() > 3.0:
+            raise InputError(
+                f'task {self.name} commands {list(self.command)}; '
+                'give vx, vy (m/s) and yaw rate (rad/s) within ±3'
+            )
+
+    def __call__(self, time: float) -> Floats:
+        """Command at a time, s since the start [3]."""
+        most = np.array(COMMAND_SLEW) * max(time - SETTLE, 0.0)
+        return np.clip(self.command, -most, most)
+
+
+TASKS: Final = (
+    Task('forward', (0.6, 0.0, 0.0)),
+    Task('fast', (1.0, 0.0, 0.0)),
+    Task('turn', (0.0, 0.0, 0.8)),
+    Task('sideways', (0.0, 0.4, 0.0)),
+)
+"""Forward walking and turning on the spot are the paper's."""
+
+
+def parse_tasks(texts: Sequence[str]) -> tuple[Task, ...]:
+    """From `forward` or `NAME=VX,VY,YAW`; InputError for another form."""
+    known = {task.name: task for task in TASKS}
+    tasks = []
+    for text in texts:
+        name, equals, numbers = text.partition('=')
+        if not equals and name in known:
+            tasks.append(known[name])
+            continue
+        try:
+            vx, vy, yaw = (float(part) for part in numbers.split(','))
+        except ValueError:
+            raise InputError(
+                f'task {text!r} is neither one of {", ".join(known)} nor NAME=VX,VY,YAW'
+            ) from None
+        tasks.append(Task(name, (vx, vy, yaw)))
+    return tuple(tasks)

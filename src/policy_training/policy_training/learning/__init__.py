@@ -1,0 +1,1 @@
+"""PPO, imitation and the run folder."""

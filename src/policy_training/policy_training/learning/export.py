@@ -1,0 +1,49 @@
+"""From a trained network to a policy folder that the runner loads."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from policy_runner.policies.folder import Action, Contract, Network, write_folder
+from policy_runner.policies.observations import Observation
+from sim_bridge.plant.drive import POSITION_GAIN, VELOCITY_GAIN
+from sim_bridge.plant.robot import DEFAULT_POSE, JOINT_NAMES
+
+from policy_training.config import TrainingConfig
+from policy_training.environment.environment import ACTION_CLIP
+
+Layers = Sequence[tuple[torch.Tensor, torch.Tensor]]
+
+
+def export_policy(
+    folder: Path,
+    layers: Layers,
+    config: TrainingConfig,
+    observation: Observation,
+    training: Mapping[str, Any],
+) -> None:
+    """
+    Write `policy.yaml` and `weights.safetensors`.
+
+    layers: weight [out, in] and bias [out] of each layer, as trained on this observation.
+    training: where the policy comes from, for people.
+    """
+    count = len(JOINT_NAMES)
+    contract = Contract(
+        name=config.name,
+        rate=1.0 / config.step_time,
+        joints=JOINT_NAMES,
+        default_pose=tuple(round(float(q), 6) + 0.0 for q in DEFAULT_POSE),
+        stiffness=(POSITION_GAIN,) * count,
+        damping=(VELOCITY_GAIN,) * count,
+        action=Action((config.action_scale,) * count, ACTION_CLIP),
+        observation=observation,
+        network=Network(tuple(len(bias) for _, bias in layers[:-1])),
+        training=training,
+    )
+    tensors = {}
+    for index, (weight, bias) in enumerate(layers):
+        tensors[f'layer{index}.weight'] = weight.numpy()
+        tensors[f'layer{index}.bias'] = bias.numpy()
+    write_folder(folder, contract, tensors)

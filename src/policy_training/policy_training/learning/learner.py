@@ -1,0 +1,287 @@
+"""PPO of rsl-rl on the walking environment: rounds of collecting and learning."""
+
+import contextlib
+import io
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import torch
+from rsl_rl.algorithms import PPO
+from wattwalk_core.errors import InputError
+
+from policy_training.config import TrainingConfig
+from policy_training.environment.environment import WalkingEnvironment
+from policy_training.environment.vec_env import GROUP, STATE, Mirror, TorchEnvironment
+from policy_training.learning.imitation import imitate
+from policy_training.learning.reference_policy import FirstGait
+
+_STD: Final = 'distribution.std_param'
+_CRITIC_RATE: Final = 1e-3
+_CRITIC_EPOCHS: Final = 3
+_CALM_PERIOD: Final = 100  # policy steps from one calm spell of a robot to its next
+
+
+@dataclass
+class Round:
+    """What one iteration did."""
+
+    iteration: int
+    steps: int  # policy steps so far
+    values: dict[str, float] = field(default_factory=dict)  # means over the round
+
+
+class Learner:
+    """
+    Seeded PPO; a checkpoint is a dict of tensors and numbers that `restore` takes back.
+
+    device: of the network and its learning, `cpu` or `cuda`; the robots stay on the CPU.
+    """
+
+    def __init__(
+        self, config: TrainingConfig, environment: WalkingEnvironment, device: str = 'cpu'
+    ) -> None:
+        torch.manual_seed(config.seed)
+        self.config = config
+        self.environment = environment
+        self.device = device
+        self.iteration = 0
+        self._turns = torch.randint(_CALM_PERIOD, (environment.count,))
+        self._torch_environment = TorchEnvironment(environment, device)
+        self._observations = self._torch_environment.get_observations()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.ppo: PPO = PPO.construct_algorithm(
+                self._observations,
+                self._torch_environment,
+                algorithm_settings(config, environment),
+                device,
+            )
+        self._critic_optimiser = torch.optim.Adam(self.ppo.critic.parameters(), lr=_CRITIC_RATE)
+        self._first_gait: FirstGait | None = None
+        self._critic_first = 0  # rounds in which the critic learns alone
+
+    def run(
+        self, iterations: int, report: Callable[[Round], None], *, seconds: float | None = None
+    ) -> None:
+        """Go on until a number of iterations is done, or for so many seconds."""
+        start = time.monotonic()
+        self.ppo.train_mode()
+        while self.iteration < iterations:
+            report(self._round())
+            if seconds is not None and time.monotonic() - start >= seconds:
+                return
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Networks, optimiser, counters and the state of the random numbers."""
+        return {
+            **self.ppo.save(),
+            'critic_optimiser': self._critic_optimiser.state_dict(),
+            'observation': self.environment.observation.content(),
+            'iteration': self.iteration,
+            'steps': self.environment.steps,
+            'random': torch.get_rng_state(),
+            'critic_first': self._critic_first,
+            **({'first_gait': self._first_gait.content()} if self._first_gait else {}),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint; the robots start anew. InputError: it saw something else."""
+        self._check_observation(state)
+        self.ppo.load(state, None, True)
+        self._critic_optimiser.load_state_dict(state['critic_optimiser'])
+        if self.config.ppo.hold_rate > 0.0:
+            if 'first_gait' not in state:
+                raise InputError('that run held to no gait; resume it with ppo.hold_rate=0')
+            self._remember_gait(state['first_gait'], go_on=True)
+        self._critic_first = int(state.get('critic_first', 0))
+        self.iteration = int(state['iteration'])
+        self.environment.steps = int(state['steps'])
+        torch.set_rng_state(state['random'].cpu())
+        self._observations = self._torch_environment.get_observations()
+
+    def take_networks(self, state: dict[str, Any]) -> None:
+        """
+        Start from the networks of another run, exploring as much as the config says.
+
+        Its first gait, or what it does now, is that of this one. InputError for a run whose
+        robots were shown something else.
+        """
+        self._check_observation(state)
+        actor = dict(state['actor_state_dict'])
+        own = self.ppo.critic.state_dict()
+        if any(own[key].shape != value.shape for key, value in state['critic_state_dict'].items()):
+            raise InputError('the networks of that run have other sizes than this one; begin anew')
+        actor[_STD] = torch.full_like(actor[_STD], self.config.ppo.std)
+        self.ppo.load({**state, 'actor_state_dict': actor}, {'actor': True, 'critic': True}, True)
+        self._remember_gait(state.get('first_gait'))
+
+    def _check_observation(self, state: dict[str, Any]) -> None:
+        seen = self.environment.observation.content()
+        before = state.get('observation', seen)
+        for key in {**seen, **before}:
+            if seen.get(key) != before.get(key):
+                raise InputError(
+                    f'that run was trained with {key} {before.get(key)!r}, this one has '
+                    f'{seen.get(key)!r}; set it as it was, or begin anew'
+                )
+
+    def begin_with_gait(self, report: Callable[[float], None]) -> float:
+        """Learn the config's scripted gait; what is left of its actions, root mean square."""
+        actor = self.ppo.actor.mlp.cpu()
+        left = imitate(self.config, actor, Mirror(self.environment.observation), report)
+        actor.to(self.device)
+        self._remember_gait()
+        self._critic_first = self.config.imitation.critic_rounds
+        return left
+
+    def _remember_gait(self, content: dict[str, Any] | None = None, go_on: bool = False) -> None:
+        """Hold to what the policy is now, or to the first gait of a checkpoint."""
+        ppo = self.config.ppo
+        if ppo.hold_rate > 0.0:
+            self._first_gait = FirstGait(
+                self.ppo.actor.mlp,
+                self.environment.observation,
+                within=ppo.hold_within,
+                rate=ppo.hold_rate,
+            )
+            if content is not None:
+                self._first_gait.take(content, go_on=go_on)
+
+    def actor_layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        """Weight [out, in] and bias [out] of each layer of the policy."""
+        return [
+            (module.weight.detach().cpu(), module.bias.detach().cpu())
+            for module in self.ppo.get_policy().mlp
+            if isinstance(module, torch.nn.Linear)
+        ]
+
+    def _act(self) -> torch.Tensor:
+        """
+        Explore, but for robots in a calm spell, which do what the policy means.
+
+        A policy whose every action is shaken may learn to be carried by the shaking: it walked
+        in training and stood still on the robot, where nothing shakes it.
+        """
+        actions = self.ppo.act(self._observations)
+        self._turns = (self._turns + 1) % _CALM_PERIOD
+        calm = self._turns < self.config.ppo.calm * _CALM_PERIOD
+        if calm.any():
+            transition = self.ppo.transition
+            mean = transition.distribution_params[0]
+            actions = torch.where(calm[:, None].to(actions.device), mean, actions)
+            transition.actions = actions
+            transition.actions_log_prob = self.ppo.actor.get_output_log_prob(actions).detach()
+        return actions
+
+    def _learn(self) -> dict[str, float]:
+        """A critic that knows nothing yet would spoil a gait that is there already."""
+        self._fit_critic()
+        if self.iteration >= self._critic_first:
+            losses: dict[str, float] = self.ppo.update()
+            return losses | self._hold()
+        kept = {name: value.clone() for name, value in self.ppo.actor.state_dict().items()}
+        losses = self.ppo.update()
+        self.ppo.actor.load_state_dict(kept)
+        return losses
+
+    def _hold(self) -> dict[str, float]:
+        if self._first_gait is None:
+            return {}
+        rows = self.ppo.storage.observations.flatten(0, 1)  # the update leaves them there
+        share, left = self._first_gait.hold(rows[GROUP], rows[STATE])
+        return {'hurried': share, 'from_first_gait': left}
+
+    def _fit_critic(self) -> None:
+        """
+        Fit the critic to the round's returns at a learning rate of its own.
+
+        PPO gives it the policy's, which where exploration is small is a hundredth of what a
+        critic needs; one that lags behind makes noise of the advantages.
+        """
+        storage, critic = self.ppo.storage, self.ppo.critic
+        seen, returns = storage.observations.flatten(0, 1), storage.returns.flatten(0, 1)
+        size = -(-len(returns) // self.config.ppo.minibatches)
+        for _ in range(_CRITIC_EPOCHS):
+            for part in torch.randperm(len(returns), device=returns.device).split(size):
+                loss = torch.nn.functional.mse_loss(critic(seen[part]), returns[part])
+                self._critic_optimiser.zero_grad()
+                loss.backward()
+                self._critic_optimiser.step()
+
+    def _round(self) -> Round:
+        config = self.config
+        began = time.perf_counter()
+        logs: list[dict[str, float]] = []
+        with torch.inference_mode():
+            for _ in range(config.ppo.steps):
+                actions = self._act()
+                self._observations, rewards, dones, extras = self._torch_environment.step(actions)
+                self.ppo.process_env_step(self._observations, rewards, dones, extras)
+                logs.append(self._torch_environment.log)
+            collected = time.perf_counter()
+            self.ppo.compute_returns(self._observations)
+            _tame(self.ppo.storage.advantages, config.ppo.most_advantage)
+        losses = self._learn()
+        ended = time.perf_counter()
+        self.iteration += 1
+        values = {name: float(np.mean([log[name] for log in logs])) for name in logs[0]}
+        values.update({f'loss/{name}': value for name, value in losses.items()})
+        values['learning_rate'] = self.ppo.learning_rate
+        values['action_std'] = float(self.ppo.get_policy().output_std.detach().mean())
+        values['rate/collect'] = config.ppo.steps * self.environment.count / (collected - began)
+        values['rate/all'] = config.ppo.steps * self.environment.count / (ended - began)
+        return Round(self.iteration, self.environment.steps, values)
+
+
+def _tame(advantages: torch.Tensor, most: float) -> None:
+    """
+    Limit normalised advantages [T, N, 1] to ±most in place, and normalise them again.
+
+    A fall is worth tens of standard deviations; a few hundred robots would learn of nothing else.
+    """
+    advantages.clamp_(-most, most)
+    advantages -= advantages.mean()
+    advantages /= advantages.std() + 1e-8
+
+
+def algorithm_settings(config: TrainingConfig, environment: WalkingEnvironment) -> dict[str, Any]:
+    """A config in rsl-rl's words."""
+    ppo = config.ppo
+    network = {'class_name': 'MLPModel', 'hidden_dims': list(ppo.hidden), 'activation': 'elu'}
+    mirror = None
+    if ppo.mirror:
+        mirror = {
+            'data_augmentation_func': Mirror(environment.observation),
+            'use_data_augmentation': True,
+        }
+    return {
+        'num_steps_per_env': ppo.steps,
+        'obs_groups': {'actor': [GROUP], 'critic': [STATE]},
+        'multi_gpu': None,
+        'torch_compile_mode': None,
+        'actor': {
+            **network,
+            'distribution_cfg': {
+                'class_name': 'GaussianDistribution',
+                'init_std': ppo.std,
+                'learn_std': ppo.learn_std,
+            },
+        },
+        'critic': network,
+        'algorithm': {
+            'class_name': 'PPO',
+            'num_learning_epochs': ppo.epochs,
+            'num_mini_batches': ppo.minibatches,
+            'clip_param': ppo.clip,
+            'gamma': ppo.gamma,
+            'lam': ppo.lambda_,
+            'entropy_coef': ppo.entropy,
+            'learning_rate': ppo.learning_rate,
+            'desired_kl': ppo.desired_kl,
+            'schedule': 'adaptive',
+            'max_grad_norm': ppo.gradient_norm,
+            'symmetry_cfg': mirror,
+        },
+    }

@@ -1,0 +1,114 @@
+"""What a training run leaves behind: config, curves, checkpoints, TensorBoard events, policy."""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+from torch.utils.tensorboard import SummaryWriter
+from wattwalk_core.errors import InputError
+
+from policy_training.config import TrainingConfig
+
+CONFIG: Final = 'config.yaml'
+CURVES: Final = 'curves.jsonl'
+CHECKPOINT: Final = 'checkpoint.pt'
+POLICY: Final = 'policy'
+EVENTS: Final = 'tensorboard'
+
+
+class RunFolder:
+    """
+    One run's files.
+
+    Checkpoints hold tensors and numbers only and are read without unpickling objects; each
+    replaces the one before at once, so that a run that is killed goes on from its last one.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._events: SummaryWriter | None = None
+
+    @property
+    def policy(self) -> Path:
+        """Folder of the exported policy."""
+        return self.path / POLICY
+
+    def start(self, config: TrainingConfig) -> None:
+        """Begin a run; InputError for a folder that holds one."""
+        if (self.path / CONFIG).exists():
+            raise InputError(
+                f'{self.path} holds a run; give another folder, or --resume to go on with it'
+            )
+        self.path.mkdir(parents=True, exist_ok=True)
+        config.save(self.path / CONFIG)
+
+    def resume(self) -> tuple[TrainingConfig, dict[str, Any]]:
+        """Config and last checkpoint of the run here; InputError if there is none."""
+        if not (self.path / CONFIG).exists():
+            raise InputError(f'{self.path} holds no run to resume')
+        config = TrainingConfig.load(self.path / CONFIG)
+        state = read_checkpoint(self.path)
+        self._drop_curves_after(int(state['iteration']))
+        return config, state
+
+    def add(self, iteration: int, steps: int, values: Mapping[str, float]) -> None:
+        """Append a row to the curves, here and in TensorBoard."""
+        with (self.path / CURVES).open('a', encoding='utf-8') as stream:
+            rounded = {name: float(f'{value:.6g}') for name, value in values.items()}
+            stream.write(json.dumps({'iteration': iteration, 'steps': steps, **rounded}) + '\n')
+        if self._events is None:
+            self._events = SummaryWriter(str(self.path / EVENTS))
+        for name, value in values.items():
+            self._events.add_scalar(name, value, steps)
+
+    def save(self, state: dict[str, Any]) -> None:
+        """Replace the checkpoint."""
+        part = self.path / f'{CHECKPOINT}.part'
+        torch.save(state, part)
+        os.replace(part, self.path / CHECKPOINT)
+
+    def close(self) -> None:
+        """Flush what TensorBoard reads."""
+        if self._events is not None:
+            self._events.close()
+
+    def curves(self) -> list[dict[str, float]]:
+        """All rows so far, in order."""
+        return read_curves(self.path)
+
+    def _drop_curves_after(self, iteration: int) -> None:
+        rows = [row for row in self.curves() if row['iteration'] <= iteration]
+        part = self.path / f'{CURVES}.part'
+        part.write_text(''.join(json.dumps(row) + '\n' for row in rows), encoding='utf-8')
+        os.replace(part, self.path / CURVES)
+
+
+def read_curves(run: Path) -> list[dict[str, float]]:
+    """Rows of a run's curves; none where there are none. A line cut off by a kill is left out."""
+    path = run / CURVES
+    rows: list[dict[str, float]] = []
+    if path.exists():
+        for line in path.read_text(encoding='utf-8').splitlines():
+            try:
+                rows.append(json.loads(line))
+            except json.JSONDecodeError:
+                break
+    return rows
+
+
+def read_checkpoint(run: Path) -> dict[str, Any]:
+    """Last checkpoint of a run; InputError if there is none or it is damaged."""
+    path = run / CHECKPOINT
+    try:
+        state = torch.load(path, map_location='cpu', weights_only=True)
+    except OSError as error:
+        raise InputError(f'cannot read {path} ({error.strerror}); has the run begun?') from error
+    except Exception as error:  # torch names no narrower class for a damaged file
+        line = ' '.join(str(error).split())[:120]
+        raise InputError(f'{path} is damaged: {line}') from error
+    if not isinstance(state, dict) or 'actor_state_dict' not in state:
+        raise InputError(f'{path} is no checkpoint of this program')
+    return state

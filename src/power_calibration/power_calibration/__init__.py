@@ -1,0 +1,1 @@
+"""Calibration against a reference instrument, and synchronisation of streams."""

@@ -1,0 +1,135 @@
+"""Jumps of command as events of known time: when power and torque answer them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.messages.samples import JointSamples
+from power_recordings.reading.reader import Recording
+
+from power_calibration.analyser.fit import Value
+
+Floats = NDArray[np.float64]
+_BEFORE, _AFTER = 0.02, 0.04  # s around a jump
+_REST_NS = 100_000_000  # without another one before and after
+_FEWEST = 5
+_DRAWS = 400
+_GRID = 2.5e-4  # s
+_FIELDS = ('position', 'velocity', 'effort')
+
+
+@dataclass(frozen=True)
+class Answer:
+    """
+    The mean answer of one drive to its command's jumps, stacked at the stamps of the commands.
+
+    time: s after the jump [G]; current and torque: mean change, 1 at its end (their size 40 ms
+    after) [G]. half: when each has half of it, s, with the interval of 95 % over events.
+    """
+
+    drive: str
+    events: int
+    time: Floats
+    current: Floats
+    torque: Floats
+    current_half: Value
+    torque_half: Value
+
+
+def answer_of(recording: Recording, drive: str, seed: int = 0) -> Answer | None:
+    """
+    Stack the answers to jumps of a drive's command; None for under five jumps that stand alone.
+
+    A jump is a change by over a quarter of the command's range from one message to the next,
+    while the command stands still within 2 % of that for 0.1 s before and after.
+    """
+    if not recording.has('joint_commands') or not recording.has('joint_states'):
+        return None
+    jumps = _jumps(recording.joint_commands(), drive)
+    supply, joints = recording.drive_supply(), recording.joint_states()
+    if len(jumps) < _FEWEST or drive not in supply.names or drive not in joints.names:
+        return None
+    grid = np.arange(-_BEFORE, _AFTER + _GRID, _GRID)
+    rows: list[tuple[Floats, Floats]] = []
+    for stamp in jumps:
+        current = _around(
+            supply.stamp_ns, supply.current[:, supply.names.index(drive)], stamp, grid
+        )
+        torque = _around(joints.stamp_ns, joints.effort[:, joints.names.index(drive)], stamp, grid)
+        if current is not None and torque is not None:
+            rows.append((current, torque))
+    if len(rows) < _FEWEST:
+        return None
+    stacked = np.array(rows)  # [E, 2, G]
+    random = np.random.default_rng(seed)
+    picks = random.integers(0, len(rows), (_DRAWS, len(rows)))
+    halves = []
+    for channel in (0, 1):
+        middle = _half(grid, stacked[:, channel])
+        drawn = [_half(grid, stacked[pick, channel]) for pick in picks]
+        low, high = np.nanquantile(drawn, (0.025, 0.975)).tolist()
+        halves.append(Value(middle, low, high))
+    means = [_normalised(stacked[:, channel]) for channel in (0, 1)]
+    return Answer(drive, len(rows), grid, means[0], means[1], halves[0], halves[1])
+
+
+def _jumps(commands: JointSamples, drive: str) -> NDArray[np.int64]:
+    if drive not in commands.names:
+        return np.zeros(0, np.int64)
+    column = commands.names.index(drive)
+    found = np.zeros(0, np.int64)
+    for name in _FIELDS:
+        values = getattr(commands, name)[:, column].astype(np.float64)
+        given = np.isfinite(values)
+        if given.sum() > 8 and np.ptp(values[given]) > 0.0:
+            alone = _alone(commands.stamp_ns[given], values[given])
+            found = alone if len(alone) > len(found) else found
+    return found
+
+
+def _alone(stamps: NDArray[np.int64], values: Floats) -> NDArray[np.int64]:
+    """Stamps of the jumps beside which nothing moves."""
+    steps = np.abs(np.diff(values))
+    wide = float(np.ptp(values))
+    large = np.flatnonzero(steps > 0.25 * wide) + 1
+    first, last = (np.searchsorted(stamps, stamps[large] + side) for side in (-_REST_NS, _REST_NS))
+    alone = [
+        float(steps[low : jump - 1].sum() + steps[jump : high - 1].sum()) < 0.02 * wide
+        for low, jump, high in zip(first, large, last, strict=True)
+    ]
+    return np.asarray(stamps[large[alone]], np.int64)
+
+
+def _around(
+    stamps: NDArray[np.int64], values: NDArray[np.float32], at: np.int64, grid: Floats
+) -> Floats | None:
+    """Change of a signal around an event, with its level before taken off."""
+    span = np.array([-_BEFORE - 0.01, _AFTER + 0.01]) * 1e9
+    low, high = np.searchsorted(stamps, at + span.astype(np.int64)).tolist()
+    part = values[low:high].astype(np.float64)
+    time = (stamps[low:high] - at) / 1e9
+    enough = len(time) > 8 and time[0] < grid[0] and time[-1] > grid[-1]
+    if not enough or not np.isfinite(part).all() or np.diff(time).max() > 0.006:
+        return None
+    return np.interp(grid, time, part) - part[time < 0].mean()
+
+
+def _normalised(rows: Floats) -> Floats:
+    """Mean of changes [E, G] that may have either sign, 1 at the end."""
+    late = rows[:, -len(rows[0]) // 6 :].mean(axis=1)
+    signs = np.sign(late)
+    mean = (rows * signs[:, None]).mean(axis=0)
+    scale = float(mean[-len(mean) // 6 :].mean())
+    normal: Floats = mean / scale if scale > 0 else mean * np.nan
+    return normal
+
+
+def _half(grid: Floats, rows: Floats) -> float:
+    """When the mean first passes half of its end, s; NaN if it does not."""
+    mean = _normalised(rows)
+    above = np.flatnonzero((mean[1:] >= 0.5) & (mean[:-1] < 0.5))
+    if not len(above):
+        return np.nan
+    place = int(above[0])
+    share = (0.5 - mean[place]) / (mean[place + 1] - mean[place])
+    return float(grid[place] + share * (grid[place + 1] - grid[place]))

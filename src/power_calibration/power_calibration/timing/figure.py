@@ -1,0 +1,149 @@
+"""Synchronisation in pictures: what a shift costs, who is late, stamps, and the smoothing."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from power_recordings.alignment.filters import SMOOTHING, gain, smoothing
+from wattwalk_core.figures import OTHERS, style
+
+from power_calibration.timing.delay import SHIFTS, Delay
+from power_calibration.timing.summary import GRID, Summary
+
+_BLUE = {False: '#0072B2', True: '#56B4E9'}
+_MOST_LINES = 12
+
+
+def draw(found: Summary, *, dark: bool = False) -> Figure:
+    """Six panels, of which the one of jumps is there only where commands jump."""
+    with style(dark) as ink:
+        blue = _BLUE[dark]
+        figure = Figure(figsize=(9.6, 9.2), layout='constrained')
+        axes = figure.subplots(3, 2)
+        _cost(found, axes[0, 0], ink, blue)
+        _delays(found, axes[0, 1], ink, blue)
+        if found.answers:
+            _answer(found, axes[1, 0], ink, blue)
+        else:
+            _fits(found, axes[1, 0], ink, blue)
+        _jitter(found, axes[1, 1], ink, blue)
+        _clock(found, axes[2, 0], blue)
+        _smoothing(axes[2, 1], ink, blue)
+    return figure
+
+
+def _cost(found: Summary, axis: Axes, ink: str, blue: str) -> None:
+    axis.set_title('what a shift does to power', loc='left', fontsize=10)
+    for delay in found.delays[:_MOST_LINES]:
+        axis.plot(1e3 * SHIFTS, 100 * delay.moved / delay.power, color=blue, lw=0.8, alpha=0.6)
+    middle = np.median([d.moved / d.power for d in found.delays], axis=0)
+    axis.plot(1e3 * SHIFTS, 100 * middle, color=ink, lw=1.8, label='median of the drives')
+    axis.plot([], [], color=blue, lw=0.8, label='each drive')
+    axis.set_xlabel('shift of the electrical samples [ms]')
+    axis.set_ylabel('RMS change [% of its spread]')
+    axis.set_ylim(0, None)
+    watts = float(np.median([d.power for d in found.delays]))
+    other = axis.secondary_yaxis('right', functions=(_times(watts / 100), _times(100 / watts)))
+    other.set_ylabel('[W], median drive')
+    axis.legend(loc='upper center', frameon=False, fontsize=8)
+
+
+def _times(factor: float):  # type: ignore[no-untyped-def]
+    return lambda values: np.asarray(values) * factor
+
+
+def _delays(found: Summary, axis: Axes, ink: str, blue: str) -> None:
+    axis.set_title('electrical stamps late against joints', loc='left', fontsize=10)
+    known: list[Delay] = [d for d in found.delays if d.delay is not None]
+    for row, item in enumerate(known):
+        assert item.delay is not None
+        d = item.delay
+        axis.plot([1e3 * d.low, 1e3 * d.high], [row, row], color=blue, lw=1.5)
+        axis.plot(1e3 * d.value, row, 'o', color=blue, ms=5)
+    common = found.common
+    if common is not None:
+        axis.axvspan(1e3 * common.low, 1e3 * common.high, color=OTHERS[0], alpha=0.35, lw=0)
+        axis.axvline(1e3 * common.value, color=OTHERS[0], lw=1.2, label='all drives')
+        axis.legend(loc='best', frameon=False, fontsize=8)
+    axis.axvline(0, color=ink, lw=0.8)
+    axis.set_yticks(range(len(known)), [d.drive for d in known], fontsize=8)
+    axis.set_ylim(len(known) - 0.4, -0.6)
+    axis.set_xlabel('delay [ms], interval of 95 %')
+
+
+def _fits(found: Summary, axis: Axes, ink: str, blue: str) -> None:
+    axis.set_title('fit of the proxy, shifted and fitted anew', loc='left', fontsize=10)
+    for delay in found.delays[:_MOST_LINES]:
+        axis.plot(1e3 * SHIFTS, 100 * delay.refitted / delay.power, color=blue, lw=0.8, alpha=0.6)
+    middle = np.median([d.refitted / d.power for d in found.delays], axis=0)
+    axis.plot(1e3 * SHIFTS, 100 * middle, color=ink, lw=1.8)
+    axis.axvline(0, color=ink, lw=0.8, ls=':')
+    axis.set_xlabel('shift from the best delay [ms]')
+    axis.set_ylabel('RMS error [% of the spread]')
+    axis.set_ylim(0, None)
+
+
+def _answer(found: Summary, axis: Axes, ink: str, blue: str) -> None:
+    answer = max(found.answers, key=lambda a: a.events)
+    title = f'{answer.drive}: {answer.events} jumps of command, stacked'
+    axis.set_title(title, loc='left', fontsize=10)
+    time = 1e3 * answer.time
+    axis.plot(time, answer.current, color=blue, lw=1.6, label='current, 1 kHz')
+    axis.plot(time, answer.torque, color=OTHERS[3], lw=1.6, ls='--', label='torque, 400 Hz')
+    axis.axvline(0, color=ink, lw=0.8)
+    axis.set_xlabel('time after the stamp of the command [ms]')
+    axis.set_ylabel('mean change [share of its end]')
+    half = answer.current_half
+    words = f'half at {1e3 * half.value:.2f} ms\n({1e3 * half.low:.2f} to {1e3 * half.high:.2f})'
+    axis.text(0.03, 0.95, words, transform=axis.transAxes, va='top', fontsize=8)
+    axis.legend(loc='lower right', frameon=False, fontsize=8)
+
+
+def _jitter(found: Summary, axis: Axes, ink: str, blue: str) -> None:
+    axis.set_title('jitter of the stamps, and losses', loc='left', fontsize=10)
+    rows = list(found.stamps)
+    for row, stream in enumerate(rows):
+        width = [stream.spread, stream.worst - stream.spread]
+        width = [1e6 * max(0.0, w) if np.isfinite(w) else 0.0 for w in width]
+        axis.barh(row, width[0], color=blue, height=0.6)
+        axis.barh(row, width[1], left=width[0], color=blue, alpha=0.35, height=0.6)
+        lost = 'none lost' if not stream.lost else f'{stream.lost} lost'
+        axis.text(sum(width), row, f'  {lost}', va='center', fontsize=8, color=ink)
+    axis.set_yticks(range(len(rows)), [f'{s.topic}\n{s.rate:.0f} Hz' for s in rows], fontsize=8)
+    axis.set_ylim(len(rows) - 0.4, -0.6)
+    axis.set_xlabel('standard deviation, and (pale) 99th percentile [µs]')
+    axis.set_xlim(0, 1.35 * max(axis.get_xlim()[1], 1.0))
+
+
+def _clock(found: Summary, axis: Axes, blue: str) -> None:
+    clock = found.clock
+    axis.set_xlabel('time [s]')
+    axis.set_ylabel('stamp − line [µs]')
+    if clock is None:
+        axis.set_title('no device clock in the recording', loc='left', fontsize=10)
+        return
+    title = f'device clock to stamps: {clock.drift:+.1f} ppm, ±{1e6 * clock.spread:.2f} µs'
+    axis.set_title(title, loc='left', fontsize=10)
+    every = slice(None, None, max(1, len(clock.time) // 4000))
+    axis.plot(clock.time[every], 1e6 * clock.residual[every], color=blue, lw=0.7)
+    most = max(1.0, 1.1e6 * float(np.abs(clock.residual).max()))
+    axis.set_ylim(-most, most)
+
+
+def _smoothing(axis: Axes, ink: str, blue: str) -> None:
+    taps = smoothing(GRID)
+    frequency = np.linspace(0.0, 120.0, 601)
+    answer = np.abs([gain(taps, f, GRID) for f in frequency])
+    axis.set_title(f'Savitzky-Golay, {len(taps)} samples at 400 Hz', loc='left', fontsize=10)
+    axis.plot(frequency, 20 * np.log10(np.maximum(answer, 1e-4)), color=blue, lw=1.4)
+    ripple = abs(gain(taps, 50.0, GRID))
+    level = 20 * np.log10(max(ripple, 1e-4))
+    axis.plot(50.0, level, 'o', color=OTHERS[3], ms=6)
+    words = f'{100 * ripple:.1f} % of 50 Hz is left'
+    axis.annotate(words, (50.0, level), (56.0, level + 8), fontsize=8, color=ink)
+    axis.axhline(-3, color=ink, lw=0.8, ls=':')
+    axis.axvline(SMOOTHING, color=OTHERS[0], lw=1.2, label='12.5 Hz')
+    axis.set_ylim(-60, 5)
+    axis.set_xlim(0, 120)
+    axis.set_xlabel('frequency [Hz]')
+    axis.set_ylabel('gain [dB]')
+    axis.legend(loc='upper right', frameon=False, fontsize=8)

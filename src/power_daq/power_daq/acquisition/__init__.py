@@ -1,0 +1,1 @@
+"""From bus frames to stamped, published samples."""

@@ -1,0 +1,185 @@
+"""The thread that reads the bus, opens it again when it goes, and says how it is."""
+
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+from queue import Empty, SimpleQueue
+
+import can
+from wattwalk_core.worker import Worker
+
+from power_daq.acquisition.receiver import Receiver, Sample
+
+_log = logging.getLogger(__name__)
+_S = 1_000_000_000
+_STEP = 1_000_000  # ns that the system clock may move against the steady one between two frames
+
+
+class BusState(Enum):
+    """How the bus is."""
+
+    ABSENT = 'absent'
+    SILENT = 'silent'
+    ACTIVE = 'active'
+
+
+@dataclass(frozen=True)
+class Patience:
+    """Times in s: between attempts to open the bus, until it counts as silent, per read."""
+
+    first_retry: float = 0.1
+    last_retry: float = 2.0
+    silence: float = 0.5
+    read: float = 0.1
+    largest_age: float = 0.05
+
+
+class SampleQueue:
+    """
+    A bounded queue between threads; when it is full, new samples are dropped and counted.
+
+    refused and published count samples by group: those for which there was no room, and those
+    that went out, which whoever publishes them adds.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._queue: SimpleQueue[Sample] = SimpleQueue()
+        self._size = size
+        self.refused: Counter[str] = Counter()
+        self.published: Counter[str] = Counter()
+
+    @property
+    def dropped(self) -> int:
+        """Samples for which there was no room."""
+        return self.refused.total()
+
+    def put(self, sample: Sample) -> None:
+        """Append a sample, without waiting."""
+        if self._queue.qsize() >= self._size:
+            self.refused[sample.group] += 1
+        else:
+            self._queue.put(sample)
+
+    def get(self, timeout: float) -> Sample | None:
+        """The oldest sample, or None when none has come within timeout (s)."""
+        try:
+            return self._queue.get(timeout=timeout)
+        except Empty:
+            return None
+
+    def __len__(self) -> int:
+        return self._queue.qsize()
+
+
+class Arrivals:
+    """
+    When frames arrived, on the steady clock: now, less the time since the driver stamped them.
+
+    The driver stamps in system time. Where that was stepped while a frame waited, its age is not
+    known; for largest_age (s) after a step, frames therefore count as arriving when they are read.
+    """
+
+    def __init__(
+        self,
+        largest_age: float,
+        now: Callable[[], int] | None = None,
+        steady: Callable[[], int] | None = None,
+    ) -> None:
+        self._now, self._steady = now or time.time_ns, steady or time.monotonic_ns
+        self._largest = int(largest_age * _S)
+        self._offset: int | None = None
+        self._known_from = 0
+
+    def of(self, timestamp: float) -> int:
+        """Steady time in ns at which a frame arrived that was stamped at timestamp (s)."""
+        now, steady = self._now(), self._steady()
+        before, self._offset = self._offset, now - steady
+        if before is None or abs(self._offset - before) > _STEP:
+            self._known_from = steady + self._largest
+        age = now - int(timestamp * _S)
+        return steady - age if steady >= self._known_from and 0 < age < self._largest else steady
+
+
+class Acquisition(Worker):
+    """
+    Reads a bus in a thread of its own and hands samples to a sink.
+
+    open_bus may raise can.CanError or OSError: the bus is absent, and is tried again with growing
+    pauses. Anything else that is raised in the thread ends it, and comes out of `join`. report
+    gets a line whenever the bus comes or goes.
+    """
+
+    def __init__(
+        self,
+        receiver: Receiver,
+        open_bus: Callable[[], can.BusABC],
+        sink: Callable[[Sample], None],
+        report: Callable[[str], None] = _log.warning,
+        patience: Patience | None = None,
+    ) -> None:
+        self.receiver = receiver
+        self._report = report
+        self._open_bus = open_bus
+        self._sink = sink
+        self._patience = patience or Patience()
+        super().__init__('acquisition')
+        self._bus: can.BusABC | None = None
+        self.absence = 'not opened yet'
+        self.opened = 0
+
+    @property
+    def state(self) -> BusState:
+        """How the bus is now."""
+        if self._bus is None:
+            return BusState.ABSENT
+        age = time.monotonic_ns() - self.receiver.last_mapped
+        return BusState.ACTIVE if age < self._patience.silence * _S else BusState.SILENT
+
+    def _work(self) -> None:
+        while not self._stop.is_set():
+            self._serve_once()
+
+    def _serve_once(self) -> None:
+        bus = self._open()
+        if bus is None:
+            return
+        self._bus = bus
+        self.opened += 1
+        self._report(f'reading {bus.channel_info}')
+        try:
+            self._read(bus)
+        except (can.CanError, OSError) as error:
+            self.absence = str(error)
+            self._report(f'bus lost: {error}')
+        finally:
+            self._bus = None
+            with suppress(can.CanError, OSError):
+                bus.shutdown()
+
+    def _open(self) -> can.BusABC | None:
+        pause = self._patience.first_retry
+        while not self._stop.is_set():
+            try:
+                return self._open_bus()
+            except (can.CanError, OSError) as error:
+                if str(error) != self.absence:
+                    self._report(f'bus absent, will try again: {error}')
+                self.absence = str(error)
+            self._stop.wait(pause)
+            pause = min(2 * pause, self._patience.last_retry)
+        return None
+
+    def _read(self, bus: can.BusABC) -> None:
+        receive, take, sink = bus.recv, self.receiver.take, self._sink
+        arrived = Arrivals(self._patience.largest_age).of
+        stopped, timeout = self._stop.is_set, self._patience.read
+        while not stopped():
+            message = receive(timeout)
+            if message is None:
+                continue
+            for sample in take(message, arrived(message.timestamp)):
+                sink(sample)

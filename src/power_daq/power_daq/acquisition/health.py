@@ -1,0 +1,114 @@
+"""How the acquisition does, in a sentence and in figures, for `diagnostics`."""
+
+from collections.abc import Mapping
+
+from wattwalk_core.nodes.diagnostics import Level, Report
+
+from power_daq.acquisition.bus_acquisition import Acquisition, BusState, SampleQueue
+from power_daq.bus.connection import BusSettings
+from power_daq.bus.description import BusDescription
+
+_RATE_SLACK = 0.02
+_NAMED = 4
+_FAULTS = (
+    *(' lost', ' missing', ' jumps', ' duplicates', ' dropped unpublished'),
+    *('error frames', 'wrong length', 'unknown', 'steps of the system clock'),
+)
+
+
+class Health:
+    """Compares the counts of an acquisition with those at the report before."""
+
+    def __init__(
+        self,
+        acquisition: Acquisition,
+        queue: SampleQueue,
+        description: BusDescription,
+        settings: BusSettings,
+    ) -> None:
+        self._acquisition = acquisition
+        self._queue = queue
+        self._description = description
+        self._settings = settings
+        self._before: dict[str, float] = {}
+        self._time: float | None = None
+
+    def _counts(self) -> dict[str, float]:
+        receiver = self._acquisition.receiver
+        counts: dict[str, float] = {
+            name.replace('_', ' '): value for name, value in vars(receiver.counts).items()
+        }
+        for name, assembler in receiver.assemblers.items():
+            counts[f'{name} samples'] = assembler.received
+            counts[f'{name} lost'] = assembler.lost
+            counts[f'{name} duplicates'] = assembler.duplicates
+            counts[f'{name} counter jumps'] = assembler.counter_jumps
+            counts[f'{name} unsettled'] = receiver.unsettled[name]
+            counts[f'{name} dropped unpublished'] = self._queue.refused[name]
+            counts[f'{name} published'] = self._queue.published[name]
+            for slot, missing in enumerate(assembler.missing):
+                if missing:
+                    frame = self._description.groups[name].frames[slot]
+                    counts[f'{frame.message.name} missing'] = missing
+        counts['steps of the system clock'] = receiver.ros_time.steps
+        for name, clock in receiver.clocks.items():
+            counts[f'clock {name} jumps'] = clock.epoch
+        counts['times opened'] = self._acquisition.opened
+        return counts
+
+    def report(self, now: float) -> Report:
+        """How it does since the report before; now in s on a steady clock."""
+        counts = self._counts()
+        span = now - self._time if self._time is not None else 0.0
+        news = {name: value - self._before.get(name, 0) for name, value in counts.items()}
+        self._time, self._before = now, counts
+        rates = {}
+        if span > 0:
+            groups = self._description.groups
+            rates = {name: news[f'{name} samples'] / span for name in groups}
+        figures = {'bus': f'{self._settings.interface} {self._settings.channel}'}
+        figures['bus state'] = self._acquisition.state.value
+        if span > 0:
+            load = self._settings.load(news['frames'] / span, news['payload bytes'] / span)
+            figures['bus load [%]'] = f'{100 * load:.1f}'
+        figures |= {f'{name} rate [Hz]': f'{rate:.1f}' for name, rate in rates.items()}
+        figures |= self._clock_figures()
+        figures |= {name: f'{value:.0f}' for name, value in counts.items()}
+        figures['samples waiting'] = str(len(self._queue))
+        receiver = self._acquisition.receiver
+        for key, count in receiver.unknown_ids.most_common(_NAMED):
+            figures[f'unknown id {key & 0x1FFFFFFF:#x}'] = str(count)
+        for what, count in receiver.wrong_lengths.most_common(_NAMED):
+            figures[f'wrong length {what}'] = str(count)
+        level, sentence = self._judge(news, rates)
+        return Report(level, sentence, figures)
+
+    def _clock_figures(self) -> dict[str, str]:
+        figures = {}
+        for name, clock in self._acquisition.receiver.clocks.items():
+            figures[f'clock {name} offset [s]'] = f'{clock.offset:.6f}'
+            figures[f'clock {name} drift [ppm]'] = f'{-1e6 * clock.drift:.2f}'
+            figures[f'clock {name} mean delay [us]'] = f'{1e-3 * clock.delay_mean:.0f}'
+            figures[f'clock {name} worst delay [us]'] = f'{1e-3 * clock.delay_worst:.0f}'
+        offset = self._acquisition.receiver.ros_time.offset
+        figures['ROS minus steady time [s]'] = f'{1e-9 * offset:.6f}'
+        return figures
+
+    def _judge(self, news: Mapping[str, float], rates: Mapping[str, float]) -> tuple[Level, str]:
+        state = self._acquisition.state
+        if state is BusState.ABSENT:
+            return Level.ERROR, f'bus absent: {self._acquisition.absence}'
+        if state is BusState.SILENT:
+            return Level.ERROR, 'bus silent: no frame of the mapping comes'
+        faults = [
+            f'{count:.0f} {name}'
+            for name, count in news.items()
+            if count > 0 and name.endswith(_FAULTS)
+        ]
+        if faults:
+            return Level.WARN, 'in the last second: ' + ', '.join(faults)
+        for name, rate in rates.items():
+            nominal = self._description.groups[name].rate
+            if nominal >= 100 and abs(rate - nominal) > _RATE_SLACK * nominal:
+                return Level.WARN, f'{name} at {rate:.0f} Hz, not {nominal:.0f} Hz'
+        return Level.OK, 'measuring'

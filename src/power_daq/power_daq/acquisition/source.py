@@ -1,0 +1,124 @@
+"""Where samples of drives come from: a CAN bus or an EtherCAT segment, opened by parameters."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from power_recordings.calibration import Calibration
+from wattwalk_core.errors import InputError
+from wattwalk_core.nodes.diagnostics import Report
+from wattwalk_core.nodes.parameters import DeviceParameters
+
+from power_daq.acquisition.bus_acquisition import Acquisition, SampleQueue
+from power_daq.acquisition.health import Health
+from power_daq.acquisition.receiver import Receiver
+from power_daq.bus.connection import BusSettings
+from power_daq.bus.description import BusDescription
+from power_daq.clock.mapping import RosTime
+from power_daq.ethercat.acquisition import SegmentAcquisition
+from power_daq.ethercat.health import SegmentHealth
+from power_daq.ethercat.mapping import SegmentMapping
+from power_daq.ethercat.soem import SoemSegment, longest_call
+
+ETHERCAT = 'ethercat'
+
+
+class Acquires(Protocol):
+    """A thread that reads a device and hands on its samples."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether it has ended by an exception."""
+
+    def start(self) -> None:
+        """Begin."""
+
+    def stop(self) -> None:
+        """Ask it to end."""
+
+    def join(self, timeout: float | None = None) -> bool:
+        """Wait for its end; whether it came. Raises what ended it."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """
+    A measuring device: its name, drives by group, thread, and how it does.
+
+    part: what diagnostics call it; report takes the time in s on a steady clock; ending: s that
+    the thread may take to end; abandoned: what is so if it does not, for the log.
+    """
+
+    device: str
+    part: str
+    hardware: str
+    drives: Mapping[str, tuple[str, ...]]
+    acquisition: Acquires
+    report: Callable[[float], Report]
+    ending: float = 1.0
+    abandoned: str = 'the bus may be left open'
+
+
+def open_source(
+    given: DeviceParameters, queue: SampleQueue, report: Callable[[str], None]
+) -> Source:
+    """The source that the parameters ask for; InputError for bad ones."""
+    interface = given.text(
+        'interface', 'socketcan', 'python-can interface, unixsocket, or ethercat'
+    )
+    channel = given.text('channel', 'can0', 'bus or network interface, such as can0 or a path')
+    mapping = given.path('mapping', 'YAML file from signals to drives; empty for the shipped one')
+    calibration = given.path('calibration', 'YAML file of gains and offsets; empty for none')
+    if interface == ETHERCAT:
+        return _ethercat(channel, mapping, calibration, queue, report)
+    settings = BusSettings(
+        interface,
+        channel,
+        given.whole('bitrate', 1_000_000, 'bit/s, arbitration phase', 10_000, 1_000_000),
+        given.whole('data_bitrate', 5_000_000, 'bit/s, data phase', 10_000, 10_000_000),
+    )
+    dbc = given.path('dbc', 'DBC file of the bus; empty for the shipped one')
+    bus = BusDescription.load(dbc, mapping)
+    delay = given.real('transport_delay', 0.0, 's from sample to arrival, at best', 0.0, 0.1)
+    corrections = None
+    if calibration is not None and 'electrical' in bus.groups:
+        corrections = Calibration.load(calibration, bus.groups['electrical'].drives)
+    receiver = Receiver(bus, RosTime(), corrections, int(1e9 * delay))
+    acquisition = Acquisition(receiver, settings.open, queue.put, report)
+    health = Health(acquisition, queue, bus, settings)
+    drives = {name: group.drives for name, group in bus.groups.items()}
+    hardware = f'{settings.interface} {settings.channel}'
+    return Source(bus.device, 'bus', hardware, drives, acquisition, health.report)
+
+
+def _ethercat(
+    channel: str,
+    path: Path | None,
+    calibration: Path | None,
+    queue: SampleQueue,
+    report: Callable[[str], None],
+) -> Source:
+    if path is None:
+        raise InputError(
+            'interface ethercat needs a mapping: -p mapping:=ethercat.yaml says which terminal '
+            'measures what (docs/instruments.md has one)'
+        )
+    mapping = SegmentMapping.load(path)
+    corrections = None if calibration is None else Calibration.load(calibration, mapping.names)
+    segment = partial(SoemSegment, channel, mapping.frame_timeout)
+    segment()
+    acquisition = SegmentAcquisition(mapping, segment, queue.put, report, corrections)
+    health = SegmentHealth(acquisition, queue, channel)
+    drives = {'electrical': mapping.names}
+    return Source(
+        mapping.device,
+        'segment',
+        f'{ETHERCAT} {channel}',
+        drives,
+        acquisition,
+        health.report,
+        longest_call(len(mapping.segment), mapping.frame_timeout),
+        'the slaves stay in the state that they are in: power them off and on',
+    )

@@ -1,0 +1,1 @@
+"""Mapping of device clocks to ROS time."""

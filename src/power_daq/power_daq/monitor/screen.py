@@ -1,0 +1,259 @@
+"""A view as rows on a terminal of at least 60 columns, or as one line."""
+
+from collections.abc import Mapping, Sequence
+from math import floor, isfinite, log10
+
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.table import Table
+from rich.text import Text
+
+from power_daq.monitor.state import DriveView, Report, View
+
+_EIGHTHS = ' ▏▎▍▌▋▊▉'
+_LEAST_BAR, _SIDE = 6, 34
+_BLUE, _ORANGE, _FAINT = 'blue', 'dark_orange', 'dim'
+
+
+class Screen:
+    """A view to print with rich, as wide as the console; the bars' scale only grows."""
+
+    def __init__(self) -> None:
+        self._view: View | None = None
+        self._scale = 10.0
+        self.clock = ''
+
+    def update(self, view: View, clock: str) -> None:
+        """Show a view from now on; clock: the time of day in words."""
+        self._view, self.clock = view, clock
+        largest = max((abs(d.power) for d in view.drives if isfinite(d.power)), default=0.0)
+        self._scale = max(self._scale, _round_up(largest))
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Rows of the view."""
+        view = self._view
+        if view is None:
+            return
+        plain = not options.encoding.lower().startswith('utf')
+        width = options.max_width
+        yield _title(view, self.clock, width)
+        yield self._drives(view, width, plain)
+        yield from _sums(view)
+        yield _sides(view, width)
+        for warning in _fitting(view.warnings):
+            yield Text('! ' + warning, style='bold ' + _ORANGE, no_wrap=True, overflow='ellipsis')
+
+    def _drives(self, view: View, width: int, plain: bool) -> Table:
+        names = max((len(d.name) for d in view.drives), default=6)
+        status = max((len(d.status) for d in view.drives), default=2)
+        bar = max(_LEAST_BAR, width - max(names, 6) - max(status, 6) - 9 - 9 - 6 - 5)
+        table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, show_header=True)
+        table.add_column('drive', no_wrap=True)
+        table.add_column('measured', justify='right', no_wrap=True)
+        table.add_column(f'0 … {self._scale:g} W', no_wrap=True, width=bar, header_style=_FAINT)
+        table.add_column('estimate', justify='right', no_wrap=True)
+        table.add_column('°C', justify='right', no_wrap=True)
+        table.add_column('status', no_wrap=True, overflow='ellipsis')
+        for drive in view.drives:
+            table.add_row(*self._row(drive, bar, plain))
+        return table
+
+    def _row(self, drive: DriveView, bar: int, plain: bool) -> tuple[str | Text, ...]:
+        good = drive.status in ('ok', '')
+        return (
+            drive.name,
+            _watts(drive.power),
+            _bar(drive.power, self._scale, bar, plain),
+            _watts(drive.estimate),
+            _number(drive.temperature, 1),
+            Text(drive.status or '-', style='' if good else 'bold ' + _ORANGE),
+        )
+
+
+def line(view: View, clock: str) -> str:
+    """All of a view in one line, for a log."""
+    topics = {topic.name: topic for topic in view.topics}
+    parts = [
+        clock,
+        f'drives {_watts(view.total)} of supply {_watts(view.supply)}',
+        f'electronics {_watts(view.electronics)}',
+        f'energy {_joules(view.drive_energy)} of {_joules(view.supply_energy)}',
+    ]
+    if view.model:
+        parts.append(f'estimate {_watts(view.estimate)} ({view.estimate_status})')
+    supply = topics['drive_supply']
+    parts.append(
+        f'drive_supply {supply.rate:.0f} Hz, age {_age(supply.age)}, {view.missed} missed here'
+    )
+    flagged = [f'{d.name} {d.status}' for d in view.drives if d.status not in ('ok', '')]
+    recorder = _recorder(view)
+    parts += [f'recorder {recorder}', *flagged, *view.warnings]
+    return ' | '.join(parts)
+
+
+def _fitting(warnings: Sequence[str]) -> Sequence[str]:
+    """Two lines at most: of more than two, the names alone of all but the first."""
+    if len(warnings) <= 2:
+        return warnings
+    names = ', '.join(warning.split(':', 1)[0] for warning in warnings[1:])
+    return (warnings[0], f'and {len(warnings) - 1} more: {names}')
+
+
+def _title(view: View, clock: str, width: int) -> Text:
+    watched = f'{clock}  watching for {_duration(view.seconds)}'
+    return Text(f'{"wattwalk":<{max(9, width - len(watched))}}{watched}', style='bold')
+
+
+def _sums(view: View) -> RenderResult:
+    estimate = ''
+    if view.model:
+        estimate = f'  estimate {_watts(view.estimate)}, {view.estimate_status}  {view.model}'
+    yield Text.assemble(
+        ('drives  ', 'bold'),
+        f'{_watts(view.total):>9}',
+        (estimate, _FAINT if view.estimate_status == 'ok' else _ORANGE),
+        no_wrap=True,
+        overflow='ellipsis',
+    )
+    yield Text.assemble(
+        ('supply  ', 'bold'),
+        f'{_watts(view.supply):>9}',
+        f'  {_number(view.voltage, 2)} V  {_number(view.current, 2)} A',
+        f'  electronics {_watts(view.electronics)}',
+        (' = supply - drives', _FAINT),
+        no_wrap=True,
+        overflow='ellipsis',
+    )
+    yield Text.assemble(
+        ('energy  ', 'bold'),
+        f'{_joules(view.drive_energy):>9} drives  {_joules(view.supply_energy)} supply',
+        (f'  since {_duration(view.seconds)}', _FAINT),
+    )
+
+
+def _sides(view: View, width: int) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
+    table.add_column(no_wrap=True, width=_SIDE)
+    table.add_column(no_wrap=True, overflow='ellipsis', width=max(10, width - _SIDE - 2))
+    bus, segment = _of(view.reports, 'bus'), _of(view.reports, 'segment')
+    right = [
+        ('segment' if segment and not bus else 'bus', _devices(bus, segment)),
+        ('clock', _clock(bus)),
+        ('lost', _losses(view, bus, segment)),
+        ('recorder', _recorder(view)),
+        ('nodes', _nodes(view)),
+    ]
+    for topic, (name, text) in zip(view.topics, right, strict=True):
+        stale = topic.age is None or topic.age > 2.0
+        style = _ORANGE if stale and topic.name == 'drive_supply' else _FAINT if stale else ''
+        left = f'{topic.name:<14}{topic.rate:7.1f} Hz {_age(topic.age):>8}'
+        table.add_row(Text(left, style=style), Text.assemble((f'{name:<9}', 'bold'), text))
+    return table
+
+
+def _devices(bus: Report | None, segment: Report | None) -> str:
+    """State of the CAN bus, of the EtherCAT segment, or of both where two DAQs run."""
+    found = []
+    if bus is not None:
+        load = bus.figures.get('bus load [%]')
+        state = bus.figures.get('bus state', '?')
+        found.append(f'{state}, load {load} %' if load else state)
+    if segment is not None:
+        state = segment.figures.get('segment state', '?')
+        found.append(f'segment {state}' if found else state)
+    return ', '.join(found) or 'no diagnostics of the DAQ'
+
+
+def _clock(report: Report | None) -> str:
+    """Offset, drift and worst delay of the first clock that is mapped."""
+    figures = {} if report is None else report.figures
+    for key in figures:
+        if key.startswith('clock ') and key.endswith(' offset [s]'):
+            name = key.removesuffix('offset [s]')
+            offset = _text(figures, key, 3)
+            drift = _text(figures, f'{name}drift [ppm]', 1)
+            return f'{offset} s, {drift} ppm, {_text(figures, f"{name}worst delay [us]", 0)} us'
+    return '-'
+
+
+def _text(figures: Mapping[str, str], key: str, digits: int) -> str:
+    try:
+        return f'{float(figures[key]):.{digits}f}'
+    except (KeyError, ValueError):
+        return '-'
+
+
+def _losses(view: View, bus: Report | None, segment: Report | None) -> str:
+    lost = [f'bus {bus.figures.get("electrical lost", "-")}'] if bus else []
+    if segment is not None:
+        lost.append(f'cycles {segment.figures.get("cycles lost", "-")}')
+    bag = _of(view.reports, 'bag')
+    in_bag = '' if bag is None else f', recorder {bag.figures.get("samples lost", "-")}'
+    return f'{", ".join(lost) or "bus -"}, this view {view.missed}{in_bag}'
+
+
+def _recorder(view: View) -> str:
+    report = _of(view.reports, 'bag')
+    if report is None:
+        return 'not running'
+    if report.level:
+        return report.sentence
+    size = report.figures.get('size [B]', '0')
+    return f'{report.sentence}, {int(size) / 1e6:.1f} MB' if size.isdigit() else report.sentence
+
+
+def _nodes(view: View) -> str:
+    good = sum(report.level == 0 for report in view.reports.values())
+    return f'{good} of {len(view.reports)} statuses ok' if view.reports else 'no diagnostics'
+
+
+def _of(reports: Mapping[str, Report], part: str) -> Report | None:
+    found = [report for name, report in reports.items() if name.endswith(f': {part}')]
+    return max(found, key=lambda report: report.time) if found else None
+
+
+def _bar(value: float, scale: float, width: int, plain: bool) -> Text:
+    """A bar to the right; what is given back is hollow."""
+    if not isfinite(value):
+        return Text('')
+    length = min(abs(value) / scale, 1.0) * width
+    whole = int(length)
+    if plain:
+        return Text(('#' if value >= 0 else '-') * round(length))
+    if value < 0:
+        return Text('░' * max(1, round(length)), style=_ORANGE)
+    return Text('█' * whole + _EIGHTHS[int(8 * (length - whole))].strip(), style=_BLUE)
+
+
+def _round_up(value: float) -> float:
+    """The next of 10, 20, 50, 100 and so on."""
+    power = 10.0 ** max(1, floor(log10(value))) if value > 10.0 else 10.0
+    return next(power * step for step in (1.0, 2.0, 5.0, 10.0) if power * step >= value)
+
+
+def _number(value: float, digits: int) -> str:
+    return f'{value:.{digits}f}' if isfinite(value) else '-'
+
+
+def _watts(value: float) -> str:
+    return f'{value:.1f} W' if isfinite(value) else '-'
+
+
+def _joules(value: float) -> str:
+    if not isfinite(value):
+        return '-'
+    for limit, divisor, unit in ((1e3, 1.0, 'J'), (1e6, 1e3, 'kJ'), (float('inf'), 1e6, 'MJ')):
+        if abs(value) < limit:
+            return f'{value / divisor:.4g} {unit}'
+    return '-'
+
+
+def _age(age: float | None) -> str:
+    if age is None:
+        return 'never'
+    return f'{1e3 * age:.0f} ms' if age < 1.0 else f'{age:.0f} s'
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f'{hours} h {minutes:02d} min' if hours else f'{minutes}:{rest:02d} min'

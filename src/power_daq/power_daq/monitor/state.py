@@ -1,0 +1,242 @@
+"""What is known of a running measurement, and the figures of the latest look at it."""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.messages.samples import DriveSamples, EstimateSamples, SupplySamples
+from power_recordings.writing.background import SequenceCheck
+
+from power_daq.monitor.topic_buffers import Counter, Tap
+from power_daq.supply.energy_counters import EnergyCounter
+
+TOPICS = ('drive_supply', 'joint_states', 'supply', 'power_estimate', 'diagnostics')
+"""Topics that are watched."""
+FRESH = 2.0  # s, after which a figure no longer counts as of now
+_SLOWEST = 1.0  # s between samples of the slowest stream
+_STEPS = 1000
+_FLAGS = {1: 'under range', 2: 'over range', 4: 'device error', 8: 'stale'}
+_ESTIMATE = ('ok', 'warming up', 'input stale', 'outside its training data')
+
+
+@dataclass(frozen=True)
+class Report:
+    """A status on `diagnostics`: level 0 to 3, a sentence, figures by name, and its arrival."""
+
+    level: int
+    sentence: str
+    figures: Mapping[str, str]
+    time: float
+
+
+@dataclass(frozen=True)
+class TopicView:
+    """Rate since the last look, age of the newest message in s; None before the first."""
+
+    name: str
+    rate: float
+    age: float | None
+
+
+@dataclass(frozen=True)
+class DriveView:
+    """One drive: means since the last look in W, °C; NaN where nothing is known."""
+
+    name: str
+    power: float
+    estimate: float
+    temperature: float
+    status: str
+
+
+@dataclass(frozen=True)
+class View:
+    """All that a look shows. W, V, A, J; NaN is unknown."""
+
+    seconds: float
+    drives: tuple[DriveView, ...]
+    total: float
+    estimate: float
+    estimate_status: str
+    model: str
+    supply: float
+    voltage: float
+    current: float
+    drive_energy: float
+    supply_energy: float
+    missed: int
+    topics: tuple[TopicView, ...]
+    reports: Mapping[str, Report]
+    warnings: tuple[str, ...]
+
+    @property
+    def electronics(self) -> float:
+        """What of the supply's power does not reach the drives, W."""
+        return self.supply - self.total
+
+
+class _StreamEnergy:
+    """Energy of a stream whose period is not told: it is the median of its latest steps."""
+
+    def __init__(self) -> None:
+        self._counter = EnergyCounter(_SLOWEST)
+        self._steps: deque[float] = deque(maxlen=_STEPS)
+        self._last: int | None = None
+
+    def add(self, stamp_ns: NDArray[np.int64], power: NDArray[np.floating]) -> None:
+        stamps: list[int] = stamp_ns.tolist()
+        before = stamps[:1] if self._last is None else [self._last]
+        steps = np.diff([*before, *stamps]) / 1e9
+        self._last = stamps[-1]
+        self._steps.extend(steps[steps > 0].tolist())
+        if self._steps:
+            self._counter.period = min(float(np.median(self._steps)), _SLOWEST)
+        for stamp, watts in zip(stamps, power.tolist(), strict=True):
+            self._counter.add(stamp, watts)
+
+    @property
+    def joule(self) -> float:
+        """Energy so far, J; NaN where no time is covered."""
+        energy = self._counter.total()
+        return energy.joule if energy.seconds else nan
+
+
+@dataclass
+class State:
+    """
+    Takes messages at any rate; `look` turns what came since the last look into a view.
+
+    Times are in s on a steady clock.
+    """
+
+    started: float
+    reports: dict[str, Report] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.taps = {name: Tap(name) for name in ('drive_supply', 'supply', 'power_estimate')}
+        self.counters = {name: Counter() for name in ('joint_states', 'diagnostics')}
+        self._sequence = SequenceCheck()
+        self._drive_energy, self._supply_energy = _StreamEnergy(), _StreamEnergy()
+        self._looked = self.started
+        self._before = dict.fromkeys(TOPICS, 0)
+        self._drives: DriveSamples | None = None
+        self._supply: SupplySamples | None = None
+        self._estimates: EstimateSamples | None = None
+
+    def source(self, topic: str) -> Tap | Counter:
+        """What takes the messages of a topic."""
+        return self.taps.get(topic) or self.counters[topic]
+
+    def report(
+        self, name: str, level: int, sentence: str, figures: Mapping[str, str], now: float
+    ) -> None:
+        """A status came on `diagnostics`."""
+        self.reports[name] = Report(level, sentence, figures, now)
+
+    def look(self, now: float) -> View:
+        """The view of what came since the last look."""
+        span = max(now - self._looked, 1e-3)
+        self._looked = now
+        topics = []
+        for name in TOPICS:
+            source = self.source(name)
+            rate = (source.count - self._before[name]) / span
+            age = None if source.last is None else now - source.last
+            topics.append(TopicView(name, rate, age))
+            self._before[name] = source.count
+        self._take()
+        return self._view(now, tuple(topics))
+
+    def _take(self) -> None:
+        raw, drives = self.taps['drive_supply'].drain()
+        for cdr in raw:
+            self._sequence.feed(cdr)
+        if isinstance(drives, DriveSamples) and len(drives):
+            total = drives.power.astype(np.float64).sum(axis=1)
+            self._drive_energy.add(drives.stamp_ns, total)
+            self._drives = drives
+        _, supply = self.taps['supply'].drain()
+        if isinstance(supply, SupplySamples) and len(supply):
+            self._supply_energy.add(supply.stamp_ns, supply.power.astype(np.float64))
+            self._supply = supply
+        _, estimates = self.taps['power_estimate'].drain()
+        if isinstance(estimates, EstimateSamples) and len(estimates):
+            self._estimates = estimates
+
+    def _fresh(self, topic: str, now: float) -> bool:
+        last = self.source(topic).last
+        return last is not None and now - last <= FRESH
+
+    def _view(self, now: float, topics: tuple[TopicView, ...]) -> View:
+        drives = self._drives if self._fresh('drive_supply', now) else None
+        supply = self._supply if self._fresh('supply', now) else None
+        found = self._estimates if self._fresh('power_estimate', now) else None
+        power = {} if drives is None else _by_name(drives.names, drives.power)
+        guess = {} if found is None else _by_name(found.names, found.power)
+        celsius = {} if drives is None else _by_name(drives.names, drives.temperature)
+        flags = {} if drives is None else dict(zip(drives.names, _words(drives), strict=True))
+        names = dict.fromkeys([*power, *guess])
+        return View(
+            seconds=now - self.started,
+            drives=tuple(
+                DriveView(
+                    name,
+                    power.get(name, nan),
+                    guess.get(name, nan),
+                    celsius.get(name, nan),
+                    flags.get(name, ''),
+                )
+                for name in names
+            ),
+            total=sum(power.values()) if power else nan,
+            estimate=nan if found is None else _mean(found.total),
+            estimate_status='' if found is None else _ESTIMATE[min(int(found.status.max()), 3)],
+            model='' if found is None else found.model[-1],
+            supply=nan if supply is None else _mean(supply.power),
+            voltage=nan if supply is None else _mean(supply.voltage),
+            current=nan if supply is None else _mean(supply.current),
+            drive_energy=self._drive_energy.joule,
+            supply_energy=self._supply_energy.joule,
+            missed=self._sequence.lost,
+            topics=topics,
+            reports=dict(self.reports),
+            warnings=tuple(self._warnings(now)),
+        )
+
+    def _warnings(self, now: float) -> list[str]:
+        found = []
+        last = self.taps['drive_supply'].last
+        if last is None:
+            found.append('no drive_supply yet: start `ros2 run power_daq daq`')
+        elif now - last > FRESH:
+            found.append(f'no drive_supply for {now - last:.0f} s')
+        found += [f'{name}: {tap.fault}' for name, tap in self.taps.items() if tap.fault]
+        ranked = sorted(self.reports.items(), key=lambda item: -item[1].level)
+        for name, report in ranked:
+            if now - report.time > 2 * FRESH:
+                found.append(f'{name}: silent for {now - report.time:.0f} s')
+            elif report.level:
+                found.append(f'{name}: {report.sentence}')
+        return found
+
+
+def _by_name(names: Sequence[str], values: NDArray[np.floating]) -> dict[str, float]:
+    return {name: _mean(column) for name, column in zip(names, values.T, strict=True)}
+
+
+def _mean(values: NDArray[np.floating]) -> float:
+    good = values[np.isfinite(values)]
+    return float(good.mean(dtype=np.float64)) if len(good) else nan
+
+
+def _words(drives: DriveSamples) -> list[str]:
+    """The status of each drive in words: every flag that came up since the last look."""
+    seen = np.bitwise_or.reduce(drives.status, axis=0).tolist()
+    return [
+        ', '.join(word for bit, word in _FLAGS.items() if flags & bit)
+        or ('ok' if not flags else f'flags {flags}')
+        for flags in seen
+    ]

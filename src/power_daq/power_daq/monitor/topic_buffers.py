@@ -1,0 +1,68 @@
+"""Messages of a topic as they come, decoded many at a time."""
+
+from collections import deque
+
+from power_recordings.messages.columns import Columns
+from power_recordings.messages.samples import Samples
+from power_recordings.messages.topics import KINDS
+from power_recordings.reading.bag_folder import joined
+from power_recordings.reading.mcap_file import Topic
+from wattwalk_core.errors import InputError
+
+_MOST = 20_000  # messages
+
+
+class Tap:
+    """
+    Takes the CDR bytes of a topic's messages; decoding waits until somebody looks.
+
+    Arrival times are in s on a steady clock. More than 20,000 messages that nobody looked at push
+    the oldest out.
+    """
+
+    def __init__(self, topic: str) -> None:
+        """topic: one of `recording.topics.KINDS`."""
+        self._kind = KINDS[topic]
+        self._topic = Topic(topic, self._kind.type_name, 'cdr', '')
+        self._columns = Columns(topic, self._kind.type_name, self._kind.paths)
+        self._waiting: deque[bytes] = deque(maxlen=_MOST)
+        self.count = 0
+        self.last: float | None = None
+        self.fault = ''
+
+    def take(self, cdr: bytes, now: float) -> None:
+        """Keep a message for later; the only thing that is done at its full rate."""
+        self._waiting.append(cdr)
+        self.count += 1
+        self.last = now
+
+    def drain(self) -> tuple[list[bytes], Samples | None]:
+        """What came since the last time: the bytes, and their samples where they are whole."""
+        raw = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        if not raw:
+            return raw, None
+        columns = self._columns
+        columns.blocks, columns.count, columns.damaged = [], 0, 0
+        columns.add(joined(self._topic, [(0, cdr) for cdr in raw]))
+        self.fault = f'{columns.damaged} damaged messages' if columns.damaged else ''
+        if not columns.blocks:
+            return raw, None
+        try:
+            columns.check()
+            return raw, self._kind.build(columns)
+        except InputError as error:
+            self.fault = str(error)
+            return raw, None
+
+
+class Counter:
+    """Counts the messages of a topic and remembers when the newest came."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.last: float | None = None
+
+    def take(self, cdr: object, now: float) -> None:
+        """A message came."""
+        self.count += 1
+        self.last = now

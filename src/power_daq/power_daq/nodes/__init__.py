@@ -1,0 +1,1 @@
+"""Nodes: DAQ, supply, recorder and live view."""

@@ -1,1 +1,0 @@
-"""Recordings: the bag writer, the card, reading back, and alignment."""

@@ -1,0 +1,1 @@
+"""Power of many simulated robots at once, for rewards in training."""

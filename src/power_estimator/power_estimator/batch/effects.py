@@ -1,0 +1,188 @@
+"""Models of effects and proxies over many robots, from the samples that were simulated last."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
+from torch import Tensor
+from wattwalk_core.errors import InputError
+
+from power_estimator.drive_types import assign
+from power_estimator.effects import Signals
+from power_estimator.effects.fit.design import evaluate
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.signals.prepared import rate_of
+from power_estimator.proxies import PROXIES, Proxy
+
+Doubles = NDArray[np.float64]
+RATE = 200.0  # Hz of the samples
+KEPT = 8  # samples of the past beside the new ones, for derivatives and the spring
+_PROBE = 2000  # samples over which an effect may show that it remembers more
+_NEW = 4  # of them, in a policy step
+_FORGETS = 0.1  # of an effect's size, that what lies further back may change
+
+
+class EffectBatch:
+    """
+    A model of named effects, evaluated anew on the last samples of each robot.
+
+    The newest derivative is one-sided. Each robot has a bus of its own, and of its past the last
+    eight samples are kept: a model with an effect that remembers more, as a winding that warms, is
+    refused. Position, bus voltage and temperature are not known while training: the voltage is
+    the nominal one, and a model with an effect that needs one of the others is refused too.
+    """
+
+    warm_up = 1
+
+    def __init__(self, model: EffectModel, drives: tuple[str, ...], robots: int) -> None:
+        if not model.fitted or model.base is not None:
+            what = 'stands on another model' if model.base else 'has no coefficients yet'
+            raise InputError(f'{model.name} {what}; give a fitted model that stands alone')
+        columns = assign(drives, [group.type for group in model.groups])
+        owner = {c: g for g in model.groups for c in columns[g.type.name]}
+        unknown = [name for c, name in enumerate(drives) if c not in owner]
+        if unknown:
+            raise InputError(f'{model.name} does not know the drive {unknown[0]}')
+        members = [owner[c] for c in range(len(drives))]
+        rows = [
+            [
+                value.value
+                for active in model.structure.free
+                for value in g.coefficients[active.name]
+            ]
+            for g in members
+        ]
+        self._structure = model.structure
+        self._coefficients = np.array(rows).reshape(len(drives), -1)
+        self._lag = np.array([g.velocity_lag for g in members])
+        self._voltage = np.array([g.voltage for g in members])
+        self._names = drives
+        self._past = np.zeros((KEPT, 2, robots, len(drives)))
+        self._fresh = np.ones(robots, bool)
+        try:
+            forgotten = self._remembers_more()
+        except InputError as error:
+            raise InputError(
+                f'{model.name} needs more than position error, torque and speed: {error}'
+            ) from None
+        if forgotten:
+            raise InputError(
+                f'{model.name}: {forgotten} remembers more than the last {KEPT} samples, which '
+                'are all that is kept step by step; give a model without it'
+            )
+
+    def reset(self, robots: Tensor | None) -> None:
+        """Forget the past of the robots [n], or of all."""
+        self._fresh[slice(None) if robots is None else robots.numpy()] = True
+
+    def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
+        """Mean power in W [N, D] over S samples [N, S, D]."""
+        new = torch.stack([torque, speed]).permute(2, 0, 1, 3).numpy().astype(float)
+        self._past[:, :, self._fresh] = new[:1, :, self._fresh]
+        self._fresh[:] = False
+        rows = np.concatenate([self._past, new])
+        self._past = rows[-KEPT:]
+        power = evaluate(self._structure, self._coefficients, self._signals(rows))
+        by_robot = power.reshape(rows.shape[2], len(rows), rows.shape[3])[:, KEPT:]
+        return torch.from_numpy(by_robot.mean(axis=1).astype(np.float32))
+
+    def _remembers_more(self) -> str:
+        """The effect that needs a longer past than is kept for the newest samples, or ''."""
+        random = np.random.default_rng(0)
+        shape = (_PROBE, 2, 1, len(self._names))
+        rows = random.normal(1.0, 1.0, shape) * np.array([10.0, 2.0])[:, None, None]
+        whole, kept = self._signals(rows), self._signals(rows[-KEPT - _NEW :])
+        for active in self._structure.actives:
+            if not active.effect.usable(whole, **active.parameters):
+                raise InputError(f'effect {active.name!r} lacks a signal')
+            known = active.columns(whole)[-_NEW:]
+            left_out = np.square(active.columns(kept)[-_NEW:] - known).mean()
+            if left_out > _FORGETS**2 * np.square(known).mean():
+                return active.name
+        return ''
+
+    def _signals(self, rows: Doubles) -> Signals:
+        """The robots as recordings of the same drives, end to end; rows is [S, 2, N, D]."""
+        count, _, robots, drives = rows.shape
+        whole = [slice(0, count)]
+        torque, speed = rows[:, 0], rows[:, 1]
+        speed = speed + self._lag * rate_of(speed, whole, RATE)
+        acceleration, torque_rate = (rate_of(x, whole, RATE) for x in (speed, torque))
+        torque, speed, acceleration, torque_rate = (
+            x.transpose(1, 0, 2).reshape(-1, drives)
+            for x in (torque, speed, acceleration, torque_rate)
+        )
+        unknown = np.full_like(torque, np.nan)
+        number = np.repeat(np.arange(robots, dtype=np.int32), count)
+        return Signals(
+            rate=RATE,
+            names=self._names,
+            time=np.tile(np.arange(count) / RATE, robots),
+            segment=number,
+            recording=number,
+            position=unknown,
+            velocity=speed,
+            acceleration=acceleration,
+            torque=torque,
+            torque_rate=torque_rate,
+            voltage=np.broadcast_to(self._voltage, torque.shape),
+            temperature=unknown,
+            motor_velocity=speed,
+            motor_acceleration=acceleration,
+            motor_torque=torque,
+            torque_cost=np.zeros_like(torque),
+            electronics=np.zeros_like(torque),
+            drawn=torque * speed,
+        )
+
+
+class ProxyBatch:
+    """A proxy that was scaled to measured power."""
+
+    warm_up = 0
+
+    def __init__(self, model: Proxy, drives: Sequence[str]) -> None:
+        columns = assign(drives, model.types)
+        self._factors = np.full(len(drives), np.nan, np.float32)
+        for name, own in columns.items():
+            self._factors[own] = model.factors.get(name, np.nan)
+        unknown = [d for d, f in zip(drives, self._factors, strict=True) if not np.isfinite(f)]
+        if unknown:
+            raise InputError(
+                f'{model.name} has no unit of power for {unknown[0]}: scale it to measured power'
+            )
+        self._signal = PROXIES[model.name]
+
+    def reset(self, robots: Tensor | None) -> None:
+        """Nothing is kept of the past."""
+
+    def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
+        """Mean power in W [N, D] over S samples [N, S, D]; S ≥ 2 where it differentiates."""
+        robots, count, drives = torque.shape
+        flat = [x.permute(1, 0, 2).reshape(count, -1).numpy() for x in (torque, speed)]
+        signal = self._signal(_dataset(*flat)).reshape(count, robots, drives)
+        return torch.from_numpy((signal.mean(axis=0) * self._factors).astype(np.float32))
+
+
+def _dataset(torque: NDArray[np.float32], speed: NDArray[np.float32]) -> AlignedDataset:
+    unknown = np.full_like(torque, np.nan)
+    none = np.zeros(len(torque), np.int32)
+    return AlignedDataset(
+        rate=RATE,
+        names=('',) * torque.shape[1],
+        time=np.arange(len(torque)) / RATE,
+        segment=none,
+        position=unknown,
+        velocity=speed,
+        torque=torque,
+        command=unknown,
+        power=unknown,
+        voltage=unknown,
+        current=unknown,
+        temperature=unknown,
+        supply=unknown[:, 0],
+        recordings=('batch',),
+        recording=none,
+    )

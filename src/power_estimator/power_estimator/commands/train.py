@@ -1,0 +1,146 @@
+"""`ros2 run power_estimator train`: recordings in, a run folder with networks and a table out."""
+
+import argparse
+import os
+import shlex
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from wattwalk_core.command import command
+
+from power_estimator import recordings
+from power_estimator.drive_types import infer_types, parse_types
+from power_estimator.evaluation import figure
+from power_estimator.evaluation.comparison import table
+from power_estimator.evaluation.tables import TrainingBars, print_table, terminal
+from power_estimator.network.checkpoint import NetworkConfig
+from power_estimator.network.cross_validation import CrossValidation
+from power_estimator.network.protocol import Protocol
+from power_estimator.network.run_folder import CURVES, TABLE, RunFolder
+from power_estimator.network.trainer import TrainingConfig
+
+TRACES = 'traces.png'
+BARS = 'r2.png'
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    options = _parser().parse_args(args)
+    console, progress = terminal(), Console(stderr=True)
+    config = NetworkConfig(hidden=options.hidden, history=round(options.history * 200))
+    training = TrainingConfig(epochs=options.epochs, seed=options.seed)
+    protocol = Protocol(options.segments, options.folds, config.history)
+    with progress.status('reading and aligning'):
+        validation = _prepare(options, config, training, protocol)
+    for note in validation.data.notes:
+        progress.print(note, highlight=False)
+    folder = RunFolder(options.output)
+    about: dict[str, Any] = {
+        'types': {t.name: list(t.patterns) for t in validation.types},
+        'drives': list(validation.data.names),
+        'network': asdict(config),
+        'training': asdict(training),
+        'protocol': asdict(protocol),
+    }
+    cards = [asdict(recording) for recording in validation.recordings]
+    (folder.resume if options.resume else folder.start)(about, cards)
+    print(
+        f'{len(options.bags)} recordings, {len(validation.data.time) / config.rate:.0f} s; '
+        f'{", ".join(t.name for t in validation.types)}; {len(validation.jobs)} networks of '
+        f'{config.hidden} units'
+    )
+    try:
+        with TrainingBars(
+            progress, [job.name for job in validation.jobs], training.epochs
+        ) as bars:
+            trainers = validation.run(
+                folder,
+                lambda job, trainer: bars.show(
+                    job.name,
+                    len(trainer.history),
+                    trainer.history[-1].loss,
+                    trainer.history[-1].r2,
+                    trainer.done,
+                ),
+                options.workers,
+            )
+    except KeyboardInterrupt:
+        print(f'stopped; {options.output} goes on with the same command and --resume')
+        raise
+    with progress.status('judging on held-out data'):
+        tests, pictures = [], []
+        for fold in range(protocol.folds):
+            checkpoint = validation.checkpoint(fold, trainers)
+            folder.save_model(fold, checkpoint)
+            scores, traces = validation.test(fold, checkpoint)
+            tests.append(scores)
+            pictures.append(traces)
+        result = table(tests)
+        title = f'held-out data, {len(tests)} fold{"s" if len(tests) > 1 else ""}'
+        figure.draw_traces(folder.path / TRACES, pictures[0], dark=options.dark)
+        figure.draw_bars(folder.path / BARS, result, title=title, dark=options.dark)
+        folder.save_json(TABLE, result)
+        curves = {j.name: [asdict(epoch) for epoch in t.history] for j, t in trainers.items()}
+        folder.save_json(CURVES, curves)
+        folder.finish()
+    print_table(console, result, title)
+    _next(options.output, options.bags)
+    return 0
+
+
+def _prepare(
+    options: argparse.Namespace,
+    config: NetworkConfig,
+    training: TrainingConfig,
+    protocol: Protocol,
+) -> CrossValidation:
+    given = recordings.training_set(options.bags, options.drives)
+    return CrossValidation(
+        given.data,
+        parse_types(options.type) if options.type else infer_types(given.data.names),
+        network=config,
+        training=training,
+        protocol=protocol,
+        others=[given.live],
+        recordings=given.recordings,
+    )
+
+
+def _next(run: Path, bags: Sequence[Path]) -> None:
+    print(f'pictures: {run / TRACES}, {run / BARS}; table: {run / TABLE}')
+    model, estimate = shlex.quote(f'ppn:{run}'), shlex.quote(f'{bags[0]}_estimate')
+    print('next, live beside the robot or a playing bag:')
+    print(f'  ros2 run power_estimator estimate --ros-args -p model:={model}')
+    print('or a recording through the live estimator:')
+    print(
+        f'  ros2 run power_estimator replay {shlex.quote(str(bags[0]))} --model {model} '
+        f'-o {estimate}'
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='train',
+        description='Train a Power Prediction Network per drive type on recordings and judge it '
+        'and the usual proxies on held-out parts of them.',
+        epilog='example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',
+    )
+    add = parser.add_argument
+    add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
+    add('-o', '--output', type=Path, required=True, metavar='RUN', help='new run folder')
+    add('--folds', type=int, default=6, help='folds of the cross-validation (6)')
+    add('--segments', type=int, default=6, help='segments that are each split 80/10/10 (6)')
+    add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
+    add('--type', action='append', metavar='NAME=PATTERN', help='a drive type; default by name')
+    add('--epochs', type=int, default=TrainingConfig.epochs, help='at most, per network')
+    add('--hidden', type=int, default=NetworkConfig.hidden, help='hidden units (100)')
+    add('--history', type=float, default=0.3, help='seconds of the windowed form (0.3)')
+    add('--seed', type=int, default=0, help='the same seed gives the same networks')
+    add('--workers', type=int, default=min(8, os.cpu_count() or 1), help='networks at a time')
+    add('--resume', action='store_true', help='go on with a run that was stopped')
+    add('--dark', action='store_true', help='pictures on a dark ground')
+    return parser

@@ -1,0 +1,1 @@
+"""Bounded least squares of effect models."""

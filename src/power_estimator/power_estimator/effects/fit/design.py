@@ -1,0 +1,332 @@
+"""The linearised design of a model of effects: one reduced column per coefficient."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_estimator.effects import Bend, Effect, Shape, Signals
+from power_estimator.effects.catalogue import regressors_of
+from power_estimator.effects.signals.prepared import Prepared, rate_of
+
+Floats = NDArray[np.float64]
+_SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient
+
+
+@dataclass(frozen=True)
+class Active:
+    """An effect with its shape parameters chosen."""
+
+    effect: Effect
+    shape: tuple[tuple[str, float], ...] = ()
+
+    @classmethod
+    def of(cls, effect: Effect, shape: Shape | None = None) -> 'Active':
+        """With the given shape, or the effect's first."""
+        return cls(effect, tuple((shape if shape is not None else effect.shapes[0]).items()))
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.effect.name
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Shape parameters by name."""
+        return dict(self.shape)
+
+    def columns(self, signals: Signals) -> Floats:
+        """[T, D, n], checked."""
+        return regressors_of(self.effect, signals, self.parameters)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Which effects a model has, in order; measurement terms among them."""
+
+    actives: tuple[Active, ...]
+
+    def __post_init__(self) -> None:
+        names = [active.name for active in self.actives]
+        if len(set(names)) < len(names):
+            raise ValueError(f'an effect twice in {names}')
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effects by name."""
+        return tuple(active.name for active in self.actives)
+
+    @property
+    def free(self) -> tuple[Active, ...]:
+        """Effects with coefficients to fit."""
+        return tuple(active for active in self.actives if active.effect.fixed is None)
+
+    @property
+    def labels(self) -> tuple[tuple[str, int], ...]:
+        """(effect, term) of each of the m columns."""
+        return tuple(
+            (active.name, term) for active in self.free for term in range(len(active.effect.terms))
+        )
+
+    def bounds(self, coefficients: Floats) -> tuple[Floats, Floats]:
+        """
+        Lower and upper bound of each column [D, m].
+
+        A bend may take a share of its effect's coefficient, as it is in coefficients [D, m].
+        """
+        terms = [term for active in self.free for term in active.effect.terms]
+        lower = np.tile([term.lower for term in terms], (len(coefficients), 1))
+        upper = np.tile([term.upper for term in terms], (len(coefficients), 1))
+        for active in self.free:
+            if isinstance(active.effect, Bend):
+                column = self.columns_of(active.name)[0]
+                parents = self.columns_of(active.effect.of.name)
+                size = np.abs(coefficients[:, parents]).sum(axis=1) if parents else 0.0
+                upper[:, column] = active.effect.bend_limit * size
+                lower[:, column] = -upper[:, column]
+        return lower, upper
+
+    def priors(self) -> Floats:
+        """Spread known beforehand of each column [m], infinite where nothing is known."""
+        return np.array([term.prior for active in self.free for term in active.effect.terms])
+
+    def bent(self) -> 'Structure':
+        """With a bend beside every effect that has one."""
+        bends = [
+            Active(Bend(active.effect, active.parameters))
+            for active in self.actives
+            if active.effect.kind == 'physics'
+            and active.effect.bend_limit > 0
+            and f'{active.name}~' not in self.names
+        ]
+        return self.plus(*bends)
+
+    def columns_of(self, name: str) -> list[int]:
+        """Columns that belong to the effect."""
+        return [i for i, (owner, _) in enumerate(self.labels) if owner == name]
+
+    def plus(self, *actives: Active) -> 'Structure':
+        """With more effects."""
+        return Structure((*self.actives, *actives))
+
+    def without(self, name: str) -> 'Structure':
+        """With one effect less."""
+        return Structure(tuple(active for active in self.actives if active.name != name))
+
+
+@dataclass(frozen=True)
+class Design:
+    """
+    A structure linearised about one set of coefficients.
+
+    The model's reduced power is columns @ coefficients + constant.
+    """
+
+    structure: Structure
+    columns: Floats  # [N, D, m]
+    constant: Floats  # W [N, D]
+    lower: Floats  # [D, m]
+    upper: Floats  # [D, m]
+
+
+@dataclass(frozen=True)
+class Underlay:
+    """The power of a model that effects are added to."""
+
+    power: Floats  # W [T, D]
+    copper: Floats  # W/(N·m)² [D], what torque costs in it, for torque that effects add
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where a structure is linearised, with the model's own estimates there."""
+
+    structure: Structure
+    coefficients: Floats  # [D, m]
+    signals: Signals
+    power: Floats  # W [T, D], of the whole model
+    passed: Floats | None  # slope of the whole power by the drawn power [T, D]; None for 1
+
+
+class DesignBuilder:
+    """Builds designs on prepared signals; keeps what no estimate moves."""
+
+    def __init__(self, prepared: Prepared, base: Underlay | None = None) -> None:
+        self.prepared = prepared
+        self.base = base
+        self._reduced: dict[tuple[object, ...], Floats] = {}
+        self._instant: dict[tuple[object, ...], Floats] = {}
+
+    def point(self, structure: Structure, coefficients: Floats) -> Point:
+        """The model's own estimates at coefficients [D, m]."""
+        signals = self.prepared.signals
+        signals = estimates(structure, coefficients, signals, self.base, self._columns)
+        power = signals.drawn.copy()
+        passed: Floats | None = None
+        for active, own in _split(structure, coefficients):
+            if 'drawn' not in active.effect.follows or not own.any():
+                continue
+            power += _weighted(active.columns(signals), own)
+            slope = active.effect.drawn_slope(signals, own[None], **active.parameters)
+            if slope is not None:
+                passed = (1.0 if passed is None else passed) + slope
+        return Point(structure, coefficients, signals, power, passed)
+
+    def build(self, structure: Structure, coefficients: Floats) -> Design:
+        """Linearise about coefficients [D, m]."""
+        point = self.point(structure, coefficients)
+        columns = [self.columns(active, point) for active in structure.free]
+        count = (len(self.prepared.time), len(self.prepared.names))
+        joined = np.concatenate(columns, axis=2) if columns else np.empty((*count, 0))
+        constant = self.constant(point, joined)
+        return Design(structure, joined, constant, *structure.bounds(coefficients))
+
+    def columns(self, active: Active, point: Point) -> Floats:
+        """Reduced derivatives of the power by one effect's coefficients, [N, D, n]."""
+        signals, effect = point.signals, active.effect
+        if effect.acts_on == 'speed':
+            return self.prepared.reduced(self._by_speed(active, point))
+        if effect.acts_on == 'torque':
+            price = (signals.motor_velocity + signals.torque_cost)[..., None]
+            power = self._columns(active, signals) * price
+        elif effect.follows or point.passed is not None:
+            power = self._columns(active, signals)
+        else:
+            return self._reduced_once(active, signals)
+        if point.passed is not None and 'drawn' not in effect.follows:
+            power = power * point.passed[..., None]
+        return self.prepared.reduced(power)
+
+    def constant(self, point: Point, columns: Floats) -> Floats:
+        """What is left of the model's power at the point beside its columns, W [N, D]."""
+        return self.prepared.reduced(point.power) - _weighted(columns, point.coefficients)
+
+    def _by_speed(self, active: Active, point: Point) -> Floats:
+        """Derivatives by coefficients that move the motor's speed, W per unit [T, D, n]."""
+        place = point.structure.columns_of(active.name)
+        structure, coefficients = point.structure, point.coefficients
+        if not place:
+            structure = structure.plus(active)
+            place = structure.columns_of(active.name)
+            extra = np.zeros((len(coefficients), len(place)))
+            coefficients = np.concatenate([coefficients, extra], axis=1)
+        columns = []
+        for column in place:
+            moved = coefficients.copy()
+            moved[:, column] += _SPEED_STEP
+            columns.append((self.point(structure, moved).power - point.power) / _SPEED_STEP)
+        return np.stack(columns, axis=-1)
+
+    def _columns(self, active: Active, signals: Signals) -> Floats:
+        if active.effect.follows or signals.motor_velocity is not signals.velocity:
+            return active.columns(signals)
+        key = (active.name, active.shape)
+        if key not in self._instant:
+            self._instant[key] = active.columns(signals)
+        return self._instant[key]
+
+    def _reduced_once(self, active: Active, signals: Signals) -> Floats:
+        if signals.motor_velocity is not signals.velocity:
+            return self.prepared.reduced(active.columns(signals))
+        key: tuple[object, ...] = (active.name, active.shape)
+        if key not in self._reduced:
+            self._reduced[key] = self.prepared.reduced(active.columns(signals))
+        return self._reduced[key]
+
+
+Source = Callable[[Active, Signals], Floats]
+
+
+def _fresh(active: Active, signals: Signals) -> Floats:
+    return active.columns(signals)
+
+
+def estimates(
+    structure: Structure,
+    coefficients: Floats,
+    signals: Signals,
+    base: Underlay | None = None,
+    source: Source = _fresh,
+) -> Signals:
+    """
+    The signals with the model's own estimates.
+
+    coefficients is [D, m]; base is a model underneath.
+    """
+    parts = _split(structure, coefficients)
+    signals = _with_motion(parts, signals, source)
+    torque = np.zeros_like(signals.torque)
+    for follows in (False, True):
+        before = replace(signals, motor_torque=signals.torque + torque) if follows else signals
+        for active, own in parts:
+            second = 'motor_torque' in active.effect.follows
+            if active.effect.acts_on == 'torque' and second is follows and own.any():
+                torque = torque + _weighted(source(active, before), own)
+    signals = replace(signals, motor_torque=signals.torque + torque)
+    cost = np.zeros_like(torque)
+    if base is not None:
+        cost += 2.0 * base.copper * signals.motor_torque
+    for active, own in parts:
+        slope = active.effect.torque_slope(signals, own[None]) if own.any() else None
+        if slope is not None:
+            cost += slope
+    signals = replace(signals, torque_cost=cost)
+    drawn = torque * signals.motor_velocity
+    if signals.motor_velocity is not signals.velocity:
+        drawn += signals.torque * (signals.motor_velocity - signals.velocity)
+    if base is not None:
+        added = np.square(signals.motor_torque) - np.square(signals.torque)
+        drawn += base.power + base.copper * added
+    for active in structure.actives:
+        if active.effect.fixed is not None:
+            drawn += active.effect.fixed * source(active, signals)[..., 0]
+    for active, own in parts:
+        power = active.effect.acts_on == 'power' and 'drawn' not in active.effect.follows
+        if power and own.any():
+            added = _weighted(source(active, signals), own)
+            drawn += added
+            if active.name == 'idle':
+                signals = replace(signals, electronics=added)
+    return replace(signals, drawn=drawn)
+
+
+def evaluate(
+    structure: Structure, coefficients: Floats, signals: Signals, base: Underlay | None = None
+) -> Floats:
+    """Power of the model in W [T, D] at the rate of the signals."""
+    signals = estimates(structure, coefficients, signals, base)
+    power = signals.drawn
+    for active, own in _split(structure, coefficients):
+        if 'drawn' in active.effect.follows and own.any():
+            power = power + _weighted(active.columns(signals), own)
+    return power
+
+
+def _with_motion(
+    parts: Sequence[tuple[Active, Floats]], signals: Signals, source: Source
+) -> Signals:
+    extra = np.zeros_like(signals.velocity)
+    for active, own in parts:
+        if active.effect.acts_on == 'speed' and own.any():
+            extra += _weighted(source(active, signals), own)
+    if not extra.any():
+        return signals
+    acceleration = signals.acceleration + rate_of(extra, signals.stretches(), signals.rate)
+    return replace(
+        signals, motor_velocity=signals.velocity + extra, motor_acceleration=acceleration
+    )
+
+
+def _weighted(columns: Floats, coefficients: Floats) -> Floats:
+    """[T, D, n] times [D, n] → [T, D]."""
+    return np.einsum('tdn,dn->td', columns, coefficients)
+
+
+def _split(structure: Structure, coefficients: Floats) -> Sequence[tuple[Active, Floats]]:
+    place, out = 0, []
+    for active in structure.free:
+        count = len(active.effect.terms)
+        out.append((active, coefficients[:, place : place + count]))
+        place += count
+    return out

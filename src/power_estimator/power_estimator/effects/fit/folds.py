@@ -1,0 +1,53 @@
+"""Which blocks of a recording are fitted on and which are tested: blocked cross-validation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_estimator.effects.fit.fitter import Blocks
+
+Floats = NDArray[np.float64]
+
+FOLDS = 5
+PIECE = 10
+"""Blocks (of 1 s) that stay together in a fold."""
+EMBARGO = 1
+"""Blocks left out of the training on either side of what is tested."""
+LEAST_MSE = 1e-4
+"""W²: errors below this are alike; keeps the logarithm from rewarding luck."""
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Which blocks are tested together, and which may be trained on then."""
+
+    test: NDArray[np.int32]  # [B], fold of each block
+    training: Floats  # [F, B], 1 where the block may be trained on
+
+    @classmethod
+    def of(cls, blocks: Blocks) -> 'Folds':
+        """
+        Split by recording where there are five or more, else by pieces of 10 s in turn.
+
+        What was not measured on any drive counts in no piece, so that short stretches of
+        measurement far apart come to lie in all folds.
+        An embargo of 1 s beside each tested piece keeps what is autocorrelated out of training.
+        """
+        recordings = np.unique(blocks.recording)
+        count = len(blocks.starts)
+        if len(recordings) >= FOLDS:
+            test = np.searchsorted(recordings, blocks.recording) % FOLDS
+        else:
+            place = np.cumsum(blocks.valid.any(axis=1)) - 1
+            length = int(np.clip((place[-1] + 1) // (3 * FOLDS), 2, PIECE))
+            test = (np.maximum(place, 0) // length) % FOLDS
+        training = np.ones((FOLDS, count))
+        for fold in range(FOLDS):
+            tested = test == fold
+            near = tested.copy()
+            for step in range(1, EMBARGO + 1):
+                near[:-step] |= tested[step:]
+                near[step:] |= tested[:-step]
+            training[fold, near] = 0.0
+        return cls(test.astype(np.int32), training)

@@ -1,0 +1,173 @@
+"""Fit a model of named effects to recordings."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
+
+from power_estimator.drive_types import DriveType, assign, infer_types
+from power_estimator.effects import Catalogue, builtin_catalogue
+from power_estimator.effects.fit.candidate_screener import shaped
+from power_estimator.effects.fit.design import Active, Structure, Underlay
+from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
+from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.model_file.model import EffectModel, Group, Value
+from power_estimator.effects.signals.prepared import Prepared, prepare
+
+Floats = NDArray[np.float64]
+
+LEAST_SECONDS = 20.0
+"""Less than this decides nothing: the slowest walking pattern repeats every second or two."""
+_LEAST_SPEED, _LEAST_TORQUE = 0.05, 0.3  # rad/s, N·m, standard deviations
+
+
+@dataclass(frozen=True)
+class Material:
+    """Prepared signals with the base model's power on them."""
+
+    prepared: Prepared
+    types: tuple[DriveType, ...]
+    underlay: Underlay | None = None
+
+    def fitter(self, *, per_drive: bool = False) -> Fitter:
+        """With drives of a type sharing coefficients unless per_drive."""
+        columns = assign(self.prepared.names, self.types)
+        groups = None if per_drive else [own for own in columns.values() if own]
+        return Fitter(self.prepared, groups=groups, base=self.underlay)
+
+
+def material(
+    data: AlignedDataset,
+    *,
+    per: str = 'type',
+    base: NDArray[np.float32] | None = None,
+    catalogue: Catalogue | None = None,
+) -> Material:
+    """
+    Prepare aligned data (400 Hz, not smoothed) for fitting and judging.
+
+    base: power of the model that effects are added to, W [T, D] for the drives of data. InputError
+    for data that are too short or too still to decide anything, saying what is missing.
+    """
+    if base is not None:
+        data = _without_unknown(data, base)
+    prepared = prepare(data)
+    _require_excitation(prepared)
+    drives = prepared.names
+    types = infer_types(drives)
+    if per == 'drive':
+        types = tuple(DriveType(name, (name,)) for name in drives)
+    underlay = None
+    if base is not None:
+        columns = [data.names.index(name) for name in drives]
+        power = np.nan_to_num(np.asarray(base[:, columns], dtype=np.float64))
+        if len(power) != len(prepared.signals.time):
+            raise InputError('the recording has samples without position, velocity or torque')
+        underlay = Underlay(power, _copper(prepared, catalogue))
+    return Material(prepared, types, underlay)
+
+
+def fit_model(
+    name: str,
+    material: Material,
+    effects: Sequence[Active],
+    catalogue: Catalogue,
+    *,
+    base: str | None = None,
+    fitted_on: Sequence[Mapping[str, str]] = (),
+    seed: int = 0,
+) -> tuple[EffectModel, Fit]:
+    """
+    Fit effects, with the errors of measurement beside them, and their intervals.
+
+    Shapes that an effect leaves open are searched. Returns the model and the fit behind it.
+    """
+    structure = Structure(tuple(effects))
+    terms = measurement_terms(catalogue, shaft='shaft' in structure.names)
+    fitter = material.fitter()
+    whole = shaped(fitter, Folds.of(fitter.blocks), structure.plus(*terms))
+    fit = fitter.fit(whole, iterations=5)
+    intervals = fitter.intervals(fit, seed)
+    chosen = Structure(tuple(a for a in whole.actives if a.effect.kind == 'physics'))
+    model = EffectModel(
+        name=name,
+        structure=chosen,
+        groups=_groups(material, fit, intervals),
+        base=base,
+        fitted_on=tuple(fitted_on),
+    )
+    return model, fit
+
+
+def _groups(material: Material, fit: Fit, intervals: Floats) -> tuple[Group, ...]:
+    prepared = material.prepared
+    voltage = np.median(prepared.signals.voltage, axis=0)
+    groups = []
+    for kind in material.types:
+        own = assign(prepared.names, material.types)[kind.name]
+        if not own:
+            continue
+        first = own[0]
+        coefficients: dict[str, tuple[Value, ...]] = {}
+        measurement: dict[str, Value] = {}
+        for active in fit.structure.free:
+            values = tuple(
+                Value(
+                    float(fit.coefficients[first, column]),
+                    (float(intervals[first, column, 0]), float(intervals[first, column, 1])),
+                )
+                for column in fit.structure.columns_of(active.name)
+            )
+            if active.effect.kind == 'physics':
+                coefficients[active.name] = values
+            elif active.effect.kind == 'measurement':
+                measurement[active.name] = values[0]
+        measurement['time_offset'] = Value(fit.delay, (fit.delay, fit.delay))
+        copper = 0.0 if material.underlay is None else float(material.underlay.copper[first])
+        groups.append(
+            Group(
+                type=kind,
+                coefficients=coefficients,
+                measurement=measurement,
+                velocity_lag=float(np.mean(prepared.lag[own])),
+                voltage=float(np.mean(voltage[own])),
+                copper=copper,
+            )
+        )
+    return tuple(groups)
+
+
+def _require_excitation(prepared: Prepared) -> None:
+    if prepared.seconds < LEAST_SECONDS:
+        raise InputError(
+            f'{", ".join(prepared.recordings)}: {prepared.seconds:.0f} s without gaps decide '
+            f'nothing; record {LEAST_SECONDS:.0f} s or more (a few minutes are better)'
+        )
+    speed = prepared.signals.velocity.std(axis=0)
+    torque = prepared.signals.torque.std(axis=0)
+    still = (speed < _LEAST_SPEED) & (torque < _LEAST_TORQUE)
+    if still.all():
+        raise InputError(
+            f'{", ".join(prepared.recordings)}: no drive moves or is loaded (speed varies by '
+            f'{speed.max():.2f} rad/s, torque by {torque.max():.2f} N·m); record motion at '
+            'several speeds and loads'
+        )
+
+
+def _without_unknown(data: AlignedDataset, base: NDArray[np.float32]) -> AlignedDataset:
+    """The same data with the power unknown where the base model's is."""
+    power = np.where(np.isfinite(base), data.power, np.nan).astype(np.float32)
+    return replace(data, power=power)
+
+
+def _copper(prepared: Prepared, catalogue: Catalogue | None) -> Floats:
+    """What torque costs, W/(N·m)² [D], from a plain model fitted for that alone."""
+    known = catalogue or builtin_catalogue()
+    names = ('shaft', 'copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')
+    structure = Structure(tuple(Active.of(known[name]) for name in names))
+    fit = Fitter(prepared).fit(structure.plus(*measurement_terms(known, shaft=True)))
+    column = fit.structure.columns_of('copper_loss')[0]
+    return np.asarray(fit.coefficients[:, column])

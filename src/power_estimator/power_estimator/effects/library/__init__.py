@@ -1,0 +1,1 @@
+"""Shipped physical effects, one class per file."""

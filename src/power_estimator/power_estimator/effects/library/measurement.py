@@ -1,0 +1,134 @@
+"""Faults of the measurement, which look like physics unless every model may have them."""
+
+import numpy as np
+
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term, share_of_top
+from power_estimator.effects.signals.state import Signals
+
+
+class PowerGain(Effect):
+    """The meter reads a fixed share too much."""
+
+    name = 'power_gain'
+    physics = (
+        'voltage or current is scaled wrongly; shows on the shaft, whose coefficient is known'
+    )
+    formula = 'g·torque·w'
+    terms = (Term('g', '1', -0.04, 0.04, prior=0.02),)
+    kind = 'measurement'
+    near = ('shaft', 'load_friction')
+    excitation = Excitation('calibrate the meter against a reference')
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """Mechanical power."""
+        return (signals.torque * signals.velocity)[..., None]
+
+
+class CurrentOffset(Effect):
+    """The current sensor reads something at zero."""
+
+    name = 'current_offset'
+    physics = 'a zero error of the current sensor times the bus voltage'
+    formula = 'I0·V'
+    terms = (Term('I0', 'A', -0.03, 0.03, prior=0.01),)
+    kind = 'measurement'
+    near = ('idle',)
+    excitation = Excitation('record with the drives switched off: what is left is the offset')
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """The bus voltage."""
+        return signals.voltage[..., None]
+
+
+class TorqueBias(Effect):
+    """The torque sensor reads something at zero."""
+
+    name = 'torque_bias'
+    physics = 'a zero error of the torque sensor'
+    formula = 'b·(w + 2·k·torque)'
+    terms = (Term('b', 'N·m', -0.5, 0.5, prior=0.25),)
+    kind = 'measurement'
+    acts_on = 'torque'
+    excitation = Excitation('the same slow motion in both directions without load')
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """One."""
+        return np.ones_like(signals.torque)[..., None]
+
+
+class OffsetDrift(Effect):
+    """The current sensor's zero wanders."""
+
+    name = 'offset_drift'
+    physics = 'the zero of the current sensor moves while it warms'
+    formula = 'D·V·(time since the middle of the recording in minutes)'
+    terms = (Term('D', 'A/min', -0.02, 0.02, prior=0.005),)
+    kind = 'measurement'
+    near = ('winding_heating',)
+    excitation = Excitation('rest without load at the start and at the end of the recording')
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """Voltage times the time from the recording's middle."""
+        minutes = np.zeros_like(signals.time)
+        for recording in np.unique(signals.recording):
+            rows = signals.recording == recording
+            times = signals.time[rows]
+            minutes[rows] = (times - 0.5 * (times[0] + times[-1])) / 60.0
+        return (minutes[:, None] * signals.voltage)[..., None]
+
+
+class TorqueBend(Effect):
+    """The torque sensor's gain changes with the load."""
+
+    name = 'torque_bend'
+    physics = 'a torque sensor that is not quite linear'
+    formula = 'n·torque·w·|torque|/(highest torque)'
+    terms = (Term('n', '1', -0.03, 0.03, prior=0.01),)
+    kind = 'measurement'
+    near = ('power_gain', 'load_friction')
+    excitation = Excitation('calibrate the torque sensor against weights')
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """Mechanical power times the share of the highest torque."""
+        power = signals.torque * signals.velocity
+        return (power * share_of_top(signals.torque))[..., None]
+
+
+class VelocityLag(Effect):
+    """The velocity comes late through its filter."""
+
+    name = 'velocity_lag'
+    physics = 'the velocity passes a filter that the torque does not pass'
+    formula = 'delta·torque·dw/dt'
+    terms = (Term('delta', 's', -0.003, 0.003, prior=0.0015),)
+    kind = 'measurement'
+    near = ('rotor_inertia', 'time_offset')
+    excitation = Excitation('none needed: position and velocity together show it')
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """Torque times acceleration."""
+        return (signals.torque * signals.acceleration)[..., None]
+
+
+class TimeOffset(Effect):
+    """The power comes late or early against the joint signals."""
+
+    name = 'time_offset'
+    physics = 'power and joint signals are stamped by clocks that differ'
+    formula = 'delta·dP/dt; the fit shifts the power itself'
+    follows = frozenset({'drawn'})
+    terms = (Term('delta', 's', -0.006, 0.022),)
+    kind = 'measurement'
+    near = ('rotor_inertia', 'spring', 'velocity_lag')
+    excitation = Excitation(
+        'steps of torque near standstill',
+        mode='torque',
+        speeds=(0.0,),
+        loads=(-20.0, 20.0),
+        frequency=1.0,
+        seconds=20.0,
+    )
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """Minus the rate of the estimated power."""
+        return -np.gradient(signals.drawn, 1.0 / signals.rate, axis=0)[..., None]

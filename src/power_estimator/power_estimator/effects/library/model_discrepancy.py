@@ -1,0 +1,29 @@
+"""The departure of an active effect from its formula, as a nuisance with a bounded share."""
+
+from power_estimator.effects.effect import Effect, Excitation, Floats, Shape, Term
+from power_estimator.effects.signals.state import Signals
+
+
+class Bend(Effect):
+    """How a real drive departs from the formula of one effect."""
+
+    kind = 'bend'
+    physics = 'the effect as real drives have it, not quite the formula'
+    formula = 'see the effect'
+    terms = (Term('share', '1', -10.0, 10.0),)
+    excitation = Excitation('none')
+
+    def __init__(self, of: Effect, shape: Shape) -> None:
+        self.of = of
+        self.name = f'{of.name}~'  # type: ignore[misc]
+        self.acts_on = of.acts_on  # type: ignore[misc]
+        self.follows = of.follows  # type: ignore[misc]
+        self.bend_limit = of.bend_limit  # type: ignore[misc]
+        self._shape = dict(shape)
+
+    def regressors(self, signals: Signals, **_: float) -> Floats:
+        """The parent's bend."""
+        values = self.of.bend(signals, **self._shape)
+        if values is None:
+            raise ValueError(f'effect {self.of.name!r} has a bend_limit but no bend')
+        return values[..., None]

@@ -1,0 +1,22 @@
+"""Torque that turns the rotor itself."""
+
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.signals.state import Signals
+
+
+class RotorInertia(Effect):
+    """The motor speeds up its rotor and gear before anything reaches the joint."""
+
+    name = 'rotor_inertia'
+    physics = 'accelerating the rotor takes torque that no joint sensor sees'
+    formula = 'J·w·dw/dt + 2·k·J·torque·dw/dt'
+    terms = (Term('J', 'kg·m²', 0.0, 5.0),)
+    acts_on = 'torque'
+    near = ('time_offset', 'velocity_lag', 'spring')
+    excitation = Excitation(
+        'unloaded fast reversals', mode='position', frequency=4.0, amplitude=0.3, seconds=20.0
+    )
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """The acceleration."""
+        return signals.motor_acceleration[..., None]

@@ -1,0 +1,84 @@
+"""Resistance that grows with the winding's temperature."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.signals.state import Signals
+
+REFERENCE = 25.0
+"""°C at which the copper loss has its nominal coefficient."""
+
+COPPER = 0.0039
+"""Relative growth of copper's resistance per kelvin."""
+
+
+class WindingHeating(Effect):
+    """Copper loss grows as the winding warms."""
+
+    name = 'winding_heating'
+    physics = 'a warm winding has more resistance: +0.39 % copper loss per kelvin'
+    formula = "c·motor_torque²·0.0039·dT; dT measured, or time_constant·dT' = torque² − dT"
+    follows = frozenset({'motor_torque'})
+    terms = (
+        Term('c', 'W/((N·m)²·K)'),
+        Term('c0', 'W/(N·m)²'),
+    )
+    near = ('copper_loss',)
+    shapes = (
+        {'time_constant': 0.0},
+        *(
+            {'time_constant': seconds}
+            for seconds in (8.0, 20.0, 50.0, 120.0, 300.0, 700.0, 1500.0)
+        ),
+    )
+    excitation = Excitation(
+        'a hot soak longer than three thermal time constants, then cooling under light load',
+        mode='torque',
+        speeds=(0.0,),
+        loads=(30.0, 5.0),
+        seconds=900.0,
+    )
+
+    def regressors(self, signals: Signals, *, time_constant: float = 0.0, **_: float) -> Floats:
+        """Copper loss per unit coefficient times the winding's rise in temperature."""
+        squared = np.square(signals.motor_torque)
+        if time_constant <= 0.0:
+            rise = np.nan_to_num(signals.temperature - REFERENCE)
+            return np.stack([squared * COPPER * rise, np.zeros_like(squared)], axis=-1)
+        rise, remaining = _thermal_state(signals, time_constant)
+        return np.stack([squared * COPPER * rise, squared * COPPER * remaining], axis=-1)
+
+    def usable(self, signals: Signals, *, time_constant: float = 0.0, **_: float) -> bool:
+        """The measured temperature counts only if it was recorded and moved."""
+        if time_constant > 0.0:
+            return True
+        seen = np.isfinite(signals.temperature)
+        return bool(seen.all() and np.ptp(signals.temperature, axis=0).max() > 1.0)
+
+
+def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floats]:
+    """
+    First-order response to the torque squared, and what is left of the start's state [T, D].
+
+    Gaps inside a recording count as time without load; a new recording starts anew.
+    """
+    rise = np.zeros_like(signals.torque)
+    remaining = np.zeros_like(signals.torque)
+    decay = np.exp(-1.0 / (signals.rate * time_constant))
+    heat = np.square(signals.torque)
+    state = np.zeros(signals.torque.shape[1])
+    begin, previous, last = 0.0, -1, 0.0
+    for part in signals.stretches():
+        recording = int(signals.recording[part.start])
+        start = float(signals.time[part.start])
+        if recording != previous:
+            state, begin = np.zeros_like(state), start
+        else:
+            state = state * np.exp(-max(0.0, start - last) / time_constant)
+        rise[part], _ = lfilter(
+            [1.0 - decay], [1.0, -decay], heat[part], axis=0, zi=(decay * state)[None]
+        )
+        remaining[part] = np.exp(-(signals.time[part] - begin) / time_constant)[:, None]
+        state, previous, last = rise[part.stop - 1], recording, float(signals.time[part.stop - 1])
+    return rise, remaining

@@ -1,0 +1,1 @@
+"""Effect models and their YAML files."""

@@ -1,0 +1,167 @@
+"""A power model made of named effects: what is active, its coefficients, its history."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
+
+from power_estimator.drive_types import DriveType, assign
+from power_estimator.effects import Catalogue, load_catalogue
+from power_estimator.effects.fit.design import Structure, Underlay, evaluate
+from power_estimator.effects.signals.prepared import signals_of
+
+Floats = NDArray[np.float64]
+NOMINAL_VOLTAGE = 48.0
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted number with its 95 % interval."""
+
+    value: float
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Drives that share coefficients."""
+
+    type: DriveType
+    coefficients: Mapping[str, tuple[Value, ...]]  # by effect, one per term
+    measurement: Mapping[str, Value]  # of the recordings it was fitted on
+    velocity_lag: float = 0.0  # s, of the velocity's filter
+    voltage: float = NOMINAL_VOLTAGE  # V, where none is measured
+    copper: float = 0.0  # W/(N·m)², what torque costs in a base model that does not say
+
+
+@dataclass(frozen=True)
+class EffectModel:
+    """
+    Active effects and, once fitted, their coefficients by drive type or by drive.
+
+    Implements PowerModel. A model may stand on another (base: `ppn:RUN` or a proxy), whose power
+    the effects are added to.
+    """
+
+    name: str
+    structure: Structure
+    groups: tuple[Group, ...] = ()
+    base: str | None = None
+    fitted_on: tuple[Mapping[str, str], ...] = ()  # name and sha256
+    history: tuple[Mapping[str, Any], ...] = field(default=())
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the active effects."""
+        return self.structure.names
+
+    @property
+    def fitted(self) -> bool:
+        """Whether it has coefficients."""
+        return bool(self.groups)
+
+    def predict(
+        self, data: AlignedDataset, *, as_measured: bool = False, base: Floats | None = None
+    ) -> NDArray[np.float32]:
+        """
+        Electrical power in W [T, D]; NaN for drives of no known type.
+
+        as_measured adds the errors of the meter that it was fitted with (gain, offset, bias), so
+        that it can be set against that meter. base is the base model's power on the same samples,
+        where it is known already. InputError for a model that is not fitted.
+        """
+        if not self.fitted:
+            raise InputError(
+                f'{self.name}: the model has no coefficients yet; fit it first (ros2 run '
+                'power_lab fit)'
+            )
+        columns = assign(data.names, [group.type for group in self.groups])
+        under = self._base_power(data) if base is None else base
+        result = np.full(data.torque.shape, np.nan, np.float32)
+        known = [(g, columns[g.type.name]) for g in self.groups if columns[g.type.name]]
+        if not known:
+            return result
+        order = [column for _, own in known for column in own]
+        members = [group for group, own in known for _ in own]
+        used = _with_voltage(data.drives([data.names[i] for i in order]), members)
+        lag = np.array([group.velocity_lag for group in members])
+        signals = signals_of(used, lag)
+        layer = None
+        if under is not None:
+            copper = np.array([group.copper for group in members])
+            layer = Underlay(np.asarray(under[:, order], dtype=np.float64), copper)
+        structure, coefficients = self._coefficients(members, as_measured=as_measured)
+        power = evaluate(structure, coefficients, signals, layer)
+        result[:, order] = power
+        return result
+
+    def value(self, group: Group, effect: str) -> tuple[Value, ...]:
+        """Coefficients of an effect; fixed ones have an interval of no width."""
+        found = next(active for active in self.structure.actives if active.name == effect)
+        if found.effect.fixed is not None:
+            return (Value(found.effect.fixed, (found.effect.fixed, found.effect.fixed)),)
+        return group.coefficients[effect]
+
+    def _base_power(self, data: AlignedDataset) -> NDArray[np.float32] | None:
+        if self.base is None:
+            return None
+        from power_estimator.model import load_model
+
+        return load_model(self.base).predict(data)
+
+    def _coefficients(
+        self, members: Sequence[Group], *, as_measured: bool
+    ) -> tuple[Structure, Floats]:
+        structure = self.structure
+        names = {name for group in members for name in group.measurement}
+        if as_measured and names:
+            from power_estimator.effects.fit.fitter import measurement_terms
+
+            terms = measurement_terms(load_catalogue(), shaft='shaft' in self.effects)
+            structure = structure.plus(*(term for term in terms if term.name in names))
+        rows = []
+        for group in members:
+            row: list[float] = []
+            for active in structure.free:
+                if active.effect.kind == 'measurement':
+                    row.append(group.measurement[active.name].value)
+                else:
+                    row += [value.value for value in group.coefficients[active.name]]
+            rows.append(row)
+        return structure, np.array(rows, dtype=np.float64).reshape(len(members), -1)
+
+    def renamed(self, name: str) -> 'EffectModel':
+        """The same under another name."""
+        return replace(self, name=name)
+
+    def with_history(self, *entries: Mapping[str, Any]) -> 'EffectModel':
+        """The same with these entries as its history."""
+        return replace(self, history=tuple(entries))
+
+    def save(self, path: Path) -> None:
+        """Write it as YAML that `load` reads back."""
+        from power_estimator.effects.model_file.yaml_file import write_model
+
+        write_model(self, path)
+
+    @classmethod
+    def load(cls, path: Path, catalogue: Catalogue | None = None) -> 'EffectModel':
+        """
+        Read a model file; InputError names unknown effects, other units and nonsense numbers.
+
+        Effects of one's own must be in the catalogue (load_catalogue).
+        """
+        from power_estimator.effects.model_file.yaml_file import read_model
+
+        return read_model(path, catalogue or load_catalogue())
+
+
+def _with_voltage(data: AlignedDataset, members: Sequence[Group]) -> AlignedDataset:
+    nominal = np.array([group.voltage for group in members], dtype=np.float32)
+    voltage = np.asarray(data.voltage, dtype=np.float32)
+    return replace(data, voltage=np.where(np.isfinite(voltage), voltage, nominal))

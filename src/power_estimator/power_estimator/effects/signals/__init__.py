@@ -1,0 +1,1 @@
+"""Signals that effects are computed from and fitted on."""

@@ -1,0 +1,378 @@
+"""From aligned recordings to what effects are fitted on: corrected signals, reduced products."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
+
+from power_estimator.effects import Signals
+
+Floats = NDArray[np.float64]
+
+CUTOFF = 12.5
+"""Hz, of the zero-phase low-pass that products and power pass alike (Section II-A)."""
+REDUCED_RATE = 50.0
+EARLIEST, LATEST, SHIFT_STEP = -0.006, 0.022, 0.001
+"""Delays of the power against the joint signals that a fit tries, s."""
+_HALF_WIDTH = 0.2  # s, of the low-pass
+_LAG_LIMIT = 0.02  # s
+_UNRESOLVED, _MOST_UNRESOLVED = 4.0, 1 / 7
+_MOVING = 0.05  # rad/s
+
+
+@dataclass(frozen=True)
+class Reducer:
+    """Low-pass at 12.5 Hz and decimation, the same for every product and for the power."""
+
+    rate: float
+    slices: tuple[slice, ...]  # stretches of the input that are long enough
+
+    @property
+    def factor(self) -> int:
+        """Input samples for each reduced one."""
+        return max(1, round(self.rate / REDUCED_RATE))
+
+    @property
+    def margin(self) -> int:
+        """Input samples lost at each end of a stretch: filter and largest shift."""
+        return round(self.rate * (_HALF_WIDTH + max(LATEST, -EARLIEST))) + 1
+
+    def reduce(self, values: Floats, shift: float = 0.0) -> Floats:
+        """[T, ...] → [N, ...]: the low-passed values at time t + shift (s)."""
+        taps = self._taps(shift)
+        start = self.margin - len(taps) // 2
+        parts = [
+            _decimated(np.asarray(values[part], np.float64)[start:], taps, self.factor, count)
+            for part in self.slices
+            if (count := self._count(part))
+        ]
+        return np.concatenate(parts) if parts else np.empty((0, *values.shape[1:]))
+
+    def centres(self) -> NDArray[np.intp]:
+        """Index of the input sample at the middle of each reduced one, [N]."""
+        return np.concatenate(
+            [
+                part.start + self.margin + self.factor * np.arange(self._count(part))
+                for part in self.slices
+            ]
+            or [np.empty(0, dtype=np.intp)]
+        )
+
+    def stretches(self) -> list[slice]:
+        """Gap-free stretches of the reduced samples."""
+        out, start = [], 0
+        for part in self.slices:
+            out.append(slice(start, start + self._count(part)))
+            start += self._count(part)
+        return out
+
+    def _count(self, part: slice) -> int:
+        return max(0, (part.stop - part.start - 2 * self.margin - 1) // self.factor + 1)
+
+    def _taps(self, shift: float) -> Floats:
+        half = self.margin - 1
+        offset = np.arange(-half, half + 1) / self.rate - shift
+        window = np.where(
+            np.abs(offset) < _HALF_WIDTH, 0.54 + 0.46 * np.cos(np.pi * offset / _HALF_WIDTH), 0.0
+        )
+        taps = np.sinc(2.0 * CUTOFF * offset) * window
+        reduced: Floats = (taps / taps.sum())[::-1]
+        return reduced
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """
+    Signals of D measured drives with the power reduced at every delay.
+
+    Reduced arrays have N rows at 50 Hz.
+    """
+
+    signals: Signals  # at the input rate
+    reducer: Reducer
+    power: NDArray[np.float32]  # W [S, N, D], at S delays
+    shifts: Floats  # s [S]
+    time: Floats  # s [N]
+    recording: NDArray[np.int32]  # [N]
+    recordings: tuple[str, ...]
+    lag: Floats  # s [D], of the velocity's filter, corrected
+    noise: Floats  # W [D], of the reduced power
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """D drives."""
+        return self.signals.names
+
+    @property
+    def seconds(self) -> float:
+        """Length of the reduced signals."""
+        return len(self.time) / REDUCED_RATE
+
+    @cached_property
+    def measured(self) -> NDArray[np.bool_]:
+        """[N, D] where the power was measured."""
+        return np.asarray(np.isfinite(self.power).all(axis=0))
+
+    @cached_property
+    def resolved(self) -> NDArray[np.bool_]:
+        """
+        [N, D] where the joint signals are sampled finely enough to multiply.
+
+        What torque·w does between two samples is of the size of torque·(second difference of w)
+        and w·(second difference of torque); where that is many times its usual size in motion (a
+        foot that lands), their product says little. At most a seventh of those rows are left out.
+        """
+        s = self.signals
+        unseen = np.square(s.torque * self._bend(s.velocity))
+        unseen += np.square(s.velocity * self._bend(s.torque))
+        size = np.maximum(self.reduced(unseen), 0.0)
+        moves = np.sqrt(np.maximum(self.reduced(np.square(s.velocity)), 0.0)) > _MOVING
+        in_motion = np.where(moves | ~moves.any(axis=0), size, np.nan)
+        limit = np.square(_UNRESOLVED) * np.nanmedian(in_motion, axis=0)
+        limit = np.maximum(limit, np.nanquantile(in_motion, 1.0 - _MOST_UNRESOLVED, axis=0))
+        return np.asarray(size <= limit)
+
+    def unseen(self, copper: Floats) -> Floats:
+        """
+        Power that passes between the samples of the joint signals unseen, W rms [D].
+
+        What torque·w and copper·torque² (copper in W/(N·m)² [D]) have near half the sampling rate,
+        folded down: as much again, or less, folds down from the sampling rate itself, where
+        nobody sees it.
+        """
+        s = self.signals
+        sign = np.where(np.arange(len(s.torque)) % 2 == 0, 1.0, -1.0)[:, None]
+        parts = [s.torque * s.velocity, copper * np.square(s.torque)]
+        folded = [np.square(self.reduced(part * sign)) for part in parts]
+        used = np.where(self.resolved, folded[0] + folded[1], np.nan)
+        size: Floats = np.sqrt(np.nanmean(used, axis=0))
+        return size
+
+    def _bend(self, values: Floats) -> Floats:
+        out = np.zeros_like(values)
+        for part in self.signals.stretches():
+            out[part][1:-1] = np.diff(values[part], n=2, axis=0)
+        return out
+
+    def power_at(self, delay: float) -> Floats:
+        """Reduced power with its delay against the joint signals (s) taken out, W [N, D]."""
+        place = np.clip((delay - self.shifts[0]) / SHIFT_STEP, 0.0, len(self.shifts) - 1.001)
+        left = int(place)
+        weight = place - left
+        return np.asarray(
+            (1.0 - weight) * self.power[left] + weight * self.power[left + 1], dtype=np.float64
+        )
+
+    def reduced(self, values: Floats) -> Floats:
+        """Any input-rate signal, [T, ...] → [N, ...]."""
+        return self.reducer.reduce(values)
+
+    def state(self) -> dict[str, Floats]:
+        """Reduced signals by name, [N, D], for showing where a model fails."""
+        s = self.signals
+        return {
+            name: self.reduced(values)
+            for name, values in (
+                ('torque', s.torque),
+                ('velocity', s.velocity),
+                ('acceleration', s.acceleration),
+                ('position', s.position),
+                ('torque_rate', s.torque_rate),
+                ('voltage', s.voltage),
+                ('temperature', s.temperature),
+            )
+        }
+
+
+def signals_of(data: AlignedDataset, lag: Floats | None = None) -> Signals:
+    """The dataset's drives as Signals, the velocity's lag (s [D]) taken out where it is given."""
+    velocity = np.asarray(data.velocity, dtype=np.float64)
+    torque = np.asarray(data.torque, dtype=np.float64)
+    position = np.asarray(data.position, dtype=np.float64)
+    if lag is not None:
+        velocity = velocity + lag * _rate_of(velocity, data)
+    acceleration = _rate_of(velocity, data)
+    return Signals(
+        rate=data.rate,
+        names=data.names,
+        time=np.asarray(data.time, dtype=np.float64),
+        segment=data.segment,
+        recording=data.recording,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        torque=torque,
+        torque_rate=_rate_of(torque, data),
+        voltage=np.asarray(data.voltage, dtype=np.float64),
+        temperature=np.asarray(data.temperature, dtype=np.float64),
+        motor_velocity=velocity,
+        motor_acceleration=acceleration,
+        motor_torque=torque,
+        torque_cost=np.zeros_like(torque),
+        electronics=np.zeros_like(torque),
+        drawn=torque * velocity,
+    )
+
+
+def prepare(data: AlignedDataset) -> Prepared:
+    """
+    Correct, check and reduce the drives whose power was measured.
+
+    InputError for data without electrical measurements, with signals missing, or with units that
+    contradict each other.
+    """
+    drives = data.measured_drives()
+    if not drives:
+        raise InputError(
+            'no drive has electrical data (drive_supply): power was not measured in '
+            f'{", ".join(data.recordings) or "these recordings"}'
+        )
+    data = data.drives(drives)
+    for name in ('position', 'velocity', 'torque'):
+        missing = ~np.isfinite(getattr(data, name)).any(axis=0)
+        if missing.any():
+            raise InputError(f'{drives[int(np.argmax(missing))]} has no {name} in joint_states')
+    good = np.isfinite(data.position + data.velocity + data.torque).all(axis=1)
+    data = _fill_voltage(_cut(data, good))
+    lag = velocity_lag(data)
+    signals = signals_of(data, lag)
+    reducer = Reducer(data.rate, _long_enough(signals, data.rate))
+    count = round((LATEST - EARLIEST) / SHIFT_STEP) + 1
+    shifts = np.linspace(EARLIEST, LATEST, count)
+    if not reducer.slices:
+        raise InputError(
+            f'no stretch of {data.time.size / data.rate:.1f} s of data is longer than 1 s without '
+            'a gap'
+        )
+    power = np.stack([reducer.reduce(data.power, shift) for shift in shifts.tolist()])
+    centres = reducer.centres()
+    return Prepared(
+        signals=signals,
+        reducer=reducer,
+        power=power.astype(np.float32),
+        shifts=shifts,
+        time=signals.time[centres],
+        recording=data.recording[centres],
+        recordings=data.recordings,
+        lag=lag,
+        noise=_meter_noise(data, reducer),
+    )
+
+
+def velocity_lag(data: AlignedDataset) -> Floats:
+    """
+    Lag of each drive's velocity behind its position, s [D], from these two sensors alone.
+
+    Regresses dq/dt − w on dw/dt below 12.5 Hz. InputError where velocity is not the rate of the
+    position in the same unit.
+    """
+    reducer = Reducer(data.rate, _long_enough_data(data))
+    if not reducer.slices:
+        return np.zeros(len(data.names))
+    rate = reducer.reduce(_rate_of(np.asarray(data.position, dtype=np.float64), data))
+    velocity = reducer.reduce(data.velocity)
+    acceleration = reducer.reduce(_rate_of(np.asarray(data.velocity, dtype=np.float64), data))
+    lags = np.zeros(len(data.names))
+    for drive, name in enumerate(data.names):
+        moving = velocity[:, drive].std()
+        if moving < 0.02:
+            continue
+        columns = np.stack([velocity[:, drive], acceleration[:, drive]], axis=1)
+        (slope, lag), *_ = np.linalg.lstsq(columns, rate[:, drive], rcond=None)
+        if not 0.7 < slope < 1.4:
+            raise InputError(
+                f'{name}: the rate of position is {slope:.3g} times the velocity; '
+                'are both in radians?'
+            )
+        lags[drive] = np.clip(lag, -_LAG_LIMIT, _LAG_LIMIT)
+    return lags
+
+
+def rate_of(values: Floats, stretches: Iterable[slice], rate: float) -> Floats:
+    """
+    Time derivative [T, D] inside each stretch by central differences.
+
+    These keep energy: the sum of w·dw telescopes however fast w changes.
+    """
+    out = np.zeros_like(values)
+    for part in stretches:
+        if part.stop - part.start > 2:
+            out[part] = np.gradient(values[part], 1.0 / rate, axis=0)
+    return out
+
+
+def _rate_of(values: Floats, data: AlignedDataset) -> Floats:
+    return rate_of(values, data.segments(), data.rate)
+
+
+def _long_enough_data(data: AlignedDataset) -> tuple[slice, ...]:
+    least = 2 * (round(data.rate * (_HALF_WIDTH + LATEST)) + 1) + round(data.rate * 0.5)
+    return tuple(part for part in data.segments() if part.stop - part.start >= least)
+
+
+def _long_enough(signals: Signals, rate: float) -> tuple[slice, ...]:
+    least = 2 * (round(rate * (_HALF_WIDTH + LATEST)) + 1) + round(rate * 0.5)
+    return tuple(part for part in signals.stretches() if part.stop - part.start >= least)
+
+
+def _cut(data: AlignedDataset, good: NDArray[np.bool_]) -> AlignedDataset:
+    if good.all():
+        return data
+    hole = np.concatenate([[0], np.diff((~good).astype(np.int32)) > 0]).cumsum()
+    segment = data.segment.astype(np.int64) * (int(hole.max()) + 1) + hole
+    _, numbered = np.unique(segment, return_inverse=True)
+    return replace(data, segment=numbered.astype(np.int32)).rows(good)
+
+
+def _fill_voltage(data: AlignedDataset) -> AlignedDataset:
+    voltage = np.asarray(data.voltage, dtype=np.float32)
+    if np.isfinite(voltage).all():
+        return data
+    middle = np.nanmedian(voltage) if np.isfinite(voltage).any() else np.float32(48.0)
+    return replace(data, voltage=np.where(np.isfinite(voltage), voltage, middle))
+
+
+def _meter_noise(data: AlignedDataset, reducer: Reducer) -> Floats:
+    """White noise of the power after reduction, W [D], from its quietest half seconds."""
+    length = max(16, round(data.rate / 2))
+    share = float(np.sqrt(np.sum(np.square(reducer._taps(0.0)))))
+    noise = np.full(len(data.names), np.nan)
+    for drive in range(len(data.names)):
+        spreads = []
+        for part in data.segments():
+            rows = np.asarray(data.power[part, drive], dtype=np.float64)
+            kinks = np.diff(rows, n=2) / np.sqrt(6.0)
+            whole = kinks[: len(kinks) // length * length].reshape(-1, length)
+            spreads.append(whole[np.isfinite(whole).all(axis=1)].std(axis=1))
+        joined = np.concatenate(spreads) if spreads else np.empty(0)
+        joined = joined[joined > 0]
+        if joined.size:
+            noise[drive] = share * float(np.quantile(joined, 0.1))
+    return noise
+
+
+def _decimated(values: Floats, taps: Floats, factor: int, count: int) -> Floats:
+    """
+    FIR filter and decimation of values [T, ...] to [count, ...].
+
+    Output i is the sum over k of taps[k]·values[i·factor + len(taps) − 1 − k]. One matrix product
+    over the phases of the filter: three times as fast as scipy's upfirdn along the first axis.
+    """
+    phases = -(-len(taps) // factor)
+    weights = np.zeros(phases * factor)
+    weights[: len(taps)] = taps[::-1]
+    blocks = count - 1 + phases
+    width = int(np.prod(values.shape[1:]))
+    padded = np.zeros((blocks * factor, width))
+    used = values[: (count - 1) * factor + len(taps)]
+    padded[: len(used)] = used.reshape(len(used), width)
+    by_place = padded.reshape(blocks, factor, width).transpose(1, 0, 2).reshape(factor, -1)
+    products = weights.reshape(phases, factor) @ by_place
+    out = np.zeros(count * width)
+    for phase, product in enumerate(products):
+        out += product[phase * width : (phase + count) * width]
+    return out.reshape(count, *values.shape[1:])

@@ -1,0 +1,1 @@
+"""Comparison of power models on held-out data."""

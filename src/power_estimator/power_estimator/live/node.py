@@ -1,0 +1,157 @@
+"""The live estimate: joint states and commands in, power of every drive out at 50 Hz."""
+
+import argparse
+import sys
+import time
+from array import array
+from collections.abc import Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from numpy.typing import NDArray
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import JointState
+from wattwalk_core.command import command
+from wattwalk_core.errors import InputError
+from wattwalk_core.nodes.parameters import DeviceParameters
+from wattwalk_core.nodes.running import run_node
+
+from drive_power_msgs.msg import DriveSupply, PowerEstimate
+from power_estimator.live.estimator import Estimate, LiveConfig
+from power_estimator.live.session import LiveSession, Vector
+from power_estimator.model import load_model
+
+_RELIABLE = ReliabilityPolicy.RELIABLE
+_EXAMPLE = """
+example, with a network trained before:
+  ros2 run power_estimator estimate --ros-args -p model:=ppn:runs/first
+example, against the measurement, shown on diagnostics:
+  ros2 run power_estimator estimate --ros-args -p model:=ppn:runs/first -p compare:=true
+"""
+
+
+class PowerEstimator(Node):
+    """Publishes power_estimate and diagnostics; InputError for bad parameters or models."""
+
+    def __init__(self) -> None:
+        super().__init__('power_estimator')
+        given = DeviceParameters(self)
+        spec = given.text('model', '', 'power model: ppn:RUN or model.yaml')
+        drives = given.text('drives', '', 'drives to estimate, with spaces; empty for all known')
+        compare = given.flag('compare', False, 'compare with drive_supply, on diagnostics')
+        stale = given.real('stale_after', 0.1, 's without joint_states until stale', 0.02, 10.0)
+        timeout = given.real('command_timeout', 0.2, 's a command is held for', 0.01, 60.0)
+        if not spec:
+            raise InputError('parameter model is empty; give -p model:=ppn:RUN or a model.yaml')
+        self._model = spec
+        self._session = LiveSession(
+            load_model(spec),
+            wanted=drives.split(),
+            stale_after=stale,
+            config=LiveConfig(command_timeout=timeout),
+        )
+        qos = QoSProfile(depth=1000, reliability=_RELIABLE)
+        self._estimates = self.create_publisher(
+            PowerEstimate, 'power_estimate', QoSProfile(depth=10, reliability=_RELIABLE)
+        )
+        self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        self.create_subscription(JointState, 'joint_commands', self._on_command, qos)
+        self.create_subscription(JointState, 'joint_states', self._on_state, qos)
+        if compare:
+            self.create_subscription(DriveSupply, 'drive_supply', self._on_supply, qos)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(0.02, self._watch, clock=steady)
+        self.create_timer(1.0, self._diagnose, clock=steady)
+        self._said = ''
+
+    def _on_command(self, message: JointState) -> None:
+        targets = message.position if len(message.position) else [np.nan] * len(message.name)
+        if len(targets) == len(message.name):
+            values = np.array(targets, float)[None]
+            vector = Vector(_ns(message.header.stamp), tuple(message.name), values)
+            self._session.command(vector, time.monotonic())
+
+    def _on_state(self, message: JointState) -> None:
+        rows = (message.position, message.velocity, message.effort)
+        if any(len(row) != len(message.name) for row in rows):
+            self.get_logger().warning(
+                'joint_states without position, velocity and effort of every joint',
+                throttle_duration_sec=10.0,
+            )
+            return
+        vector = Vector(_ns(message.header.stamp), tuple(message.name), np.array(rows, float))
+        estimate = self._session.joint_state(vector, time.monotonic())
+        if estimate is not None:
+            self._publish(estimate)
+            now = self.get_clock().now().nanoseconds
+            self._session.sent((now - estimate.stamp) / 1e9)
+
+    def _on_supply(self, message: DriveSupply) -> None:
+        shape = (-1, len(message.name))
+        power: NDArray[np.float64] = np.asarray(message.voltage, float) * np.asarray(
+            message.current, float
+        )
+        if power.size and power.size % len(message.name) == 0:
+            stamp = _ns(message.header.stamp)
+            mean = power.reshape(shape).mean(axis=0, keepdims=True)
+            self._session.supply(Vector(stamp, tuple(message.name), mean))
+
+    def _publish(self, estimate: Estimate) -> None:
+        message = PowerEstimate(
+            model=self._model,
+            name=list(self._session.drives),
+            power=array('f', estimate.power.astype(np.float32).tobytes()),
+            total=estimate.total,
+            status=int(estimate.status),
+        )
+        message.header.stamp = Time(
+            sec=estimate.stamp // 1_000_000_000, nanosec=estimate.stamp % 1_000_000_000
+        )
+        self._estimates.publish(message)
+
+    def _watch(self) -> None:
+        estimate = self._session.stale(time.monotonic())
+        if estimate is not None:
+            self._publish(estimate)
+
+    def _diagnose(self) -> None:
+        well, sentence, figures = self._session.report(time.monotonic())
+        if sentence != self._said:
+            if well:
+                self.get_logger().info(sentence)
+            else:
+                self.get_logger().warning(sentence)
+            self._said = sentence
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.OK if well else DiagnosticStatus.WARN,
+            name=f'{self.get_name()}: estimate',
+            message=sentence,
+            values=[KeyValue(key=key, value=value) for key, value in figures.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+
+def _ns(stamp: Time) -> int:
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until Ctrl-C; 2 for bad parameters or a model that cannot be loaded."""
+    parser = argparse.ArgumentParser(
+        prog='ros2 run power_estimator estimate',
+        description='Estimates the electrical power of every drive at 50 Hz from joint_states '
+        'and joint_commands.',
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    arguments = sys.argv[1:] if args is None else list(args)
+    parser.parse_args(remove_ros_args(arguments))
+    run_node(PowerEstimator, arguments)
+    return 0

@@ -1,0 +1,51 @@
+"""How the live estimate compares with what is being measured."""
+
+from collections import deque
+
+import numpy as np
+
+from power_estimator.evaluation.scores import r2
+
+
+class LiveScore:
+    """
+    Pairs each estimate with the mean of the measured power over the time it stands for.
+
+    An estimate waits until measurements reach its stamp, so that late samples count as well.
+    """
+
+    def __init__(self, width: float, window: float = 30.0) -> None:
+        """width: s that an estimate stands for; window: s that are looked back on."""
+        self.window = window
+        self._width = round(width * 1e9)
+        self._second = max(1, round(1 / width))
+        self._waiting: deque[tuple[int, float]] = deque(maxlen=100)
+        self._measured: deque[tuple[int, float]] = deque(maxlen=2000)
+        self._pairs: deque[tuple[float, float]] = deque(maxlen=max(1, round(window / width)))
+
+    def measured(self, stamp: int, watts: float) -> None:
+        """Take the measured sum of the drives at a stamp (ns)."""
+        while self._waiting and self._waiting[0][0] < stamp:
+            end, estimated = self._waiting.popleft()
+            while self._measured and self._measured[0][0] <= end - self._width:
+                self._measured.popleft()
+            inside = [w for when, w in self._measured if when <= end]
+            if inside:
+                self._pairs.append((float(np.mean(inside)), estimated))
+        self._measured.append((stamp, watts))
+
+    def estimated(self, stamp: int, watts: float) -> None:
+        """Take the estimated sum over the width before a stamp (ns)."""
+        if np.isfinite(watts):
+            self._waiting.append((stamp, watts))
+
+    def figures(self) -> dict[str, str]:
+        """Means of the last second and R² of the sum over the window; empty before a second."""
+        if len(self._pairs) < self._second:
+            return {}
+        measured, estimated = np.array(self._pairs).T
+        return {
+            'measured': f'{measured[-self._second :].mean():.1f} W over 1 s',
+            'estimated': f'{estimated[-self._second :].mean():.1f} W over 1 s',
+            'R² of the sum': f'{r2(measured, estimated):.3f} over {self.window:.0f} s',
+        }

@@ -1,0 +1,196 @@
+"""What the live node does with messages, and what it says about itself, without ROS."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from power_estimator.drive_types import assign
+from power_estimator.live.estimator import Estimate, LiveConfig, LiveEstimator, Status
+from power_estimator.live.score import LiveScore
+from power_estimator.model import PowerModel
+from power_estimator.network.ppn import PowerPredictionNetwork
+
+Doubles = NDArray[np.float64]
+MESSAGES = {
+    Status.OK: 'estimating',
+    Status.WARMING_UP: 'warming up',
+    Status.OUTSIDE_TRAINING_DATA: 'the robot moves as it never did in the training data',
+}
+
+
+@dataclass(frozen=True)
+class Vector:
+    """Numbers by name, as a message carries them."""
+
+    stamp: int  # ns
+    names: tuple[str, ...]
+    values: Doubles  # [rows, names]
+
+
+class _Columns:
+    """Finds the drives among the names of a message, whose order may be any."""
+
+    def __init__(self, drives: Sequence[str]) -> None:
+        self._drives = drives
+        self._known: dict[tuple[str, ...], list[int] | None] = {}
+
+    def of(self, vector: Vector) -> Doubles | None:
+        """Values [rows, D]; None if a drive is missing."""
+        if vector.names not in self._known:
+            there = all(drive in vector.names for drive in self._drives)
+            columns = [vector.names.index(d) for d in self._drives] if there else None
+            self._known[vector.names] = columns
+        found = self._known[vector.names]
+        return None if found is None else vector.values[:, found]
+
+
+class LiveSession:
+    """
+    Estimates from joint states and commands as they arrive, in any order of names.
+
+    The drives are those that both topics name, that the model knows and that are `wanted` (all if
+    empty). Times of arrival are in s on a steady clock.
+    """
+
+    def __init__(
+        self,
+        model: PowerModel,
+        *,
+        wanted: Sequence[str] = (),
+        stale_after: float = 0.1,
+        config: LiveConfig | None = None,
+    ) -> None:
+        self._model = model
+        self._wanted = tuple(wanted)
+        self._config = config or LiveConfig()
+        self._stale_after = stale_after
+        self._live: LiveEstimator | None = None
+        self._columns = _Columns(())
+        self._first_command: Vector | None = None
+        self._arrived = {'joint_states': -np.inf, 'joint_commands': -np.inf}
+        self._counts = {'joint_states': 0, 'joint_commands': 0, 'power_estimate': 0}
+        self._ages: deque[float] = deque(maxlen=1000)
+        self._score = LiveScore(self._config.block / self._config.rate)
+        self._estimated = -np.inf
+        self._last: Estimate | None = None
+        self._unknown = 0
+
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """The drives that are estimated; empty until both topics have been heard."""
+        return () if self._live is None else self._live.drives
+
+    def command(self, command: Vector, arrival: float) -> None:
+        """Take position targets [1, names] in rad; NaN for none."""
+        self._hear('joint_commands', arrival)
+        if self._live is None:
+            self._first_command = command
+            return
+        found = self._columns.of(command)
+        if found is None:
+            self._unknown += 1
+        else:
+            self._live.command(command.stamp, found[0])
+
+    def joint_state(self, state: Vector, arrival: float) -> Estimate | None:
+        """Take position, velocity and torque [3, names]; give an estimate when one is due."""
+        self._hear('joint_states', arrival)
+        if self._live is None and not self._begin(state, arrival):
+            return None
+        found = self._columns.of(state)
+        if found is None or self._live is None:
+            self._unknown += 1
+            return None
+        estimate = self._live.joint_state(state.stamp, found[0], found[1], found[2])
+        if estimate is None:
+            return None
+        self._estimated = arrival
+        return self._say(estimate)
+
+    def supply(self, measured: Vector) -> None:
+        """Take the measured power of drives [1, names] in W, to be compared with."""
+        found = self._columns.of(measured) if self.drives else None
+        if found is not None:
+            self._score.measured(measured.stamp, float(found[0].sum()))
+
+    def stale(self, now: float) -> Estimate | None:
+        """An estimate that says that there is none, if an input has stopped or lacks targets."""
+        if self._live is None or now - self._estimated <= self._stale_after:
+            return None
+        stamp = self._last.stamp if self._last else 0
+        unknown = np.full(len(self.drives), np.nan, np.float32)
+        return self._say(Estimate(stamp, unknown, Status.INPUT_STALE))
+
+    def sent(self, age: float) -> None:
+        """Note how old (s) an estimate's newest joint state was when it was sent."""
+        self._ages.append(age)
+
+    def report(self, now: float) -> tuple[bool, str, dict[str, str]]:
+        """Whether all is well, in a sentence, and figures since the last report."""
+        counts, self._counts = self._counts, dict.fromkeys(self._counts, 0)
+        status = self._last.status if self._last else Status.WARMING_UP
+        sentence = MESSAGES.get(status, '')
+        for topic, arrived in self._arrived.items():
+            if arrived == -np.inf:
+                status, sentence = Status.INPUT_STALE, f'waiting for {topic}'
+            elif now - arrived > self._stale_after and topic == 'joint_states':
+                status, sentence = Status.INPUT_STALE, f'{topic} have stopped'
+        sentence = sentence or 'joint_commands are stale or have no targets'
+        figures = {
+            'model': self._model.name,
+            'drives': ' '.join(self.drives),
+            **{
+                f'age of {topic}': f'{now - arrived:.2f} s'
+                for topic, arrived in self._arrived.items()
+                if arrived > -np.inf
+            },
+            **{f'{topic} in the last report': str(n) for topic, n in counts.items()},
+            'refused joint states': str(self._live.refused if self._live else 0),
+            'messages without the drives': str(self._unknown),
+        }
+        if self._ages:
+            figures['age p99'] = f'{1e3 * np.percentile(list(self._ages), 99):.2f} ms'
+        if self._last:
+            figures['total'] = f'{self._last.total:.1f} W'
+        figures |= self._score.figures()
+        return status in (Status.OK, Status.WARMING_UP), sentence, figures
+
+    def _hear(self, topic: str, arrival: float) -> None:
+        self._arrived[topic] = arrival
+        self._counts[topic] += 1
+
+    def _begin(self, state: Vector, arrival: float) -> bool:
+        command = self._first_command
+        if command is None:
+            return False
+        missing = [name for name in self._wanted if name not in state.names]
+        if missing:
+            raise InputError(
+                f'drives names {missing[0]!r}, joint_states has {", ".join(state.names)}'
+            )
+        drives = [n for n in self._wanted or state.names if n in command.names]
+        if isinstance(self._model, PowerPredictionNetwork):
+            known = {c for columns in assign(drives, self._model.types).values() for c in columns}
+            drives = [name for column, name in enumerate(drives) if column in known]
+        if not drives:
+            raise InputError(
+                f'{self._model.name} knows none of the joints that joint_states and '
+                f'joint_commands share ({", ".join(state.names)})'
+            )
+        self._live = LiveEstimator(self._model, drives, self._config)
+        self._estimated = arrival
+        self._columns = _Columns(drives)
+        found = self._columns.of(command)
+        if found is not None:
+            self._live.command(command.stamp, found[0])
+        return True
+
+    def _say(self, estimate: Estimate) -> Estimate:
+        self._counts['power_estimate'] += 1
+        self._last = estimate
+        self._score.estimated(estimate.stamp, estimate.total)
+        return estimate

@@ -1,0 +1,1 @@
+"""The Power Prediction Network: training, checkpoints, inference."""

@@ -1,0 +1,325 @@
+"""From aligned recordings to cross-validated networks, one per drive type."""
+
+import threading
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
+
+from power_estimator.drive_types import DriveType, assign
+from power_estimator.evaluation.baseline_model import PlainModel
+from power_estimator.evaluation.comparison import (
+    Comparison,
+    Evaluation,
+    compare,
+    evaluate,
+    merge,
+    rows_of,
+)
+from power_estimator.evaluation.coverage import with_coverage
+from power_estimator.evaluation.traces import Traces, traces
+from power_estimator.evaluation.whole_robot import whole_robot
+from power_estimator.input_checks import check_complete, check_units
+from power_estimator.model import PowerModel
+from power_estimator.network.checkpoint import (
+    Checkpoint,
+    Network,
+    NetworkConfig,
+    TrainingRecording,
+)
+from power_estimator.network.features import features
+from power_estimator.network.intervals import Intervals
+from power_estimator.network.out_of_distribution import Likeness
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.network.protocol import Part, Protocol, runs
+from power_estimator.network.run_folder import RunFolder
+from power_estimator.network.trainer import Tracks, Trainer, TrainingConfig
+from power_estimator.proxies import PROXIES, Proxy
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Job:
+    """The network of one drive type in one fold."""
+
+    type: DriveType
+    fold: int
+
+    @property
+    def name(self) -> str:
+        """How files and progress bars call it."""
+        return f'{self.type.name}-{self.fold}'
+
+
+class CrossValidation:
+    """
+    Trains and judges one network per drive type and fold (Section II-A).
+
+    data holds the smoothed signals that targets and scores are made of; `others` are other
+    features [T, D, 3] of the same samples (as the live node forms them), which training mixes in.
+    targets are what the networks learn, W [T, D], if not the measured power (a teacher's output).
+    """
+
+    def __init__(
+        self,
+        data: AlignedDataset,
+        types: Sequence[DriveType],
+        *,
+        network: NetworkConfig | None = None,
+        training: TrainingConfig | None = None,
+        protocol: Protocol | None = None,
+        others: Sequence[Floats] = (),
+        recordings: Sequence[TrainingRecording] = (),
+        targets: Floats | None = None,
+    ) -> None:
+        network = network or NetworkConfig()
+        protocol = protocol or Protocol(margin=network.history)
+        if protocol.margin < network.history:
+            raise ValueError('the margin between parts is shorter than the history')
+        if abs(data.rate - network.rate) > 1e-3 * network.rate:
+            raise InputError(f'data at {data.rate:g} Hz, the network wants {network.rate:g} Hz')
+        check_units(data)
+        check_complete(data)
+        self.data = data
+        self._targets = data.power if targets is None else targets
+        self.config = network
+        self._training = training or TrainingConfig()
+        self._protocol = protocol
+        self._views = np.stack([features(data), *others])
+        self.recordings = recordings
+        measured = np.isfinite(data.power) & np.isfinite(self._views).all(axis=(0, 3))
+        self._columns = {
+            name: [c for c in columns if measured[:, c].any()]
+            for name, columns in assign(data.names, types).items()
+        }
+        self.types = tuple(t for t in types if self._columns[t.name])
+        if not self.types:
+            raise InputError(
+                f'{", ".join(data.recordings)}: no drive has measured power together with '
+                f'position, command, torque and speed'
+            )
+        self._measured = measured
+        self._segments = {t.name: self._usable(t) for t in self.types}
+        self.jobs = tuple(Job(t, fold) for fold in range(protocol.folds) for t in self.types)
+
+    def labels(self, job: Job) -> NDArray[np.int8]:
+        """Part of each sample [T] for the job."""
+        return self._protocol.labels(self._segments[job.type.name], job.fold)
+
+    def trainer(self, job: Job) -> Trainer:
+        """A fresh trainer of the job's network."""
+        labels = self.labels(job)
+        seed = np.random.SeedSequence(
+            [self._training.seed, job.fold, zlib.crc32(job.type.name.encode())]
+        )
+        try:
+            return Trainer(
+                Tracks.join(self._stretches(job, labels, Part.TRAIN, self._training.chunk)),
+                Tracks.join(
+                    self._stretches(job, labels, Part.VALIDATION, self.config.warm_up + 8)
+                ),
+                hidden=self.config.hidden,
+                warm_up=self.config.warm_up,
+                block=self.config.block,
+                config=replace(self._training, seed=int(seed.generate_state(1)[0]) >> 1),
+            )
+        except InputError as error:
+            raise InputError(f'{self._where(job.type.name)}: {job.type.name}: {error}') from None
+
+    def run(
+        self,
+        folder: RunFolder,
+        progress: Callable[[Job, Trainer], None] = lambda job, trainer: None,
+        workers: int = 2,
+    ) -> dict[Job, Trainer]:
+        """
+        Train all jobs on `workers` threads, each on a core of its own, keeping their state.
+
+        Ctrl-C ends at the next epoch; what was reached stays in the folder.
+        """
+        stop = threading.Event()
+
+        def work(job: Job) -> Trainer:
+            torch.set_num_threads(1)
+            trainer = self.trainer(job)
+            kept = folder.load_state(job.name)
+            if kept is not None:
+                _restore(trainer, kept, job)
+                progress(job, trainer)
+            while not trainer.done and not stop.is_set():
+                trainer.epoch()
+                folder.save_state(job.name, trainer.state())
+                progress(job, trainer)
+            return trainer
+
+        torch.set_num_threads(1)
+        with ThreadPoolExecutor(workers) as pool:
+            futures = {pool.submit(work, job): job for job in self.jobs}
+            try:
+                for future in _completed(futures):
+                    future.result()
+            finally:
+                stop.set()
+                pool.shutdown(cancel_futures=True)
+        return {job: future.result() for future, job in futures.items()}
+
+    def checkpoint(self, fold: int, trainers: Mapping[Job, Trainer]) -> Checkpoint:
+        """The networks of a fold with all that is needed to use and to judge them."""
+        networks = []
+        held_out: dict[str, list[slice]] = {}
+        for job, trainer in trainers.items():
+            if job.fold != fold:
+                continue
+            labels = self.labels(job)
+            x = self._pooled(job, labels == Part.TRAIN)
+            low, high = x.min(axis=0), x.max(axis=0)
+            if self._training.mirror:
+                high = np.maximum(high, -low)
+                low = -high
+            network = Network(
+                job.type,
+                trainer.scaling,
+                (float(low[0]), float(low[1]), float(low[2])),
+                (float(high[0]), float(high[1]), float(high[2])),
+                trainer.best,
+            )
+            intervals = self._intervals(network, labels)
+            likeness = self._likeness(job, labels)
+            networks.append(replace(network, intervals=intervals, likeness=likeness))
+            held_out[job.type.name] = list(runs(labels, self.data.segment, Part.TEST))
+        about = {**asdict(self._training), **asdict(self._protocol), 'fold': fold}
+        recordings = tuple(
+            replace(r, held_out={t: self._spans(runs_, i) for t, runs_ in held_out.items()})
+            for i, r in enumerate(self.recordings)
+        )
+        return Checkpoint(
+            self.config, tuple(networks), recordings, about, version('power_estimator')
+        )
+
+    def test(self, fold: int, checkpoint: Checkpoint) -> tuple[dict[str, Evaluation], Traces]:
+        """
+        Scores of the networks, all proxies and the plain model on the fold's test part.
+
+        And what a picture of it shows.
+        """
+        ppn = PowerPredictionNetwork(checkpoint)
+        jobs = [job for job in self.jobs if job.fold == fold]
+        labels = [self.labels(job) for job in jobs]
+        parts = []
+        for job, label in zip(jobs, labels, strict=True):
+            found = self._compare(ppn, label, self._columns[job.type.name])[0]
+            part = evaluate(found, [job.type])
+            part['ppn'] = with_coverage(part['ppn'], found, 'ppn', ppn, [job.type])
+            parts.append(part)
+        scores = merge(parts)
+        label, robot = labels[-1], None
+        columns = self._columns[jobs[-1].type.name]
+        if all(np.array_equal(label, other) for other in labels):
+            columns = sorted(c for cs in self._columns.values() for c in cs)
+        comparison, models = self._compare(ppn, label, columns)
+        totals = evaluate(comparison, self.types)
+        if len(columns) > len(self._columns[jobs[-1].type.name]) or len(jobs) == 1:
+            test, training = (rows_of(self.data, label, p) for p in (Part.TEST, Part.TRAIN))
+            robot = whole_robot(models, test, training)
+            supplies = robot.scores() if robot else {}
+            scores = {
+                m: replace(e, total=totals[m].total, supply=supplies.get(m))
+                for m, e in scores.items()
+            }
+        r2s = {d: s.r2 for d, s in scores['ppn'].drives.items()}
+        return scores, traces(comparison, r2s, robot)
+
+    def _compare(
+        self, ppn: PowerModel, labels: NDArray[np.int8], columns: Sequence[int]
+    ) -> tuple[Comparison, list[PowerModel]]:
+        drives = self.data.drives([self.data.names[c] for c in columns])
+        training = rows_of(drives, labels, Part.TRAIN)
+        models: list[PowerModel] = [ppn]
+        models += [Proxy(name).fit(training, self.types) for name in PROXIES]
+        with suppress(InputError):
+            models.append(PlainModel().fit(training, self.types))
+        return compare(models, rows_of(drives, labels, Part.TEST)), models
+
+    def _intervals(self, network: Network, labels: NDArray[np.int8]) -> Intervals | None:
+        ppn = PowerPredictionNetwork(Checkpoint(self.config, (network,)))
+        names = [self.data.names[c] for c in self._columns[network.type.name]]
+        found = compare([ppn], rows_of(self.data.drives(names), labels, Part.VALIDATION))
+        return Intervals.fit(found.measured, found.estimated[ppn.name])
+
+    def _likeness(self, job: Job, labels: NDArray[np.int8]) -> Likeness | None:
+        block = self.config.block
+        found = []
+        for x, _ in self._stretches(job, labels, Part.TRAIN, block):
+            count = x.shape[1] // block
+            found.append(x[:, : count * block].reshape(-1, block, x.shape[2]))
+        return Likeness.fit(np.concatenate(found), self._training.mirror) if found else None
+
+    def _where(self, kind: str) -> str:
+        rows = self._segments[kind] >= 0
+        return ', '.join(self.data.recordings[i] for i in np.unique(self.data.recording[rows]))
+
+    def _usable(self, kind: DriveType) -> NDArray[np.int32]:
+        used = self._measured[:, self._columns[kind.name]].any(axis=1)
+        if np.count_nonzero(used) < self._protocol.minimum():
+            need = self._protocol.minimum() / self.data.rate
+            where = [
+                n
+                for i, n in enumerate(self.data.recordings)
+                if used[self.data.recording == i].any()
+            ]
+            raise InputError(
+                f'{", ".join(where)}: {kind.name} was measured for '
+                f'{np.count_nonzero(used) / self.data.rate:.1f} s; training needs {need:.0f} s'
+            )
+        return np.where(used, self.data.segment, -1)
+
+    def _stretches(
+        self, job: Job, labels: NDArray[np.int8], part: Part, shortest: int
+    ) -> list[tuple[Floats, Floats]]:
+        found = []
+        for column in self._columns[job.type.name]:
+            usable = self._measured[:, column] & np.isfinite(self._targets[:, column])
+            there = np.where(usable, labels, Part.UNUSED)
+            found += [
+                (self._views[:, run, column], self._targets[run, column])
+                for run in runs(there, self.data.segment, part, shortest)
+            ]
+        return found
+
+    def _pooled(self, job: Job, rows: NDArray[np.bool_]) -> Floats:
+        columns = self._columns[job.type.name]
+        used = rows[:, None] & self._measured[:, columns]
+        return self._views[:, :, columns][:, used].reshape(-1, self._views.shape[3])
+
+    def _spans(self, stretches: Sequence[slice], recording: int) -> list[list[float]]:
+        return [
+            [float(self.data.time[s.start]), float(self.data.time[s.stop - 1])]
+            for s in stretches
+            if self.data.recording[s.start] == recording
+        ]
+
+
+def _restore(trainer: Trainer, kept: Mapping[str, NDArray[np.floating]], job: Job) -> None:
+    try:
+        trainer.restore(kept)
+    except (KeyError, RuntimeError, ValueError, TypeError) as error:
+        raise InputError(
+            f'the state of {job.name} does not fit ({type(error).__name__}); start another run'
+        ) from None
+
+
+def _completed(futures: Mapping[Future[Trainer], Job]) -> Iterator[Future[Trainer]]:
+    """Futures as they end; waits in pieces, so that Ctrl-C is served."""
+    pending = set(futures)
+    while pending:
+        done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
+        yield from done

@@ -1,0 +1,109 @@
+"""A small network that says what a large one says, cheap enough for a reward in training."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
+
+from power_estimator.evaluation.comparison import (
+    Comparison,
+    Evaluation,
+    compare,
+    evaluate,
+    merge,
+    rows_of,
+)
+from power_estimator.network.checkpoint import Checkpoint
+from power_estimator.network.cross_validation import CrossValidation, Job
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.network.protocol import Part, Protocol
+from power_estimator.network.trainer import Trainer, TrainingConfig
+from power_estimator.recordings import TrainingSet, describe, held_out
+
+TEACHER, STUDENT = 'teacher', 'student'
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Teacher and student on what neither was trained on."""
+
+    smoothed: Mapping[str, Evaluation]  # against measured power, by model
+    live: Mapping[str, Evaluation]  # the same with the features that a live node forms
+    imitation: Mapping[str, float]  # R² of the student against the teacher, by drive type
+
+
+class Distillation:
+    """
+    Trains a student on the teacher's outputs for the recordings' signals.
+
+    The recordings are shared out as for the teacher, so that what it has not seen is kept from
+    the student too. Both are judged there against the measured power.
+    """
+
+    def __init__(
+        self,
+        teacher: PowerPredictionNetwork,
+        given: TrainingSet,
+        *,
+        hidden: int,
+        training: TrainingConfig,
+    ) -> None:
+        """InputError if the recordings are too short or the teacher does not know the drives."""
+        config = teacher.checkpoint.config
+        if hidden >= config.hidden:
+            raise InputError(f'hidden = {hidden} is not below the {config.hidden} of the teacher')
+        about = teacher.checkpoint.training
+        if about.get('fold', 0) != 0:
+            raise InputError('the teacher is not of fold 0; give the run folder it belongs to')
+        self.teacher, self._given = teacher, given
+        self.validation = CrossValidation(
+            given.data,
+            teacher.types,
+            network=replace(config, hidden=hidden),
+            training=training,
+            protocol=Protocol(int(about.get('segments', 6)), 1, config.history),
+            others=[given.live],
+            recordings=given.recordings,
+            targets=teacher.predict(given.data),
+        )
+
+    def checkpoint(self, trainers: Mapping[Job, Trainer], spec: str) -> Checkpoint:
+        """The student; spec says who its teacher was."""
+        found = self.validation.checkpoint(0, trainers)
+        return replace(found, training={**found.training, 'teacher': spec})
+
+    def judge(self, checkpoint: Checkpoint) -> Judgement:
+        """R² of both on the test parts, with smoothed and with live features."""
+        student = PowerPredictionNetwork(checkpoint, STUDENT)
+        teacher = PowerPredictionNetwork(self.teacher.checkpoint, TEACHER)
+        smoothed, live, imitation = [], [], {}
+        for job in self.validation.jobs:
+            found = self._compare([teacher, student], self._given.data, job)
+            smoothed.append(evaluate(found, [job.type]))
+            said = replace(found, measured=found.estimated[TEACHER])
+            imitation[job.type.name] = evaluate(said, [job.type])[STUDENT].types[job.type.name].r2
+            found = self._compare([teacher, student], self._given.as_live(), job)
+            live.append(evaluate(found, [job.type]))
+        return Judgement(merge(smoothed), merge(live), imitation)
+
+    def _compare(
+        self, models: Sequence[PowerPredictionNetwork], data: AlignedDataset, job: Job
+    ) -> Comparison:
+        names = [name for name in data.names if job.type.matches(name)]
+        return compare(models, rows_of(data.drives(names), self._unseen(job), Part.TEST))
+
+    def _unseen(self, job: Job) -> NDArray[np.int8]:
+        labels = self.validation.labels(job)
+        known = self.teacher.checkpoint.recordings
+        allowed = held_out(self._given.data, self._given.recordings, known, job.type.name)
+        return np.where(allowed, labels, Part.UNUSED).astype(np.int8)
+
+
+def in_order_of(teacher: PowerPredictionNetwork, bags: Sequence[Path]) -> list[Path]:
+    """Recordings in the order in which the teacher was trained on them; new ones come last."""
+    order = {r.sha256: i for i, r in enumerate(teacher.checkpoint.recordings)}
+    return sorted(bags, key=lambda bag: order.get(describe(bag).sha256, len(order)))

@@ -1,0 +1,63 @@
+"""What power models look at: position error, torque and speed of each drive (Section II-A)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
+
+Floats = NDArray[np.float32]
+FEATURES = ('position_error', 'torque', 'velocity')
+UNITS = ('rad', 'N·m', 'rad/s')
+PLAUSIBLE = (10.0, 2000.0, 200.0)  # above: not rad, N·m, rad/s of a robot's joint
+
+
+def features(data: AlignedDataset) -> Floats:
+    """Features [T, D, 3] in the order and units of FEATURES; NaN where one was not recorded."""
+    return np.stack([data.position_error, data.torque, data.velocity], axis=2)
+
+
+def finite_runs(values: Floats, data: AlignedDataset, shortest: int = 1) -> Iterator[slice]:
+    """Stretches of rows [T, …] without NaN that lie in one segment of the dataset."""
+    good = np.all(np.isfinite(values.reshape(len(values), -1)), axis=1)
+    for run in data.segments():
+        inside = np.flatnonzero(np.diff(np.r_[False, good[run], False].astype(np.int8)))
+        for start, stop in inside.reshape(-1, 2):
+            if stop - start >= shortest:
+                yield slice(run.start + int(start), run.start + int(stop))
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Mean and scale of features [3] and power; the network sees (x − mean) / scale."""
+
+    mean: tuple[float, float, float]
+    scale: tuple[float, float, float]
+    power_mean: float  # W
+    power_scale: float  # W
+
+    def __post_init__(self) -> None:
+        numbers = (*self.mean, *self.scale, self.power_mean, self.power_scale)
+        if len(numbers) != 2 * len(FEATURES) + 2 or not np.isfinite(numbers).all():
+            raise InputError(f'scaling {numbers} is not eight finite numbers')
+        if min(*self.scale, self.power_scale) <= 0:
+            raise InputError(f'scaling {numbers} has a scale that is not positive')
+
+    @classmethod
+    def of(cls, values: Floats, power: Floats, mirror: bool = False) -> 'Scaling':
+        """
+        Of features [N, 3] and power [N] without NaN; InputError if one of them is constant.
+
+        With `mirror` the mean is 0, so that a motion and its mirror image differ in sign alone.
+        """
+        mean, scale = values.mean(axis=0, dtype=float), values.std(axis=0, dtype=float)
+        constant = [name for name, s in zip(FEATURES, scale, strict=True) if s < 1e-6]
+        if constant or power.std() < 1e-6:
+            raise InputError(f'{(*constant, "power")[0]} is constant: nothing to learn from')
+        if mirror:
+            mean, scale = np.zeros(3), np.hypot(mean, scale)
+        a, b, c = (float(np.float32(x)) for x in mean)
+        d, e, f = (float(np.float32(x)) for x in scale)
+        return cls((a, b, c), (d, e, f), float(power.mean(dtype=float)), float(power.std()))

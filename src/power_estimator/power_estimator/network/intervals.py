@@ -1,0 +1,91 @@
+"""How far an estimate may be off: split-conformal intervals by predicted power."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+Floats = NDArray[np.float32]
+LEVEL = 0.9
+_BINS = 8
+_IN_A_BIN = 100  # residuals that a quantile of 5 % may rest on
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """
+    Where the measured power of an estimate at 50 Hz lies with probability `level`.
+
+    Bins of estimated power have their own widths, from residuals that the network was not
+    trained on (split-conformal prediction; Lei et al. 2018, by bin as Boström et al. 2021). The
+    level is nominal: residuals that follow each other closely, or that training was stopped by,
+    are not exchangeable with new ones, so that no coverage is guaranteed.
+    """
+
+    level: float
+    edges: tuple[float, ...]  # W, between the n bins [n − 1]
+    below: tuple[float, ...]  # W that the measured power may lie below the estimate [n]
+    above: tuple[float, ...]  # W that it may lie above [n]
+
+    def __post_init__(self) -> None:
+        numbers = (*self.edges, *self.below, *self.above)
+        if not 0 < self.level < 1:
+            raise InputError(f'interval level = {self.level} is not within 0 … 1')
+        sizes = len(self.edges) + 1 == len(self.below) == len(self.above)
+        if not sizes or not np.isfinite(numbers).all() or list(self.edges) != sorted(self.edges):
+            raise InputError(f'intervals {numbers} are not finite numbers by ascending bins')
+
+    @classmethod
+    def fit(cls, measured: Floats, estimated: Floats, level: float = LEVEL) -> 'Intervals | None':
+        """
+        From pairs [N] at 50 Hz that the network was not trained on; None if there are few.
+
+        Equal estimates stay in one bin, and no bin has fewer than 100 pairs.
+        """
+        both = np.isfinite(measured) & np.isfinite(estimated)
+        y, f = measured[both].astype(float), estimated[both].astype(float)
+        bins = min(_BINS, len(y) // _IN_A_BIN)
+        if bins < 1:
+            return None
+        edges = _edges(f, bins)
+        index = np.searchsorted(edges, f, side='right')
+        below, above = [], []
+        for number in range(len(edges) + 1):
+            error = np.sort((y - f)[index == number])
+            rank = max(1, math.floor((len(error) + 1) * (1 - level) / 2))
+            below.append(-float(error[rank - 1]))
+            above.append(float(error[-rank]))
+        return cls(level, edges, tuple(below), tuple(above))
+
+    def around(self, estimated: Floats) -> tuple[Floats, Floats]:
+        """Lowest and highest power in W to be expected, of the shape of the estimates."""
+        index = np.searchsorted(np.array(self.edges), estimated, side='right')
+        low = estimated - np.array(self.below, np.float32)[index]
+        return low, estimated + np.array(self.above, np.float32)[index]
+
+    def content(self) -> dict[str, Any]:
+        """As lists and numbers, for a card."""
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> 'Intervals':
+        """From `content`; KeyError, TypeError or InputError for anything else."""
+        lists = (tuple(float(v) for v in content[k]) for k in ('edges', 'below', 'above'))
+        return cls(float(content['level']), *lists)
+
+
+def _edges(estimated: NDArray[np.float64], bins: int) -> tuple[float, ...]:
+    """Quantiles between at most `bins` bins; fewer where ties would leave one with too few."""
+    ordered = np.sort(estimated)
+    kept: list[float] = []
+    begin = 0
+    for edge in np.unique(np.quantile(ordered, np.arange(1, bins) / bins)).tolist():
+        end = int(np.searchsorted(ordered, edge))
+        if min(end - begin, len(ordered) - end) >= _IN_A_BIN:
+            kept.append(edge)
+            begin = end
+    return tuple(kept)

@@ -1,0 +1,152 @@
+"""The Power Prediction Network as a power model: windowed, and with carried state."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
+
+from power_estimator.drive_types import assign
+from power_estimator.evaluation.scores import block_means
+from power_estimator.network.checkpoint import Checkpoint
+from power_estimator.network.features import FEATURES, features
+from power_estimator.network.lstm import LstmBank
+from power_estimator.network.out_of_distribution import Guard, Likeness
+
+Floats = NDArray[np.float32]
+
+
+class PowerPredictionNetwork:
+    """
+    LSTM from position error, torque and speed to watts (Section II-A), one per drive type.
+
+    `predict` carries the state from sample to sample; `predict_windowed` is the paper's form,
+    which starts anew from 0.3 s of history for each estimate.
+    """
+
+    def __init__(self, checkpoint: Checkpoint, name: str = 'ppn') -> None:
+        self.checkpoint = checkpoint
+        self.name = name
+        self.types = tuple(network.type for network in checkpoint.networks)
+        self._networks = {n.type.name: (n.weights, n.scaling) for n in checkpoint.networks}
+
+    @classmethod
+    def load(cls, path: Path) -> 'PowerPredictionNetwork':
+        """From a run folder or a file; InputError names the file and what is wrong."""
+        return cls(Checkpoint.load(path))
+
+    def stream(self, drives: Sequence[str]) -> LstmBank:
+        """One network per drive with carried state; InputError if no drive is known."""
+        columns = assign(drives, self.types)
+        if not any(columns.values()):
+            patterns = ', '.join(p for t in self.types for p in t.patterns)
+            raise InputError(
+                f'{self.name} knows drives named {patterns}; the input has {", ".join(drives)}'
+            )
+        return LstmBank(self._networks, columns, len(drives))
+
+    def range_of(self, drives: Sequence[str]) -> tuple[Floats, Floats]:
+        """Lowest and highest features [D, 3] in the training data; NaN for unknown drives."""
+        low = np.full((len(drives), len(FEATURES)), np.nan, np.float32)
+        high = low.copy()
+        columns = assign(drives, self.types)
+        for network in self.checkpoint.networks:
+            low[columns[network.type.name]] = network.low
+            high[columns[network.type.name]] = network.high
+        return low, high
+
+    def guard(self, drives: Sequence[str]) -> Guard:
+        """What tells whether drives move unlike their training data; never for unknown ones."""
+        known: list[Likeness | None] = [None] * len(drives)
+        columns = assign(drives, self.types)
+        for network in self.checkpoint.networks:
+            for column in columns[network.type.name]:
+                known[column] = network.likeness
+        return Guard(known)
+
+    def interval(self, power: Floats, drives: Sequence[str]) -> tuple[Floats, Floats]:
+        """
+        Lowest and highest power in W [N, D] to be expected of estimates [N, D] at 50 Hz.
+
+        NaN for drives of no known type and for networks without intervals.
+        """
+        low = np.full(power.shape, np.nan, np.float32)
+        high = low.copy()
+        columns = assign(drives, self.types)
+        for network in self.checkpoint.networks:
+            own = columns[network.type.name]
+            if network.intervals is not None and own:
+                low[:, own], high[:, own] = network.intervals.around(power[:, own])
+        return low, high
+
+    def predict(self, data: AlignedDataset) -> Floats:
+        """
+        Watts [T, D] with carried state.
+
+        NaN for drives of no known type, where a feature is missing and for warm_up samples after.
+        Data at a multiple of the network's rate is averaged down and the estimate held.
+        """
+        config = self.checkpoint.config
+        times = round(data.rate / config.rate)
+        if times < 1 or abs(data.rate - times * config.rate) > 1e-3 * config.rate:
+            raise InputError(
+                f'{self.name} runs at {config.rate:g} Hz or a multiple; '
+                f'{", ".join(data.recordings)} is aligned to {data.rate:g} Hz'
+            )
+        x = features(data)
+        borders = np.zeros(len(x), bool)
+        borders[[run.start for run in data.segments()]] = True
+        if times == 1:
+            return self._carried(x, borders, data.names)
+        result = np.full(x.shape[:2], np.nan, np.float32)
+        for run in data.segments():
+            rows = block_means(x, [run], times)
+            first = np.zeros(len(rows), bool)
+            first[:1] = True
+            held = np.repeat(self._carried(rows, first, data.names), times, axis=0)
+            result[run.start : run.start + len(held)] = held
+        return result
+
+    def _carried(self, x: Floats, borders: NDArray[np.bool_], drives: Sequence[str]) -> Floats:
+        bank = self.stream(drives)
+        good = np.all(np.isfinite(x), axis=2)
+        fresh = good & (borders[:, None] | ~np.vstack([good[:1], good[:-1]]))
+        power = bank.run(np.where(good[..., None], x, 0), fresh)
+        index = np.arange(len(x))[:, None]
+        since = index - np.maximum.accumulate(np.where(fresh, index, 0), axis=0)
+        power[~good | (since < self.checkpoint.config.warm_up)] = np.nan
+        return power
+
+    def predict_windowed(self, data: AlignedDataset) -> Floats:
+        """
+        Estimates [N, D] at 50 Hz, each from its own window of history and a state of zero.
+
+        One per block of four rows inside each segment, as `block_means` cuts them; NaN where the
+        window reaches over the start of a gap-free stretch.
+        """
+        config = self.checkpoint.config
+        x = features(data)
+        types = assign(data.names, self.types)
+        parts = []
+        for run in data.segments():
+            count = (run.stop - run.start) // config.block
+            result = np.full((count, len(data.names)), np.nan, np.float32)
+            ends = run.start + (np.arange(count) + 1) * config.block
+            for name, columns in types.items():
+                for column in columns:
+                    result[:, column] = self._windows(name, x[:, column], ends, run.start)
+            parts.append(result)
+        return np.concatenate(parts) if parts else np.empty((0, len(data.names)), np.float32)
+
+    def _windows(self, name: str, x: Floats, ends: NDArray[np.intp], start: int) -> Floats:
+        config = self.checkpoint.config
+        result = np.full(len(ends), np.nan, np.float32)
+        inside = np.flatnonzero(ends - start >= config.history)
+        for part in np.array_split(inside, max(1, len(inside) // 512)):
+            rows = ends[part] - config.history + np.arange(config.history)[:, None]
+            bank = LstmBank({name: self._networks[name]}, {name: range(len(part))}, len(part))
+            if len(part):
+                result[part] = bank.run(x[rows])[-config.block :].mean(axis=0)
+        return result

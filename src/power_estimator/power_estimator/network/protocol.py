@@ -1,0 +1,86 @@
+"""Who may see which sample: the paper's six segments of 80/10/10, its folds, no overlap."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+TENTHS = 10
+
+
+class Part(IntEnum):
+    """What a sample is for."""
+
+    UNUSED = -1
+    TRAIN = 0
+    VALIDATION = 1
+    TEST = 2
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """
+    How measured samples are shared out (Section II-A).
+
+    The samples are cut into `segments` equal stretches and each of them into ten parts: eight
+    train, one validates, one tests. Fold 0 tests on the last tenth; the other folds move the
+    testing tenth (and the validating one before it) evenly through the stretch, so that with up
+    to ten folds no sample is tested twice. Where the set changes, `margin` samples are dropped, so
+    that neither a window of that history nor a zero-phase filter looks into another set.
+    """
+
+    segments: int = 6
+    folds: int = 6
+    margin: int = 60  # samples, the history of the network
+
+    def __post_init__(self) -> None:
+        for name, low, high in (('segments', 1, 60), ('folds', 1, TENTHS), ('margin', 0, 10_000)):
+            if not low <= getattr(self, name) <= high:
+                raise InputError(f'{name} = {getattr(self, name)} is not within {low} … {high}')
+
+    def minimum(self) -> int:
+        """Samples below which the protocol has parts too short to learn from or to test on."""
+        return self.segments * TENTHS * max(2 * self.margin, 8)
+
+    def labels(self, segment: NDArray[np.integer], fold: int) -> NDArray[np.int8]:
+        """
+        Part of each sample [T] in one fold.
+
+        segment [T] numbers the gap-free stretches; below zero is a sample that cannot be used.
+        """
+        if not 0 <= fold < self.folds:
+            raise ValueError(f'fold {fold} is not within 0 … {self.folds - 1}')
+        segment = np.asarray(segment)
+        usable = np.flatnonzero(segment >= 0)
+        if usable.size < self.minimum():
+            raise InputError(
+                f'{usable.size} samples are too few for {self.segments} segments of 80/10/10; '
+                f'record at least {self.minimum()} or ask for fewer segments'
+            )
+        rank = np.arange(usable.size)
+        tenth = rank * (self.segments * TENTHS) // usable.size % TENTHS
+        test = TENTHS - 1 - fold * TENTHS // self.folds
+        labels = np.full(segment.shape, Part.UNUSED, np.int8)
+        labels[usable] = Part.TRAIN
+        labels[usable[tenth == test]] = Part.TEST
+        labels[usable[tenth == (test - 1) % TENTHS]] = Part.VALIDATION
+        change = np.flatnonzero(np.diff(labels[usable]))
+        for border in change + 1:
+            labels[usable[border : border + self.margin]] = Part.UNUSED
+        return labels
+
+
+def runs(
+    labels: NDArray[np.int8], segment: NDArray[np.integer], part: Part, shortest: int = 1
+) -> Iterator[slice]:
+    """Stretches of rows of one part that lie in one segment and have at least `shortest` rows."""
+    inside = labels == part
+    border = np.flatnonzero((np.diff(inside.astype(np.int8)) != 0) | (np.diff(segment) != 0)) + 1
+    edges = [0, *border.tolist(), len(labels)]
+    for start, stop in pairwise(edges):
+        if stop - start >= max(shortest, 1) and inside[start]:
+            yield slice(start, stop)

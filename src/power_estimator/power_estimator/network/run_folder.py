@@ -1,0 +1,107 @@
+"""The folder that a training run writes and continues from."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+
+from power_estimator.network.checkpoint import FILE, Checkpoint
+
+CONFIG = 'config.yaml'
+RECORDINGS = 'recordings.yaml'
+TABLE = 'table.json'
+CURVES = 'curves.json'
+
+
+class RunFolder:
+    """
+    config.yaml, recordings.yaml (cards and hashes), curves.json, table.json, model.safetensors.
+
+    `folds/N.safetensors` holds the networks of each fold; model.safetensors is fold 0. While a run
+    is under way `state/` holds what `--resume` goes on from.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._state = path / 'state'
+        self._folds = path / 'folds'
+
+    def start(self, config: Mapping[str, Any], recordings: list[dict[str, Any]]) -> None:
+        """Begin a run; InputError if the folder exists or cannot be made."""
+        if self.path.exists():
+            raise InputError(f'{self.path} exists already: give --resume or another folder')
+        try:
+            self._state.mkdir(parents=True)
+            self._folds.mkdir()
+        except OSError as error:
+            raise InputError(f'{self.path} cannot be made: {error.strerror}') from None
+        self._yaml(RECORDINGS, recordings)
+        self._yaml(CONFIG, config)
+
+    def resume(self, config: Mapping[str, Any], recordings: list[dict[str, Any]]) -> None:
+        """Go on with a run; InputError if it was started on something else."""
+        for file, now in ((CONFIG, config), (RECORDINGS, recordings)):
+            try:
+                before = yaml.safe_load((self.path / file).read_text(encoding='utf-8'))
+            except (OSError, yaml.YAMLError, UnicodeDecodeError):
+                raise InputError(
+                    f'{self.path} is no run to resume: {file} is missing or damaged'
+                ) from None
+            if isinstance(before, dict) and isinstance(now, Mapping):
+                changed = [k for k in now if before.get(k) != now[k]]
+                if changed:
+                    key = changed[0]
+                    raise InputError(
+                        f'{self.path} was started with {key} = {before.get(key)}, not {now[key]}; '
+                        f'resume it as it was or start another'
+                    )
+            elif before != json.loads(json.dumps(now)):
+                raise InputError(f'{self.path} was started on other recordings: see {file}')
+        self._state.mkdir(exist_ok=True)
+        self._folds.mkdir(exist_ok=True)
+
+    def save_state(self, job: str, tensors: Mapping[str, NDArray[np.generic]]) -> None:
+        """Keep what a job goes on from."""
+        content = save({key: np.ascontiguousarray(value) for key, value in tensors.items()})
+        write_whole(self._state / f'{job}.safetensors', content)
+
+    def load_state(self, job: str) -> dict[str, NDArray[Any]] | None:
+        """What the job kept, None if it has not begun; InputError if the file is damaged."""
+        file = self._state / f'{job}.safetensors'
+        if not file.is_file():
+            return None
+        try:
+            return dict(load(file.read_bytes()))
+        except (SafetensorError, OSError) as error:
+            raise InputError(f'{file} is damaged ({error}); remove it to redo its fold') from None
+
+    def save_model(self, fold: int, checkpoint: Checkpoint) -> None:
+        """Write the networks of a fold."""
+        checkpoint.save(self._folds / f'{fold}.safetensors')
+        if fold == 0:
+            checkpoint.save(self.path / FILE)
+
+    def save_json(self, file: str, content: Mapping[str, Any]) -> None:
+        """Write a table or curves."""
+        write_whole(self.path / file, json.dumps(content, indent=1, allow_nan=False) + '\n')
+
+    def finish(self) -> None:
+        """Drop what only `--resume` needs."""
+        for file in self._state.glob('*.safetensors'):
+            file.unlink()
+        self._state.rmdir()
+        if not any(self._folds.iterdir()):
+            self._folds.rmdir()
+
+    def _yaml(self, file: str, content: Any) -> None:
+        plain = json.loads(json.dumps(content))
+        text = yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
+        write_whole(self.path / file, text)

@@ -1,0 +1,207 @@
+"""How much network is needed: R² over hidden units and over history, and what each costs."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from statistics import fmean, pstdev
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+
+from power_estimator.drive_types import DriveType, assign
+from power_estimator.evaluation.comparison import rows_of
+from power_estimator.evaluation.scores import block_means, r2
+from power_estimator.network.checkpoint import Checkpoint, NetworkConfig
+from power_estimator.network.cost import sample_cost
+from power_estimator.network.cross_validation import CrossValidation, Job
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.network.protocol import Part, Protocol
+from power_estimator.network.run_folder import RunFolder
+from power_estimator.network.trainer import Trainer, TrainingConfig
+from power_estimator.recordings import TrainingSet
+
+Floats = NDArray[np.float32]
+RESULT = 'point.json'
+CHOSEN = NetworkConfig()
+_SAMPLES_IN_A_BATCH = 800  # as many as the default training updates on
+_SHORTEST_CHUNK = 20
+
+
+@dataclass(frozen=True)
+class Point:
+    """A network to be tried: its units, and the history it sees; None carries the state."""
+
+    hidden: int
+    history: int | None = None  # samples
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return f'{self.hidden}_{"carried" if self.history is None else self.history}'
+
+    def network(self) -> NetworkConfig:
+        """Shape of the network; InputError for units or a history that is out of range."""
+        if self.history is None:
+            return replace(CHOSEN, hidden=self.hidden)
+        warm_up = min(CHOSEN.warm_up, self.history // 2)
+        return replace(CHOSEN, hidden=self.hidden, history=self.history, warm_up=warm_up)
+
+    def training(self, base: TrainingConfig) -> TrainingConfig:
+        """
+        Trained as it is used: statefully, or from a state of zero in windows of the history.
+
+        Batches have about as many samples at every history.
+        """
+        if self.history is None:
+            return base
+        chunk = max(_SHORTEST_CHUNK, self.history)
+        batch = max(1, round(_SAMPLES_IN_A_BATCH / chunk))
+        return replace(base, chunk=chunk, batch=batch, reset_probability=1.0)
+
+
+def points(hidden: Sequence[int], history: Sequence[float]) -> tuple[Point, ...]:
+    """
+    The points of a sweep: units with carried state, and histories (s) at 100 units.
+
+    100 units with carried state and with 0.3 s are always among them.
+    """
+    units = sorted({*hidden, CHOSEN.hidden})
+    samples = sorted({*(round(h * CHOSEN.rate) for h in history), CHOSEN.history})
+    found = [Point(n) for n in units] + [Point(CHOSEN.hidden, n) for n in samples]
+    for point in found:
+        point.network()
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a point reached on held-out data, and what it costs."""
+
+    point: Point
+    r2: Mapping[str, tuple[float, float]]  # mean and spread over folds, by drive type
+    us_per_sample: float  # of twelve drives
+    epochs: float = field(default=0.0)  # in the mean
+
+    def content(self) -> dict[str, Any]:
+        """For JSON."""
+        history = self.point.history
+        return {
+            'hidden': self.point.hidden,
+            'history': None if history is None else history / CHOSEN.rate,
+            'form': 'carried' if history is None else 'windowed',
+            'types': {k: {'r2': mean, 'r2_std': std} for k, (mean, std) in self.r2.items()},
+            'us_per_sample': self.us_per_sample,
+            'epochs': self.epochs,
+        }
+
+    @classmethod
+    def load(cls, file: Path, point: Point) -> 'Result':
+        """From `content`; InputError names a damaged file."""
+        try:
+            found = json.loads(file.read_text(encoding='utf-8'))
+            scores = {k: (float(v['r2']), float(v['r2_std'])) for k, v in found['types'].items()}
+            return cls(point, scores, float(found['us_per_sample']), float(found['epochs']))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            raise InputError(f'{file} is damaged; remove it to redo the point') from None
+
+
+class Sweep:
+    """
+    Trains and judges one point after the other, all on the same held-out samples.
+
+    A finished point leaves `points/NAME/point.json` and is not done again.
+    """
+
+    def __init__(
+        self,
+        given: TrainingSet,
+        types: Sequence[DriveType],
+        wanted: Sequence[Point],
+        training: TrainingConfig,
+        *,
+        folds: int = 1,
+        segments: int = 6,
+    ) -> None:
+        self._given = given
+        self._types = tuple(types)
+        self._wanted = tuple(wanted)
+        self._training = training
+        longest = max(point.network().history for point in wanted)
+        self._protocol = Protocol(segments, folds, longest)
+        self._skipped = -(-longest // CHOSEN.block)
+
+    def run(
+        self,
+        path: Path,
+        progress: Callable[[Point, Job, Trainer], None],
+        workers: int = 1,
+    ) -> Iterator[Result]:
+        """Results as they are reached; Ctrl-C keeps what the present point has learned."""
+        for point in self._wanted:
+            folder = RunFolder(path / 'points' / point.name)
+            file = folder.path / RESULT
+            if file.exists():
+                yield Result.load(file, point)
+                continue
+            (folder.resume if folder.path.exists() else folder.start)({}, [])
+            validation = self.validation(point)
+
+            def show(job: Job, trainer: Trainer, point: Point = point) -> None:
+                progress(point, job, trainer)
+
+            trainers = validation.run(folder, show, workers)
+            result = self._judge(point, validation, trainers)
+            folder.finish()
+            write_whole(file, json.dumps(result.content(), indent=1) + '\n')
+            yield result
+
+    def validation(self, point: Point) -> CrossValidation:
+        """What trains the point."""
+        return CrossValidation(
+            self._given.data,
+            self._types,
+            network=point.network(),
+            training=point.training(self._training),
+            protocol=self._protocol,
+            others=[self._given.live],
+            recordings=self._given.recordings,
+        )
+
+    def _judge(
+        self, point: Point, validation: CrossValidation, trainers: Mapping[Job, Trainer]
+    ) -> Result:
+        scores: dict[str, list[float]] = {}
+        for fold in range(self._protocol.folds):
+            checkpoint = validation.checkpoint(fold, trainers)
+            for job in validation.jobs:
+                if job.fold == fold:
+                    score = self._score(point, validation, checkpoint, job)
+                    scores.setdefault(job.type.name, []).append(score)
+        return Result(
+            point,
+            {kind: (fmean(found), pstdev(found)) for kind, found in scores.items()},
+            sample_cost(point.hidden, point.history),
+            fmean(len(trainer.history) for trainer in trainers.values()),
+        )
+
+    def _score(
+        self, point: Point, validation: CrossValidation, checkpoint: Checkpoint, job: Job
+    ) -> float:
+        ppn = PowerPredictionNetwork(checkpoint)
+        data = validation.data
+        names = [data.names[c] for c in assign(data.names, [job.type])[job.type.name]]
+        test = rows_of(data.drives(names), validation.labels(job), Part.TEST)
+        stretches = list(test.segments())
+        measured = block_means(test.power, stretches, CHOSEN.block)
+        if point.history is None:
+            estimated = block_means(ppn.predict(test), stretches, CHOSEN.block)
+        else:
+            estimated = ppn.predict_windowed(test)
+        counts = [(s.stop - s.start) // CHOSEN.block for s in stretches]
+        since = np.concatenate([np.arange(n) for n in counts])
+        late = since >= self._skipped
+        return r2(measured[late], estimated[late])

@@ -1,0 +1,330 @@
+"""Training of one network: sequences in parallel, carried state, on one core and repeatable."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from wattwalk_core.errors import InputError
+
+from power_estimator.evaluation import scores
+from power_estimator.network.features import FEATURES, Scaling
+from power_estimator.network.lstm import Weights
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """How a network is trained; the defaults were chosen on walking data (docs/ppn.md)."""
+
+    epochs: int = 20
+    batch: int = 16  # sequences side by side
+    chunk: int = 50  # samples between updates, the length of back-propagation
+    learning_rate: float = 5e-3
+    final_learning_rate: float = 1e-4
+    reset_probability: float = 0.05  # per sequence and chunk
+    mirror: bool = True  # a drive that turns the other way under the opposite load draws the same
+    patience: int = 8  # epochs without a better validation
+    gradient_norm: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        limits = {
+            'epochs': (1, 10_000),
+            'batch': (1, 4096),
+            'chunk': (20, 10_000),
+            'learning_rate': (1e-6, 1.0),
+            'final_learning_rate': (0.0, 1.0),
+            'reset_probability': (0.0, 1.0),
+            'patience': (1, 10_000),
+            'gradient_norm': (1e-6, 1e6),
+            'seed': (0, 2**31 - 1),
+        }
+        for name, (low, high) in limits.items():
+            if not low <= getattr(self, name) <= high:
+                raise InputError(f'{name} = {getattr(self, name)} is not within {low} … {high}')
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """
+    Gap-free stretches of one drive each, end to end.
+
+    features holds V views of the same motion (filtered with and without a look ahead, …).
+    """
+
+    features: Floats  # [V, N, 3]
+    power: Floats  # W [N]
+    edges: NDArray[np.intp]  # [tracks + 1]
+
+    @classmethod
+    def join(cls, tracks: Sequence[tuple[Floats, Floats]]) -> 'Tracks':
+        """From (features [V, n, 3], power [n]) of each stretch."""
+        if not tracks:
+            raise InputError('no stretch of data is long enough')
+        return cls(
+            np.concatenate([x for x, _ in tracks], axis=1),
+            np.concatenate([y for _, y in tracks]),
+            np.cumsum([0, *(len(y) for _, y in tracks)]),
+        )
+
+    def cut(self, length: int) -> 'Tracks':
+        """The same samples in tracks of at most `length`."""
+        edges = [np.arange(a, b, length) for a, b in pairwise(self.edges.tolist())]
+        return Tracks(self.features, self.power, np.r_[*edges, self.edges[-1]].astype(np.intp))
+
+
+class PowerLstm(nn.Module):
+    """LSTM and linear output on scaled features [T, B, 3] → scaled power [T, B]."""
+
+    def __init__(self, hidden: int) -> None:
+        super().__init__()
+        self.lstm = nn.LSTM(len(FEATURES), hidden)
+        self.output = nn.Linear(hidden, 1)
+
+    def forward(
+        self, x: Tensor, state: tuple[Tensor, Tensor] | None = None
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        """Outputs and the state (h, c), each [1, B, H], after the last sample."""
+        hidden, state = self.lstm(x, state)
+        return self.output(hidden)[..., 0], state
+
+    def weights(self) -> Weights:
+        """The weights as numpy arrays."""
+        arrays = {k: v.detach().numpy().copy() for k, v in self.state_dict().items()}
+        return Weights(
+            arrays['lstm.weight_ih_l0'],
+            arrays['lstm.weight_hh_l0'],
+            arrays['lstm.bias_ih_l0'] + arrays['lstm.bias_hh_l0'],
+            arrays['output.weight'][0],
+            arrays['output.bias'],
+        )
+
+    def set_weights(self, weights: Weights) -> None:
+        """Take over weights of the same size."""
+        arrays = {
+            'lstm.weight_ih_l0': weights.input,
+            'lstm.weight_hh_l0': weights.recurrent,
+            'lstm.bias_ih_l0': weights.bias,
+            'lstm.bias_hh_l0': np.zeros_like(weights.bias),
+            'output.weight': weights.output[None],
+            'output.bias': weights.output_bias,
+        }
+        self.load_state_dict({k: torch.tensor(v) for k, v in arrays.items()})
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """What one pass over the training data reached."""
+
+    number: int  # from 1
+    loss: float  # mean squared error in units of the power's variance
+    r2: float  # at 50 Hz on the validation part
+    best: bool
+
+
+class Trainer:
+    """
+    Trains one network sequence to sequence and keeps the weights that validate best.
+
+    Each of `batch` sequences walks through the data chunk by chunk; its state goes along without
+    gradient, is dropped at gaps and now and then at random, and the warm_up samples after that
+    bear no loss. So the network is good soon after a reset and stays good for hours: the windowed
+    and the carried form agree. With a reset before each chunk it is trained, and validated, on
+    windows of that length instead.
+    """
+
+    def __init__(
+        self,
+        training: Tracks,
+        validation: Tracks,
+        *,
+        hidden: int,
+        warm_up: int,
+        block: int,
+        config: TrainingConfig,
+    ) -> None:
+        self.config = config
+        self._warm_up = warm_up
+        self._block = block
+        self.scaling = Scaling.of(
+            training.features.reshape(-1, len(FEATURES)), training.power, config.mirror
+        )
+        self._training = training
+        self._x, self._y = self._scaled(training)
+        windows = config.reset_probability == 1
+        validation = validation.cut(config.chunk) if windows else validation
+        self._validation = validation
+        self._x_validation, _ = self._scaled(validation)
+        self.network = PowerLstm(hidden)
+        self._initialise(hidden)
+        self._optimiser = torch.optim.Adam(self.network.parameters(), config.learning_rate)
+        self._carried: tuple[Tensor, Tensor] | None = None
+        self.history: list[Epoch] = []
+        self.best = self.network.weights()
+
+    @property
+    def done(self) -> bool:
+        """Whether all epochs are over, or no better validation is to be expected."""
+        number = len(self.history)
+        since = number - max((e.number for e in self.history if e.best), default=number)
+        return number >= self.config.epochs or since >= self.config.patience
+
+    def epoch(self) -> Epoch:
+        """One pass over the training data and a validation."""
+        number = len(self.history) + 1
+        self._carried = None
+        rng = np.random.default_rng([self.config.seed, number])
+        losses = [self._update(*chunks) for chunks in self._chunks(number, rng)]
+        r2 = self.validate()
+        best = r2 > max((e.r2 for e in self.history), default=-math.inf)
+        result = Epoch(number, float(np.mean(losses)), r2, best)
+        if best:
+            self.best = self.network.weights()
+        self.history.append(result)
+        return result
+
+    def validate(self) -> float:
+        """R² at 50 Hz on the validation tracks with the present weights and carried state."""
+        edges = self._validation.edges
+        lengths = np.diff(edges)
+        x = torch.zeros(int(lengths.max()), len(lengths), len(FEATURES))
+        for column, (start, stop) in enumerate(pairwise(edges)):
+            x[: stop - start, column] = self._x_validation[0, start:stop]
+        with torch.no_grad():
+            y, _ = self.network(x)
+        power = y.numpy() * self.scaling.power_scale + self.scaling.power_mean
+        estimated, measured = [], []
+        for column, (start, length) in enumerate(zip(edges[:-1], lengths, strict=True)):
+            run = slice(self._warm_up, int(length))
+            estimated.append(scores.block_means(power[:length, column], [run], self._block))
+            track = self._validation.power[start : start + length]
+            measured.append(scores.block_means(track, [run], self._block))
+        return scores.r2(np.concatenate(measured), np.concatenate(estimated))
+
+    def state(self) -> dict[str, Floats]:
+        """All that `restore` needs to go on as if there had been no break."""
+        tensors = {f'now/{k}': v.numpy().copy() for k, v in self.network.state_dict().items()}
+        tensors |= {f'best/{k}': v for k, v in vars(self.best).items()}
+        for index, moments in self._optimiser.state_dict()['state'].items():
+            tensors |= {f'adam/{index}/{k}': v.numpy().copy() for k, v in moments.items()}
+        rows = [(e.loss, e.r2, e.best) for e in self.history]
+        return tensors | {'history': np.array(rows, np.float64).reshape(-1, 3)}
+
+    def restore(self, tensors: Mapping[str, NDArray[np.floating]]) -> None:
+        """Go on from `state`; KeyError or RuntimeError if it belongs to another network."""
+        self.network.load_state_dict(
+            {k: torch.from_numpy(tensors[f'now/{k}'].copy()) for k in self.network.state_dict()}
+        )
+        fields = ('input', 'recurrent', 'bias', 'output', 'output_bias')
+        self.best = Weights(**{k: np.array(tensors[f'best/{k}'], np.float32) for k in fields})
+        moments: dict[int, dict[str, Tensor]] = {}
+        for key, values in tensors.items():
+            if key.startswith('adam/'):
+                _, index, name = key.split('/')
+                moments.setdefault(int(index), {})[name] = torch.from_numpy(np.array(values))
+        groups = self._optimiser.state_dict()['param_groups']
+        self._optimiser.load_state_dict({'state': moments, 'param_groups': groups})
+        self.history = [
+            Epoch(number, float(loss), float(r2), bool(best))
+            for number, (loss, r2, best) in enumerate(tensors['history'], 1)
+        ]
+
+    def _scaled(self, tracks: Tracks) -> tuple[Tensor, Tensor]:
+        s = self.scaling
+        x = (torch.from_numpy(tracks.features) - torch.tensor(s.mean)) / torch.tensor(s.scale)
+        y = (torch.from_numpy(tracks.power) - s.power_mean) / s.power_scale
+        return x, y
+
+    def _initialise(self, hidden: int) -> None:
+        rng = np.random.default_rng([self.config.seed, 0])
+        bound = hidden**-0.5
+
+        def uniform(*shape: int) -> Floats:
+            return rng.uniform(-bound, bound, shape).astype(np.float32)
+
+        bias = uniform(4 * hidden)
+        bias[hidden : 2 * hidden] += 1
+        self.network.set_weights(
+            Weights(
+                uniform(4 * hidden, len(FEATURES)),
+                uniform(4 * hidden, hidden),
+                bias,
+                uniform(hidden),
+                np.zeros(1, np.float32),
+            )
+        )
+
+    def _chunks(
+        self, number: int, rng: np.random.Generator
+    ) -> Iterator[tuple[Tensor, Tensor, Tensor, Tensor, float]]:
+        """Views, signs and first rows [B] of the sequences' next chunks, and learning rates."""
+        starts, fresh = plan(self._training.edges, self.config, rng)
+        count = len(self._training.features)
+        views: NDArray[np.int64] = np.zeros(starts.shape[1], np.int64)
+        signs: Floats = np.ones(starts.shape[1], np.float32)
+        for step, (rows, new) in enumerate(zip(starts, fresh, strict=True)):
+            views = np.where(new, rng.integers(count, size=len(new)), views)
+            if self.config.mirror:
+                flips = rng.integers(2, size=len(new)).astype(np.float32) * 2 - 1
+                signs = np.where(new, flips, signs)
+            done = (number - 1 + step / len(starts)) / self.config.epochs
+            low, high = self.config.final_learning_rate, self.config.learning_rate
+            rate = low + (high - low) * (1 + math.cos(math.pi * done)) / 2
+            view, sign, row, drop = map(torch.from_numpy, (views, signs, rows, new))
+            yield view, sign, row, drop, rate
+
+    def _update(
+        self, views: Tensor, signs: Tensor, rows: Tensor, fresh: Tensor, rate: float
+    ) -> float:
+        index = rows + torch.arange(self.config.chunk)[:, None]
+        x, y = self._x[views, index] * signs[:, None], self._y[index]
+        state = None
+        if self._carried is not None:
+            keep = (~fresh)[None, :, None]
+            state = (self._carried[0] * keep, self._carried[1] * keep)
+        estimate, (h, c) = self.network(x, state)
+        self._carried = (h.detach(), c.detach())
+        bears = torch.ones_like(y)
+        bears[: self._warm_up, fresh] = 0
+        loss = (bears * (estimate - y).square()).sum() / bears.sum()
+        for group in self._optimiser.param_groups:
+            group['lr'] = rate
+        self._optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), self.config.gradient_norm)
+        self._optimiser.step()
+        return float(loss.detach())
+
+
+def plan(
+    edges: NDArray[np.intp], config: TrainingConfig, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """
+    Which chunk each sequence sees at each step of an epoch.
+
+    Returns first rows [S, B] and whether the state is dropped before the chunk [S, B]. Tracks
+    come in random order and are entered at a random row, so that chunks differ between epochs.
+    """
+    pieces = []
+    for track in rng.permutation(len(edges) - 1):
+        first, last = int(edges[track]), int(edges[track + 1]) - config.chunk
+        if last >= first:
+            first += int(rng.integers(0, min(config.chunk, last - first + 1)))
+            pieces.append(np.arange(first, last + 1, config.chunk))
+    if not pieces:
+        raise InputError(f'no stretch of data has {config.chunk} samples in a row')
+    rows = np.concatenate(pieces)
+    fresh = rng.random(len(rows)) < config.reset_probability
+    fresh[np.cumsum([0, *(len(piece) for piece in pieces[:-1])])] = True
+    batch = min(config.batch, len(rows))
+    steps = len(rows) // batch
+    shape = (batch, steps)
+    result = fresh[: batch * steps].reshape(shape).T.copy()
+    result[0] = True
+    return rows[: batch * steps].reshape(shape).T, result

@@ -1,0 +1,1 @@
+"""Recordings with a hidden effect, and the simulated bench."""

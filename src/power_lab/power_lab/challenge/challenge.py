@@ -1,0 +1,152 @@
+"""Recordings with a hidden effect: the answer is drawn from a seed and sealed in the bag."""
+
+import base64
+import hashlib
+import json
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sim_bridge.plant.parameters import Plant
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+
+SEALED = 'answer.sealed'
+ALWAYS = ('copper_loss', 'rotor_inertia', 'idle')
+SOMETIMES = ('viscous_friction', 'coulomb_friction')
+HIDDEN = (
+    'viscous_friction',
+    'coulomb_friction',
+    'stribeck_friction',
+    'load_friction',
+    'iron_loss',
+    'inverter_loss',
+    'line_resistance',
+    'regeneration_efficiency',
+    'winding_heating',
+    'spring',
+)
+STRANGERS = ('position_rub', 'fan', 'cross_talk')
+STRENGTHS = (1.0, 1.5, 2.5)
+_NOTHING, _STRANGE = 0.12, 0.12  # how often nothing, and how often a stranger is hidden
+_TOP_STRENGTH = {'cross_talk': 1.5}
+
+
+@dataclass(frozen=True)
+class Challenge:
+    """What is hidden, and what the model may know."""
+
+    hidden: tuple[str, ...]
+    strength: float
+    known: tuple[str, ...]  # effects of the base model
+    unit: int
+
+    @property
+    def expected(self) -> str:
+        """The verdict that a perfect judge gives."""
+        if not self.hidden:
+            return 'no_evidence'
+        return 'none_of_the_above' if self.hidden[0] in STRANGERS else 'named'
+
+    def plant(self, base: Plant) -> Plant:
+        """The base plant with the known effects and the hidden one, and nothing else."""
+        effects: dict[str, Any] = {name: False for name, _ in base.effects}
+        effects.update(dict.fromkeys((*ALWAYS, *self.known), True))
+        effects.pop('shaft', None)
+        for name in self.hidden:
+            effects[name] = self.strength
+        return base.unit(self.unit).with_effects(**effects)
+
+    @classmethod
+    def of(cls, answer: Mapping[str, Any]) -> 'Challenge':
+        """From an answer that was unsealed."""
+        return cls(
+            hidden=tuple(answer['hidden']),
+            strength=float(answer['strength']),
+            known=tuple(answer['known']),
+            unit=int(answer['unit']),
+        )
+
+    def content(self) -> dict[str, Any]:
+        """The answer in words and numbers."""
+        return {
+            'hidden': list(self.hidden),
+            'strength': self.strength,
+            'known': list(self.known),
+            'unit': self.unit,
+            'expected': self.expected,
+        }
+
+
+def draw(seed: int) -> Challenge:
+    """The challenge of a seed."""
+    random = np.random.default_rng([seed, 2024])
+    kind = random.uniform()
+    known = [*ALWAYS, *(name for name in SOMETIMES if random.uniform() < 0.7)]
+    strength = float(random.choice(STRENGTHS))
+    hidden: tuple[str, ...] = ()
+    if kind >= _NOTHING + _STRANGE:
+        choices = [name for name in HIDDEN if name not in known]
+        hidden = (str(random.choice(choices)),)
+    elif kind >= _NOTHING:
+        hidden = (str(random.choice(STRANGERS)),)
+        strength = min(strength, _TOP_STRENGTH.get(hidden[0], strength))
+    unit = int(random.integers(1, 1000))
+    return Challenge(hidden, strength if hidden else 1.0, ('shaft', *known), unit)
+
+
+def seal(challenge: Challenge, bag: Path) -> Path:
+    """
+    Write the answer beside the recording, unreadable at a glance.
+
+    It guards against looking by accident, not against wanting to know.
+    """
+    path = bag / SEALED
+    packed = zlib.compress(json.dumps(challenge.content()).encode())
+    write_whole(path, base64.b64encode(_mixed(packed)).decode() + '\n')
+    return path
+
+
+def unseal(bag: Path) -> dict[str, Any]:
+    """The sealed answer of a challenge; InputError if the bag is none or the seal is damaged."""
+    path = bag / SEALED
+    try:
+        packed = _mixed(base64.b64decode(path.read_text(encoding='ascii').strip(), validate=True))
+        answer = json.loads(zlib.decompress(packed))
+    except OSError as error:
+        raise InputError(f'{bag} is no challenge: it has no {SEALED}') from error
+    except (ValueError, zlib.error) as error:
+        raise InputError(f'{path}: the seal is damaged') from error
+    if not isinstance(answer, dict) or 'hidden' not in answer:
+        raise InputError(f'{path}: the seal is damaged')
+    return answer
+
+
+def score(answer: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> str:
+    """One word: right, in the set, part, missed or wrong."""
+    hidden, found = set(answer['hidden']), set(diagnosis.get('effects', []))
+    verdict = diagnosis.get('verdict')
+    if answer['expected'] != 'named':
+        if verdict == answer['expected']:
+            return 'right'
+        return 'missed' if verdict == 'no_evidence' else 'wrong'
+    if verdict == 'named':
+        return 'right' if found == hidden else 'part' if found < hidden else 'wrong'
+    if verdict == 'ambiguous':
+        return 'in the set' if hidden <= found else 'wrong'
+    return 'missed'
+
+
+def _mixed(data: bytes) -> bytes:
+    stream = _stream()
+    return bytes(byte ^ next(stream) for byte in data)
+
+
+def _stream() -> Iterator[int]:
+    block = hashlib.sha256(b'power_lab challenge').digest()
+    while True:
+        yield from block
+        block = hashlib.sha256(block).digest()

@@ -1,0 +1,50 @@
+"""`ros2 run power_lab compare`: models against measurements, and where they fail."""
+
+from collections.abc import Sequence
+
+from wattwalk_core.command import command
+from wattwalk_core.errors import InputError
+
+from power_lab.commands import options as common
+from power_lab.compare.comparison import compare
+from power_lab.recordings import load
+from power_lab.report.page import closest, write_comparison
+from power_lab.report.tables import print_comparison
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    parser = common.parser(
+        'compare',
+        'Compare power models with measurements on held-out data: error, bias, energy, and the '
+        'regimes in which each model is worst.',
+        'example: ros2 run power_lab compare bags/walk --models base.yaml better.yaml '
+        'mechanical_power --report compare.html',
+    )
+    common.add_bags(parser)
+    parser.add_argument(
+        '--models',
+        nargs='+',
+        required=True,
+        metavar='MODEL',
+        help='model.yaml, ppn:RUN or a proxy',
+    )
+    common.add_outputs(parser)
+    options = parser.parse_args(args)
+    common.require_suffix(options.report, '.html', '--report')
+    if len(set(options.models)) < len(options.models):
+        raise InputError(f'--models names a model twice: {", ".join(options.models)}')
+    catalogue = common.catalogue_of(options)
+    with common.waiting() as progress:
+        progress.add_task('reading and comparing')
+        loaded = load(options.bags, options.drives)
+        comparison = compare(loaded, options.models, catalogue)
+        content = comparison.json()
+    print_comparison(common.console(), content)
+    print(closest(content['models']))
+    common.write_json(options.json, content)
+    if options.report:
+        write_comparison(options.report, comparison)
+        print(f'report: {options.report}')
+    return 0

@@ -1,0 +1,64 @@
+"""`ros2 run power_lab diagnose`: which physical effect a model misses."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from drive_bench.motion.joint_limits import limits_of
+from wattwalk_core.command import command
+
+from power_lab.commands import options as common
+from power_lab.compare.comparison import open_model
+from power_lab.diagnose.outcome import diagnose
+from power_lab.recordings import load
+from power_lab.report.tables import print_outcome
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    parser = common.parser(
+        'diagnose',
+        'Find the physical effect that a power model misses, or say honestly that these '
+        'recordings cannot tell. Ends with 0 for every verdict.',
+        'example: ros2 run power_lab diagnose bags/walk --model base.yaml --report why.html',
+    )
+    common.add_bags(parser)
+    add = parser.add_argument
+    add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
+    add('--motion', type=Path, metavar='FILE.yaml', help='write what to record next')
+    add(
+        '--limits',
+        nargs='?',
+        const='',
+        metavar='FILE',
+        help='fit that motion to joint_limits/1; without a file: to the limits of ANYmal C',
+    )
+    add('--also', nargs='+', default=[], metavar='MODEL', help='models to show beside it')
+    add('--seed', type=int, default=0, help='of the bootstrap')
+    common.add_outputs(parser)
+    options = parser.parse_args(args)
+    common.require_suffix(options.report, '.html', '--report')
+    common.require_suffix(options.motion, '.yaml', '--motion')
+    catalogue = common.catalogue_of(options)
+    model = open_model(options.model, catalogue)
+    with common.waiting() as progress:
+        task = progress.add_task('reading')
+        loaded = load(options.bags, options.drives)
+        progress.update(task, description='diagnosing')
+        outcome = diagnose(loaded, model, options.model, catalogue, options.seed)
+        content = outcome.json()
+    print_outcome(common.console(), outcome)
+    common.write_json(options.json, content)
+    if options.motion:
+        motion = outcome.motion
+        if options.limits is not None:
+            limits = limits_of(motion.drives, Path(options.limits) if options.limits else None)
+            motion = motion.within(limits)
+        motion.save(options.motion)
+        print(f'to record next: {options.motion}')
+    if options.report:
+        from power_lab.report.page import write_diagnosis
+
+        write_diagnosis(options.report, outcome, options.also, catalogue)
+        print(f'report: {options.report}')
+    return 0

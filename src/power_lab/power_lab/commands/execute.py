@@ -1,0 +1,60 @@
+"""`ros2 run power_lab execute`: the recording that a diagnosis asked for, on the bench."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sim_bridge.offline.run import OfflineRun, write_bench_bag
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.robot import JOINT_NAMES
+from sim_bridge.plant.world import stand_world
+from wattwalk_core.command import command
+from wattwalk_core.errors import InputError
+
+from power_lab.challenge.bench_motion import BenchMotion
+from power_lab.challenge.challenge import Challenge, unseal
+from power_lab.commands import options as common
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    parser = common.parser(
+        'execute',
+        'Record the motion that diagnose asked for (--motion) with one drive of the simulated '
+        'bench.',
+        'example: ros2 run power_lab execute next.yaml --drive LF_KFE -o bags/next',
+        effects=False,
+    )
+    add = parser.add_argument
+    add('motion', type=Path, metavar='MOTION.yaml', help='written by diagnose --motion')
+    add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
+    add('--drive', metavar='NAME', help='default: the first that the motion names')
+    add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
+    add('--challenge', type=Path, metavar='BAG', help='the robot of a challenge, still sealed')
+    add('--unit', type=int, default=0, metavar='N', help='unit of the plant')
+    add('--seed', type=int, default=0, help='of the noise')
+    add('--overwrite', action='store_true', help='replace a bag that is there')
+    options = parser.parse_args(args)
+    motion = BenchMotion(options.motion)
+    drive = options.drive or (motion.drives[0] if motion.drives else JOINT_NAMES[0])
+    if drive not in JOINT_NAMES:
+        raise InputError(f'the bench has no drive {drive!r}; it has {", ".join(JOINT_NAMES)}')
+    plant = Plant.load(options.plant)
+    if options.challenge:
+        plant = Challenge.of(unseal(options.challenge)).plant(plant)
+    else:
+        plant = plant.unit(options.unit)
+    world = stand_world(drive, motion.stand)
+    run = OfflineRun(plant, world, motion, duration=motion.seconds, seed=options.seed)
+    write_bench_bag(
+        options.output,
+        run,
+        unit=f'challenge {options.challenge.name}' if options.challenge else str(options.unit),
+        controller=motion.name,
+        notes='simulated drive with a pendulum on a stand',
+        seed=options.seed,
+        plant=plant.name,
+        overwrite=options.overwrite,
+    )
+    print(f'wrote {options.output}: {motion.seconds:.0f} s of {drive}')
+    return 0

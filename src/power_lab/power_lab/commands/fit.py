@@ -1,0 +1,69 @@
+"""`ros2 run power_lab fit`: coefficients of named effects from recordings."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from power_estimator.effects.fit.training import fit_model, material
+from wattwalk_core.command import command
+from wattwalk_core.errors import InputError
+
+from power_lab.commands import options as common
+from power_lab.recordings import base_power, load
+from power_lab.report.tables import print_model
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    parser = common.parser(
+        'fit',
+        'Fit a power model made of named effects; errors of the measurement are fitted beside '
+        'them.',
+        'example: ros2 run power_lab fit bags/walk --effects shaft,copper_loss,idle -o base.yaml',
+    )
+    common.add_bags(parser)
+    add = parser.add_argument
+    add('--effects', nargs='+', required=True, metavar='NAME,…', help='what is active')
+    add('-o', '--output', type=Path, required=True, metavar='MODEL.yaml', help='file to write')
+    add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
+    add('--base', metavar='MODEL', help='add the effects to this model: ppn:RUN or a proxy')
+    add('--seed', type=int, default=0, help='of the bootstrap')
+    common.add_outputs(parser, report=False)
+    options = parser.parse_args(args)
+    common.require_suffix(options.output, '.yaml', '-o')
+    catalogue = common.catalogue_of(options)
+    effects = common.parse_effects(options.effects, catalogue)
+    if options.base and options.base.endswith('.yaml'):
+        raise InputError(f'--base {options.base!r}: give ppn:RUN or a proxy; add effects by add')
+    with common.waiting() as progress:
+        progress.add_task('reading and fitting')
+        loaded = load(options.bags, options.drives)
+        base = None
+        if options.base:
+            base = base_power(loaded, options.base).power
+        own = material(loaded.data, per=options.per, base=base, catalogue=catalogue)
+        model, fit = fit_model(
+            options.output.stem,
+            own,
+            effects,
+            catalogue,
+            base=options.base,
+            fitted_on=loaded.identities,
+            seed=options.seed,
+        )
+        rmse = {
+            drive: float(f'{value:.4g}')
+            for drive, value in zip(own.prepared.names, np.sqrt(fit.mse), strict=True)
+        }
+        entry = {'step': 'fit', 'effects': list(model.effects), 'rmse_w': rmse}
+        model = model.with_history(entry)
+    model.save(options.output)
+    print_model(common.console(), model)
+    print(f'wrote {options.output}; error in the fit: ' + _errors(rmse))
+    common.write_json(options.json, {'model': str(options.output), **entry})
+    return 0
+
+
+def _errors(rmse: dict[str, float]) -> str:
+    return ', '.join(f'{drive} {value:.2f} W' for drive, value in rmse.items())

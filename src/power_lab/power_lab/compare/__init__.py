@@ -1,0 +1,1 @@
+"""Models against measurements on held-out data, and where they fail."""

@@ -1,0 +1,77 @@
+"""How well a structure predicts what it was not fitted on: blocked cross-validation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects.fit.design import Active
+from power_estimator.effects.fit.fitter import Fit, Fitter, Normal
+from power_estimator.effects.fit.folds import FOLDS, LEAST_MSE, Folds
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Held-out errors of one structure."""
+
+    fit: Fit
+    coefficients: Floats  # [F, D, m], of each fold
+    mse: Floats  # W² [B, D], NaN where a drive was not measured
+    names: tuple[str, ...]  # effects added to the base
+
+    @property
+    def actives(self) -> tuple[Active, ...]:
+        """The added effects in their shapes."""
+        return tuple(a for a in self.fit.structure.actives if a.name in self.names)
+
+    @property
+    def loss(self) -> Floats:
+        """Summed over drives: log of the mean squared error of each block [B]."""
+        return np.nansum(np.log(self.mse + LEAST_MSE), axis=1)
+
+    @property
+    def mean_mse(self) -> Floats:
+        """W² [D]."""
+        return np.nanmean(self.mse, axis=0)
+
+    @property
+    def rmse(self) -> Floats:
+        """W [D]."""
+        return np.sqrt(self.mean_mse)
+
+
+class Examiner:
+    """Cross-validates structures on one set of prepared signals."""
+
+    def __init__(self, fitter: Fitter) -> None:
+        self.fitter = fitter
+        self.folds = Folds.of(fitter.blocks)
+
+    def examine(self, fit: Fit, names: Sequence[str] = ()) -> Evidence:
+        """Held-out errors with the fit's delay and shapes, all coefficients refitted per fold."""
+        coefficients = self.fitter.solve(fit.design, fit.normal, fit.weights, self.folds.training)
+        return Evidence(fit, coefficients, self.block_mse(fit.normal, coefficients), tuple(names))
+
+    def block_mse(self, normal: Normal, coefficients: Floats) -> Floats:
+        """W² [B, D] of each block with its own fold's coefficients [F, D, m]."""
+        blocks = self.fitter.blocks
+        error = normal.errors(coefficients[self.folds.test]) / blocks.counts
+        return np.where(blocks.valid, error, np.nan)
+
+    def residual(self, evidence: Evidence, *, all_rows: bool = False) -> Floats:
+        """
+        Held-out residual, W [N, D]; NaN outside the blocks.
+
+        NaN as well where signals are unresolved, unless all_rows.
+        """
+        fit, blocks = evidence.fit, self.fitter.blocks
+        out = np.full(fit.target.shape, np.nan)
+        for fold in range(FOLDS):
+            rows = blocks.rows[self.folds.test == fold].ravel()
+            model = np.einsum('ndm,dm->nd', fit.design.columns[rows], evidence.coefficients[fold])
+            out[rows] = fit.target[rows] - model
+        prepared = self.fitter.prepared
+        counts = prepared.measured & (all_rows | prepared.resolved)
+        return np.where(counts, out, np.nan)

@@ -1,0 +1,1 @@
+"""Attribution of model error to a missing physical effect."""

@@ -1,0 +1,53 @@
+"""What may be missing: the catalogue's effects that a model has not, in all their shapes."""
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Catalogue, Effect, Signals, Term
+from power_estimator.effects.fit.candidate_screener import Bank, Screened
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.fitter import Fitter
+
+Floats = NDArray[np.float64]
+
+
+class Freed(Effect):
+    """An effect whose coefficient physics fixes, free enough to compete for a place."""
+
+    def __init__(self, of: Effect) -> None:
+        self._of = of
+        self.name = of.name  # type: ignore[misc]
+        self.physics, self.formula = of.physics, of.formula  # type: ignore[misc]
+        self.acts_on, self.follows = of.acts_on, of.follows  # type: ignore[misc]
+        self.excitation = of.excitation  # type: ignore[misc]
+        self.terms = (Term(of.terms[0].symbol, of.terms[0].unit, 0.0, 1.5),)  # type: ignore[misc]
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """As the effect's own."""
+        return self._of.regressors(signals, **shape)
+
+
+def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Active]:
+    """Physical effects that the base has not, in every usable shape."""
+    signals = fitter.prepared.signals
+    effects = [
+        effect if effect.fixed is None else Freed(effect)
+        for effect in catalogue.physics()
+        if effect.name not in base.names and (effect.fixed is None or fitter.builder.base is None)
+    ]
+    return [
+        Active.of(effect, shape)
+        for effect in effects
+        for shape in effect.shapes
+        if effect.usable(signals, **shape)
+    ]
+
+
+def best_shapes(bank: Bank) -> dict[str, Screened]:
+    """For each effect the screening of its best shape."""
+    best: dict[str, Screened] = {}
+    for active in bank.candidates:
+        screened = bank.screen([active])
+        known = best.get(active.name)
+        if known is None or screened.training_error < known.training_error:
+            best[active.name] = screened
+    return best

@@ -1,0 +1,380 @@
+"""Which physical effect a model misses: the procedure and its verdict."""
+
+import itertools
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.candidate_screener import Bank, Screened, shaped
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.fitter import Fit, Fitter
+from power_estimator.effects.signals.prepared import Prepared
+
+from power_lab.compare.evidence import Evidence, Examiner
+from power_lab.diagnose.candidates import best_shapes, candidates
+from power_lab.diagnose.confidence_set import confidence_set
+from power_lab.diagnose.residual_structure import Leftover, examine_leftover
+
+Floats = NDArray[np.float64]
+Verdict = Literal['named', 'ambiguous', 'none_of_the_above', 'no_evidence']
+
+NAME_FLOOR, NAME_SHARE_OF_RMS = 0.1, 0.0015
+"""W, and share of the rms power: an effect that explains less is not worth a name."""
+STRANGER_FLOOR, STRANGER_SHARE_OF_RMS = 0.15, 0.004
+"""The same for structure that no effect explains; formulas are not more accurate than this."""
+NEXT_SHARE = 0.02
+"""A further effect must explain this share, in watts, of what the others do."""
+NAMED_SHARE, NAMED_SHARE_QUIET = 0.8, 0.5
+"""
+Named effects must explain this share of all that can be explained; half of it where what is left
+is too small to be a stranger.
+"""
+MOST_EFFECTS = 8
+EARNED_SHARE, EARNED_BESIDE_STRANGER = 0.4, 0.8
+"""
+The last effect to join must explain this share of what was still to be explained; more where
+what is left is large enough to be a stranger, which a wrong name explains in part.
+"""
+_FINALISTS, _EXTRAS, _SWAPS = 6, 3, 2
+_LARGEST_SWAP, _LATE_EXTRAS = 3, 2  # sets beyond this size grow by the best candidates only
+MOST_RIVALS = 3
+"""That a further effect may have."""
+_MOST_SAMPLED = 3.0  # times its usual size may sampling raise the floor of strangers
+_LEAST_FALL = 1e-3  # of the log error, for another shape
+_EVENT = 20.0  # times the median squared error
+_EVENT_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect on top of the base."""
+
+    name: str
+    active: Active
+    evidence: Evidence
+    gain: Floats  # W² [D], held-out
+
+
+@dataclass(frozen=True)
+class Step:
+    """One round: what competed for the next place, and what could have it."""
+
+    added: tuple[str, ...]
+    members: tuple[tuple[str, ...], ...]  # sets of effects that may be the best
+    none_possible: bool
+    best: tuple[str, ...]
+    gain: Floats  # W² [D], of the best over what was there before
+
+    def less(self, idlers: Collection[str]) -> 'Step':
+        """Without effects that proved superfluous beside the others."""
+        if not idlers:
+            return self
+        left = [tuple(name for name in member if name not in idlers) for member in self.members]
+        return replace(self, members=tuple(dict.fromkeys(left)))
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The verdict with everything it rests on."""
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    base: Evidence
+    best: Evidence  # with the effects that the data ask for
+    chosen: tuple[str, ...]
+    singles: tuple[Candidate, ...]
+    in_set: frozenset[str]
+    certain: frozenset[str]  # in every set that may be the best
+    possible: tuple[tuple[str, ...], ...]  # sets that may be missing, where something is named
+    ladder: tuple[Evidence, ...]  # the base, and what the data asked for step by step
+    explained: Floats  # W² [D], by the chosen effects
+    leftover: Leftover
+    floor: Floats  # W [D], of what is worth a name
+    stranger_floor: Floats  # W [D]
+    share: float
+    steps: tuple[Step, ...] = field(default=())
+
+
+class Diagnoser:
+    """Runs the procedure on one set of prepared signals."""
+
+    def __init__(
+        self, fitter: Fitter, base: Structure, catalogue: Catalogue, seed: int = 0
+    ) -> None:
+        """Base holds the model's effects and the measurement terms."""
+        self.fitter = fitter
+        self.examiner = Examiner(fitter)
+        self.structure = base
+        self.base = base
+        self.catalogue = catalogue
+        self.seed = seed
+        self.floor = floors(fitter, NAME_FLOOR, NAME_SHARE_OF_RMS)
+        self.stranger_floor = floors(fitter, STRANGER_FLOOR, STRANGER_SHARE_OF_RMS)
+        self.candidates = candidates(fitter, base, catalogue)
+
+    def run(self) -> Diagnosis:
+        """All of it."""
+        none = self._base()
+        bank = Bank(self.fitter, self.examiner.folds, none.fit, self.candidates)
+        found = best_shapes(bank)
+        events = self._events(none, bank, found)
+        if events.any():
+            self.fitter.leave_out(events)
+            none = self.examiner.examine(self.fitter.fit(self.base, none.fit, iterations=2))
+            bank = Bank(self.fitter, self.examiner.folds, none.fit, self.candidates)
+            found = best_shapes(bank)
+        usual = self.stranger_floor
+        sampled = unseen(self.fitter.prepared, none.fit)
+        self.stranger_floor = np.clip(sampled, usual, _MOST_SAMPLED * usual)
+        singles = self._singles(none, bank, found)
+        ladder, steps = [none], []
+        while len(ladder) <= min(MOST_EFFECTS, len(found)):
+            step, better = self._next(none, ladder[-1], bank, found)
+            steps.append(step)
+            if better is None:
+                break
+            grown = self._reshaped(self._without_idlers(better))
+            if frozenset(grown.names) in [frozenset(rung.names) for rung in ladder]:
+                break
+            ladder.append(grown)
+            steps[-1] = steps[-1].less(set(better.names) - set(grown.names))
+        return self._judge(ladder, singles, steps)
+
+    def _base(self) -> Evidence:
+        """The base alone, its shapes chosen, bent as real drives are."""
+        self.structure = shaped(self.fitter, self.examiner.folds, self.structure)
+        self.base = self.structure.bent()
+        return self.examiner.examine(self.fitter.fit(self.base, iterations=4))
+
+    def _events(self, none: Evidence, bank: Bank, found: dict[str, Screened]) -> NDArray[np.bool_]:
+        """
+        Blocks [B, D] that not even all candidates together follow: stumbles, pushes.
+
+        At most a twentieth of the recording; what fails more often is no event.
+        """
+        together = bank.screen([screened.actives[0] for screened in found.values()])
+        best = np.fmin(none.mse, together.mse)
+        limit = np.maximum(
+            _EVENT * np.nanmedian(best, axis=0), np.nanquantile(best, 1 - _EVENT_SHARE, axis=0)
+        )
+        return np.nan_to_num(best) > limit
+
+    def _singles(
+        self, none: Evidence, bank: Bank, found: dict[str, Screened]
+    ) -> tuple[Candidate, ...]:
+        order = sorted(found.values(), key=lambda screened: screened.loss)
+        out = []
+        for rank, screened in enumerate(order):
+            active = screened.actives[0]
+            evidence = self.added(none.fit, (active,), 3 if rank < _FINALISTS else 1)
+            out.append(Candidate(active.name, active, evidence, none.mean_mse - evidence.mean_mse))
+        return tuple(sorted(out, key=lambda c: float(c.evidence.loss.mean())))
+
+    def added(self, start: Fit, actives: Sequence[Active], iterations: int = 3) -> Evidence:
+        """The base with effects added, all fitted anew from a start."""
+        structure = self.base.plus(*actives)
+        fit = self.fitter.fit(structure.bent(), start, iterations=iterations)
+        return self.examiner.examine(fit, [active.name for active in actives])
+
+    def _next(
+        self, none: Evidence, best: Evidence, bank: Bank, found: dict[str, Screened]
+    ) -> tuple[Step, Evidence | None]:
+        """The best set with one effect more, if it is worth it."""
+        chosen = best.names
+        sets = self._rivals(best, bank, found)
+        finalists = [self.added(best.fit if chosen else none.fit, actives) for actives in sets]
+        finalists = [e for e in finalists if not _negligible(e)] or finalists[:1]
+        finalists.sort(key=lambda e: float(e.loss.mean()))
+        losses = [best.loss, *(e.loss for e in finalists)]
+        members = confidence_set(losses, seed=self.seed)
+        gain = best.mean_mse - finalists[0].mean_mse
+        first = none.mean_mse - best.mean_mse
+        worth = above_floor(gain, self.floor) and not _negligible(finalists[0])
+        if chosen:
+            worth = worth and gain.sum() >= NEXT_SHARE**2 * first.sum()
+            worth = worth and sum(i > 0 for i in members) <= MOST_RIVALS
+            worth = worth and shared(gain, self.floor)
+        step = Step(
+            chosen,
+            tuple(finalists[i - 1].names for i in members if i > 0),
+            0 in members,
+            finalists[0].names,
+            gain,
+        )
+        if 0 in members or not worth:
+            return step, None
+        return step, finalists[0]
+
+    def _reshaped(self, evidence: Evidence) -> Evidence:
+        """
+        Choose the shapes of the added effects anew, from neighbour to neighbour.
+
+        Screening chose them linearised about a fit without these effects, which misleads where
+        they are large.
+        """
+        for name in evidence.names:
+            better: Evidence | None = evidence
+            while better is not None:
+                evidence = better
+                better = self._better_neighbour(evidence, name)
+        return evidence
+
+    def _better_neighbour(self, evidence: Evidence, name: str) -> Evidence | None:
+        own = evidence.actives
+        active = next(a for a in own if a.name == name)
+        for shape in self._other_shapes(active):
+            changed = tuple(shape if a.name == name else a for a in own)
+            trial = self.added(evidence.fit, changed, 2)
+            if trial.fit.error < evidence.fit.error - _LEAST_FALL:
+                return trial
+        return None
+
+    def _other_shapes(self, active: Active) -> list[Active]:
+        same = [c for c in self.candidates if c.name == active.name]
+        if len(same) < 2:
+            return []
+        place = same.index(active) if active in same else 0
+        return [same[i] for i in (place - 1, place + 1) if 0 <= i < len(same)]
+
+    def _without_idlers(self, evidence: Evidence) -> Evidence:
+        """Drop effects that later ones have made superfluous."""
+        for name in evidence.names[:-1]:
+            rest = tuple(active for active in evidence.actives if active.name != name)
+            less = self.added(evidence.fit, rest)
+            gain = less.mean_mse - evidence.mean_mse
+            if len(rest) > 1 and not above_floor(gain, self.floor):
+                return self._without_idlers(less)
+        return evidence
+
+    def _rivals(
+        self, best: Evidence, bank: Bank, found: dict[str, Screened]
+    ) -> list[tuple[Active, ...]]:
+        """Sets of one effect more that come into question, by screening."""
+        if not best.names:
+            order = sorted(found.values(), key=lambda screened: screened.loss)
+            return [screened.actives for screened in order[:_FINALISTS]]
+        own = best.actives
+        others = [active for active in self.candidates if active.name not in best.names]
+        beside = Bank(self.fitter, self.examiner.folds, best.fit, others)
+        extras = sorted(best_shapes(beside).values(), key=lambda screened: screened.loss)
+        sets = [(*own, *screened.actives) for screened in extras[:_EXTRAS]]
+        names, size = list(found), len(own) + 1
+        if size > _LARGEST_SWAP:
+            return sets[:_LATE_EXTRAS]
+        swaps = [
+            subset
+            for subset in itertools.combinations(names, size)
+            if len(set(subset) - set(best.names)) == 2
+        ]
+        screened = [bank.screen([found[name].actives[0] for name in subset]) for subset in swaps]
+        screened.sort(key=lambda one: one.loss)
+        return sets + [one.actives for one in screened[:_SWAPS]]
+
+    def _judge(
+        self, ladder: list[Evidence], singles: tuple[Candidate, ...], steps: list[Step]
+    ) -> Diagnosis:
+        ladder = list(ladder)
+        none = ladder[0]
+        leftover = self._leftover(ladder[-1])
+        while len(ladder) > 2 and not self._earned(ladder[-2], ladder[-1], leftover):
+            ladder.pop()
+            leftover = self._leftover(ladder[-1])
+        best, chosen = ladder[-1], ladder[-1].names
+        explained = np.maximum(none.mean_mse - best.mean_mse, 0.0)
+        explainable = explained + leftover.explained
+        share = float(explained.sum() / max(explainable.sum(), 1e-12))
+        possible = steps[len(ladder) - 2].members if chosen else ()
+        effects = tuple(dict.fromkeys((*chosen, *itertools.chain(*possible))))
+        certain = frozenset.intersection(*(frozenset(m) for m in possible)) if possible else ()
+        verdict: Verdict
+        strange = above_floor(leftover.explained, self.stranger_floor)
+        if not chosen:
+            verdict, effects = ('none_of_the_above' if strange else 'no_evidence'), ()
+        elif share < (NAMED_SHARE if strange else NAMED_SHARE_QUIET):
+            verdict = 'none_of_the_above' if strange else 'no_evidence'
+            effects = ()
+        elif len(possible) > 1:
+            verdict = 'ambiguous'
+        else:
+            verdict, effects = 'named', chosen
+        named = verdict in ('named', 'ambiguous')
+        return Diagnosis(
+            verdict=verdict,
+            effects=effects,
+            base=none,
+            best=best,
+            chosen=chosen,
+            singles=singles,
+            in_set=frozenset(itertools.chain(*(possible or (steps[0].members if steps else ())))),
+            certain=frozenset(certain) if named else frozenset(),
+            possible=possible if named else (),
+            ladder=tuple(ladder),
+            explained=explained,
+            leftover=leftover,
+            floor=self.floor,
+            stranger_floor=self.stranger_floor,
+            share=share,
+            steps=tuple(steps),
+        )
+
+    def _leftover(self, evidence: Evidence) -> Leftover:
+        residual = self.examiner.residual(evidence)
+        fitter = self.fitter
+        return examine_leftover(
+            residual, fitter.prepared, fitter.blocks, self.examiner.folds, self.seed
+        )
+
+    def _earned(self, before: Evidence, after: Evidence, leftover: Leftover) -> bool:
+        """Whether the last effect explains most of what was still to be explained."""
+        gain = float(np.maximum(before.mean_mse - after.mean_mse, 0.0).sum())
+        strange = above_floor(leftover.explained, self.stranger_floor)
+        least = EARNED_BESIDE_STRANGER if strange else EARNED_SHARE
+        return gain >= least * (gain + float(leftover.explained.sum()))
+
+
+def floors(fitter: Fitter, least: float, share: float) -> Floats:
+    """W [D]: a floor that respects the meter's noise and its size."""
+    prepared = fitter.prepared
+    power = prepared.power_at(0.0)
+    rms = np.sqrt(np.nanmean(np.square(power), axis=0))
+    half = 0.5 * np.nan_to_num(prepared.noise)
+    return np.maximum(np.maximum(least, half), share * rms)
+
+
+def unseen(prepared: Prepared, fit: Fit) -> Floats:
+    """W [D]: structure that the sampling of the joint signals alone may put on."""
+    columns = fit.structure.columns_of('copper_loss')
+    copper = fit.coefficients[:, columns[0]] if columns else np.zeros(len(prepared.names))
+    return prepared.unseen(copper)
+
+
+def above_floor(gain: Floats, floor: Floats) -> bool:
+    """Whether squared watts [D] reach the floor [D], pooled over the drives or on one alone."""
+    ratio = np.maximum(gain, 0.0) / np.square(floor)
+    return bool(ratio.mean() >= 1.0 or ratio.max() >= 4.0)
+
+
+def shared(gain: Floats, floor: Floats) -> bool:
+    """
+    Whether squared watts [D] come from more than one drive, or from one by far.
+
+    Drives of one robot are built alike: a small further effect in one of them alone is more often
+    a formula that does not quite fit than physics.
+    """
+    ratio = np.maximum(gain, 0.0) / np.square(floor)
+    return len(ratio) < 2 or int((ratio >= 0.25).sum()) > 1 or bool(ratio.max() >= 16.0)
+
+
+def _negligible(evidence: Evidence) -> bool:
+    """Whether an added effect has a coefficient too small to be what it is called."""
+    fit = evidence.fit
+    for active in fit.structure.free:
+        least = [term.least for term in active.effect.terms]
+        if active.name in evidence.names and any(least):
+            found = np.abs(fit.coefficients[:, fit.structure.columns_of(active.name)])
+            if bool((found.max(axis=0) < least).all()):
+                return True
+    return False

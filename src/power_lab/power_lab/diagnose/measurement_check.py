@@ -1,0 +1,163 @@
+"""Whether the measurement itself is sound: offset, gain, bias, lag and delay with intervals."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects.fit.candidate_screener import Bank
+from power_estimator.effects.fit.fitter import Fit
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.signals.prepared import Prepared
+
+from power_lab.diagnose.diagnosis import Diagnosis
+
+Floats = NDArray[np.float64]
+
+TERMS = (
+    'time_offset',
+    'power_gain',
+    'current_offset',
+    'torque_bias',
+    'velocity_lag',
+    'torque_bend',
+    'offset_drift',
+)
+UNITS = {
+    'time_offset': 's',
+    'power_gain': '1',
+    'current_offset': 'A',
+    'torque_bias': 'N·m',
+    'velocity_lag': 's',
+    'torque_bend': '1',
+    'offset_drift': 'A/min',
+}
+_DRAWS = 40
+_UNKNOWN_OFFSET = np.array([-0.03, 0.03])  # A, where the idle draw takes up any offset
+
+
+@dataclass(frozen=True)
+class Term:
+    """One error of the measurement: of the drive where it costs most, and of all."""
+
+    name: str
+    value: float
+    interval: tuple[float, float]
+    watts: float  # rms error if it is not corrected
+    matters: bool
+    drive: str
+    drives: Mapping[str, float]
+
+    def json(self) -> dict[str, object]:
+        """As `diagnose --json` writes it."""
+        return {
+            'value': self.value,
+            'interval': list(self.interval),
+            'matters': self.matters,
+            'unit': UNITS[self.name],
+            'watts': round(self.watts, 4),
+            'drive': self.drive,
+            'drives': dict(self.drives),
+        }
+
+
+def check_measurement(
+    diagnosis: Diagnosis, bank: Bank, model: EffectModel, *, other_recording: bool, seed: int = 0
+) -> dict[str, Term]:
+    """
+    The terms of the best fit with 95 % intervals, by name.
+
+    bank holds the best fit's own columns. With other_recording, a change of the idle draw against
+    the model's counts as current offset: at one bus voltage they are the same.
+    """
+    fit, fitter = diagnosis.best.fit, bank.fitter
+    prepared = fitter.prepared
+    intervals = fitter.intervals(fit, seed)
+    found: dict[str, Term] = {}
+    delays = _delays(bank, seed)
+    rate = np.gradient(prepared.power_at(fit.delay), axis=0) * 50.0
+    slope = np.sqrt(np.nanmean(np.square(rate), axis=0))
+    found['time_offset'] = _term(
+        'time_offset',
+        prepared,
+        np.full(len(prepared.names), round(fit.delay, 9)),
+        np.tile(np.round(delays, 9), (len(prepared.names), 1)),
+        np.abs(fit.delay) * slope,
+        diagnosis.floor,
+    )
+    for name in TERMS[1:]:
+        columns = fit.structure.columns_of(name)
+        if not columns:
+            continue
+        values, bounds = fit.coefficients[:, columns[0]], intervals[:, columns[0]]
+        size = np.sqrt(np.nanmean(np.square(fit.design.columns[..., columns[0]]), axis=0))
+        if name == 'velocity_lag':
+            values, bounds = values + prepared.lag, bounds + prepared.lag[:, None]
+        if name == 'current_offset' and fit.structure.columns_of('idle'):
+            if other_recording:
+                values, bounds = _against_idle(model, fit, prepared, values, bounds)
+            else:
+                bounds = bounds + _UNKNOWN_OFFSET
+        found[name] = _term(name, prepared, values, bounds, np.abs(values) * size, diagnosis.floor)
+    return found
+
+
+def _term(
+    name: str,
+    prepared: Prepared,
+    values: Floats,
+    bounds: Floats,
+    watts: Floats,
+    floor: Floats,
+) -> Term:
+    worst = int(np.nanargmax(watts / floor))
+    low, high = (float(bound) for bound in bounds[worst])
+    matters = bool(watts[worst] >= floor[worst] and not low <= 0.0 <= high)
+    return Term(
+        name,
+        _short(float(values[worst])),
+        (_short(low), _short(high)),
+        float(watts[worst]),
+        matters,
+        prepared.names[worst],
+        {drive: _short(float(v)) for drive, v in zip(prepared.names, values, strict=True)},
+    )
+
+
+def _short(value: float) -> float:
+    return float(f'{value:.5g}')
+
+
+def _against_idle(
+    model: EffectModel, fit: Fit, prepared: Prepared, values: Floats, bounds: Floats
+) -> tuple[Floats, Floats]:
+    """Add the change of the idle draw since the model was fitted, as a current."""
+    columns = fit.structure.columns_of('idle')
+    if not columns or not model.fitted or 'idle' not in model.effects:
+        return values, bounds
+    voltage = np.median(prepared.signals.voltage, axis=0)
+    values, bounds = values.copy(), bounds.copy()
+    for drive, name in enumerate(prepared.names):
+        for group in model.groups:
+            if group.type.matches(name):
+                idle = group.coefficients['idle'][0]
+                offset = group.measurement.get('current_offset')
+                before = idle.value + (offset.value if offset else 0.0) * voltage[drive]
+                change = (fit.coefficients[drive, columns[0]] - before) / voltage[drive]
+                spread = (idle.interval[1] - idle.interval[0]) / 2 / voltage[drive]
+                values[drive] += change
+                bounds[drive] += change + np.array([-spread, spread])
+                break
+    return values, bounds
+
+
+def _delays(bank: Bank, seed: int) -> Floats:
+    random = np.random.default_rng(seed)
+    count = len(bank.fitter.blocks.starts)
+    size = min(5, count)
+    drawn = np.zeros((_DRAWS, count))
+    for row in drawn:
+        starts = random.integers(0, count - size + 1, -(-count // size))
+        np.add.at(row, (starts[:, None] + np.arange(size)).ravel(), 1.0)
+    delays = np.array([bank.delay(weights) for weights in drawn])
+    return np.quantile(delays, [0.025, 0.975])

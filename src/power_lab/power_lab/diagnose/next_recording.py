@@ -1,0 +1,151 @@
+"""Which recording would settle a diagnosis, as a file that a bench or a robot can execute."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from drive_bench.motion.file import FORMAT, MotionFile
+from drive_bench.motion.fitting import fitted
+from drive_bench.motion.joint_limits import JointLimits
+from drive_bench.motion.segment_path import Mounting
+from power_estimator.effects import Catalogue, Excitation
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+
+_LONGEST = 1800.0  # s
+_RANGE = 6.0  # rad, that a joint turns one way
+_SPARE = 1.15  # a pendulum pulls this much more than the largest load
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Segments to execute one after the other, with the reason for them."""
+
+    reason: str
+    drives: tuple[str, ...]
+    segments: tuple[Mapping[str, Any], ...]
+    supply: tuple[float, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Length of the recording."""
+        return sum(float(segment['seconds']) for segment in self.segments)
+
+    def content(self) -> dict[str, Any]:
+        """As the file holds it; units are SI."""
+        content: dict[str, Any] = {
+            'format': FORMAT,
+            'reason': self.reason,
+            'drives': list(self.drives),
+            'seconds': round(self.seconds, 1),
+            'segments': [dict(segment) for segment in self.segments],
+        }
+        if self.supply:
+            content['repeat_at_supply_voltage'] = list(self.supply)
+        return content
+
+    def within(self, limits: Mapping[str, JointLimits]) -> 'Motion':
+        """
+        The motion fitted to the limits of its drives, from where a pendulum hangs.
+
+        That is at 0 rad, or in the middle of the range where 0 is none of it. InputError for a
+        drive without limits.
+        """
+        motion, changes = MotionFile.of(self.content(), 'motion', 'next'), []
+        for drive in self.drives:
+            if drive not in limits:
+                raise InputError(f'--limits has nothing for {drive}; add it, or a pattern for it')
+            own = limits[drive]
+            hanging = 0.0 if own.low < 0.0 < own.high else 0.5 * (own.low + own.high)
+            pull = _SPARE * max(motion.strongest, 1.0)
+            motion, notes = fitted(motion, hanging, Mounting(pull, hanging), own)
+            changes += [f'{drive}: {note}' for note in notes]
+        segments = tuple(segment.content() for segment in motion.segments)
+        fit = f'; fitted to the joint: {"; ".join(changes)}' if changes else ''
+        return replace(self, segments=segments, reason=self.reason + fit)
+
+    def save(self, path: Path) -> None:
+        """Write it whole."""
+        text = yaml.safe_dump(self.content(), sort_keys=False, allow_unicode=True, width=98)
+        write_whole(path, text)
+
+
+def separating_motion(
+    effects: Sequence[str], catalogue: Catalogue, drives: Sequence[str], reason: str
+) -> Motion:
+    """The motions that set these effects apart, each once, slow before fast."""
+    segments: list[Mapping[str, Any]] = [{'mode': 'rest', 'seconds': 10.0}]
+    supply: set[float] = set()
+    texts = []
+    for name in effects:
+        excitation = catalogue[name].excitation
+        texts.append(f'{name}: {excitation.text}')
+        supply.update(excitation.supply)
+        new = _segments(excitation)
+        if not all(segment in segments for segment in new):
+            segments += new
+    segments = _within(segments)
+    whole = reason + '; ' + '; '.join(dict.fromkeys(texts)) if texts else reason
+    return Motion(whole, tuple(drives), tuple(segments), tuple(sorted(supply)))
+
+
+def _segments(excitation: Excitation) -> list[Mapping[str, Any]]:
+    if excitation.frequency and excitation.mode == 'position':
+        return [
+            {
+                'mode': 'position',
+                'frequency': excitation.frequency,
+                'amplitude': excitation.amplitude,
+                'load': load,
+                'seconds': excitation.seconds,
+            }
+            for load in excitation.loads
+        ]
+    if excitation.frequency:
+        return [
+            {
+                'mode': 'torque',
+                'low': min(excitation.loads),
+                'high': max(excitation.loads),
+                'frequency': excitation.frequency,
+                'seconds': excitation.seconds,
+            }
+        ]
+    if excitation.mode == 'torque':
+        return [
+            {'mode': 'torque', 'torque': load, 'speed': speed, 'seconds': excitation.seconds}
+            for speed in excitation.speeds
+            for load in excitation.loads
+        ]
+    sizes = sorted({abs(speed) for speed in excitation.speeds})
+    return [
+        segment
+        for load in excitation.loads
+        for size in sizes
+        for segment in _passes(size, load, excitation.seconds)
+    ]
+
+
+def _passes(speed: float, load: float, seconds: float) -> list[dict[str, Any]]:
+    """There and back at one speed, as often as the joint's range asks for."""
+    if speed == 0.0:
+        return [{'mode': 'velocity', 'speed': 0.0, 'load': load, 'seconds': seconds}]
+    count = max(1, math.ceil(seconds * speed / _RANGE))
+    each = round(seconds / count, 2)
+    there = {'mode': 'velocity', 'speed': speed, 'load': load, 'seconds': each}
+    back = {**there, 'speed': -speed}
+    return [dict(part) for _ in range(count) for part in (there, back)]
+
+
+def _within(segments: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Shorten all alike where the whole would take too long."""
+    total = sum(float(segment['seconds']) for segment in segments)
+    if total <= _LONGEST:
+        return list(segments)
+    return [
+        {**segment, 'seconds': round(float(segment['seconds']) * _LONGEST / total, 1)}
+        for segment in segments
+    ]

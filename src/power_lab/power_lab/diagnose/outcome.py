@@ -1,0 +1,309 @@
+"""Diagnose a model on recordings: from files to the outcome that is printed and written."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.candidate_screener import Bank
+from power_estimator.effects.fit.design import Structure
+from power_estimator.effects.fit.fitter import measurement_terms
+from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.fit.training import material
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.model import PowerModel
+
+from power_lab.compare.comparison import describe_state
+from power_lab.compare.regimes import Regime, worst_regimes
+from power_lab.diagnose.diagnosis import Candidate, Diagnoser, Diagnosis
+from power_lab.diagnose.measurement_check import Term, check_measurement
+from power_lab.diagnose.next_recording import Motion, separating_motion
+from power_lab.diagnose.verdict import plain, sentence
+from power_lab.recordings import Loaded, base_power
+
+Floats = NDArray[np.float64]
+_TOO_LITTLE = 0.01  # of what the largest candidate explains, to be compared at all
+_HIDES = 3.0  # times the floor: what other terms of the model may have swallowed
+_MOST_ASKED = 3
+_TIED = 0.998
+"""Correlation of what two effects explain above which they are one family here."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A candidate as it is shown."""
+
+    name: str
+    family: str
+    delta_r2: float
+    delta_rmse_w: float
+    symbol: str
+    unit: str
+    coefficient: float
+    interval: tuple[float, float]
+    could_hide_w: float  # rms that the interval's far end would put on, on the worst drive
+    in_confidence_set: bool
+    drive: str  # the one that coefficient and interval are of
+    shape: dict[str, float]
+    coefficients: dict[str, list[float]]  # by drive
+
+    def json(self) -> dict[str, Any]:
+        """As `diagnose --json` writes it."""
+        return {
+            'name': self.name,
+            'family': self.family,
+            'delta_r2': _short(self.delta_r2),
+            'delta_rmse_w': _short(self.delta_rmse_w),
+            'coefficient': _short(self.coefficient),
+            'interval': [_short(bound) for bound in self.interval],
+            'could_hide_w': _short(self.could_hide_w),
+            'unit': self.unit,
+            'symbol': self.symbol,
+            'in_confidence_set': self.in_confidence_set,
+            'drive': self.drive,
+            'shape': self.shape,
+            'coefficients': self.coefficients,
+        }
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Everything that diagnose tells."""
+
+    model: EffectModel
+    loaded: Loaded
+    diagnoser: Diagnoser
+    diagnosis: Diagnosis
+    rows: tuple[Row, ...]
+    measurement: dict[str, Term]
+    regimes: tuple[Regime, ...]  # of what is left after the named effects
+    base_regimes: tuple[Regime, ...]  # of the model as it was
+    motion: Motion
+    state: dict[str, Floats]
+    labels: dict[str, NDArray[np.str_]]
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        told = sentence(self.diagnosis)
+        if self.diagnosis.verdict != 'no_evidence':
+            return told
+        hidden = _could_be_there(self.diagnosis, self.rows)
+        if not hidden:
+            return told
+        words = ', '.join(f'{plain(row.name)} ({row.could_hide_w:.1f} W)' for row in hidden)
+        return f'{told} Other terms of the model would cover up to this much of: {words}.'
+
+    def json(self) -> dict[str, Any]:
+        """As `diagnose --json` writes it."""
+        d = self.diagnosis
+        worst = self.regimes[0].json() if self.regimes else None
+        names = self.diagnoser.fitter.prepared.names
+        return {
+            'verdict': d.verdict,
+            'sentence': self.sentence,
+            'effects': list(d.effects),
+            'certain': [name for name in d.effects if name in d.certain],
+            'active': list(self.model.effects),
+            'measurement': {name: term.json() for name, term in self.measurement.items()},
+            'candidates': [row.json() for row in self.rows],
+            'leftover': {
+                'r2': _short(d.leftover.r2),
+                'worst': worst,
+                'watts': {
+                    'state': _roots(d.leftover.state, names),
+                    'other_drives': _roots(d.leftover.cross, names),
+                    'time': _roots(d.leftover.slow, names),
+                },
+                'period_s': _values(d.leftover.period, names),
+                'ljung_box_p': _values(d.leftover.ljung_box, names),
+            },
+            'next_recording': self.motion.content(),
+            'drives': {
+                name: {
+                    'rmse_w': _short(float(d.base.rmse[i])),
+                    'rmse_after_w': _short(float(d.best.rmse[i])),
+                    'sensor_noise_w': _short(float(self.diagnoser.fitter.prepared.noise[i])),
+                    'floor_w': _short(float(d.floor[i])),
+                    'stranger_floor_w': _short(float(d.stranger_floor[i])),
+                }
+                for i, name in enumerate(names)
+            },
+            'share_explained': _short(d.share),
+            'steps': [
+                {
+                    'before': list(step.added),
+                    'possible': [list(member) for member in step.members],
+                    'none_possible': step.none_possible,
+                }
+                for step in d.steps
+            ],
+        }
+
+
+def diagnose(
+    loaded: Loaded, model: PowerModel, spec: str, catalogue: Catalogue, seed: int = 0
+) -> Outcome:
+    """
+    Say which effect the model misses on these recordings.
+
+    A model that is not made of effects is taken as the base that effects are added to; a network
+    that knows the recordings counts on its test part only. InputError for recordings that are too
+    short or too still.
+    """
+    if not isinstance(model, EffectModel):
+        model = EffectModel(model.name, Structure(()), base=spec)
+    base, seen = None, False
+    if model.base is not None:
+        under = base_power(loaded, model.base)
+        base, seen = under.power, under.partly
+    own = material(loaded.data, base=base, catalogue=catalogue)
+    fitter = own.fitter(per_drive=True)
+    terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
+    diagnoser = Diagnoser(fitter, model.structure.plus(*terms), catalogue, seed)
+    diagnosis = diagnoser.run()
+    state, labels = describe_state(own.prepared, loaded)
+    examiner = diagnoser.examiner
+    left = examiner.residual(diagnosis.best)
+    before = examiner.residual(diagnosis.base)
+    known = {entry.get('sha256') for entry in model.fitted_on}
+    other = not seen and not any(entry['sha256'] in known for entry in loaded.identities)
+    bank = Bank(fitter, Folds.of(fitter.blocks), diagnosis.best.fit, ())
+    rows = _rows(diagnosis, diagnoser, seed)
+    return Outcome(
+        model=model,
+        loaded=loaded,
+        diagnoser=diagnoser,
+        diagnosis=diagnosis,
+        rows=rows,
+        measurement=check_measurement(diagnosis, bank, model, other_recording=other, seed=seed),
+        regimes=tuple(worst_regimes(left, state, own.prepared.names, labels)),
+        base_regimes=tuple(worst_regimes(before, state, own.prepared.names, labels)),
+        motion=_motion(diagnosis, rows, catalogue, own.prepared.names),
+        state=state,
+        labels=labels,
+    )
+
+
+def _rows(diagnosis: Diagnosis, diagnoser: Diagnoser, seed: int) -> tuple[Row, ...]:
+    fitter = diagnoser.fitter
+    power = fitter.prepared.power_at(0.0)
+    variance = np.nansum(np.nanvar(power, axis=0))
+    before = np.sqrt(np.sum(diagnosis.base.mean_mse))
+    families = _families(diagnosis)
+    count = len(fitter.prepared.names)
+    out = []
+    for candidate in diagnosis.singles:
+        fit = candidate.evidence.fit
+        columns = fit.structure.columns_of(candidate.name)
+        drive = int(np.argmax(candidate.gain / np.square(diagnosis.floor)))
+        values = fit.coefficients[:, columns]
+        lead = int(np.argmax(np.abs(values[drive]) * _column_size(candidate, drive, columns)))
+        intervals = fitter.intervals(fit, seed)[:, columns]
+        bounds = intervals[drive, lead]
+        term = candidate.active.effect.terms[lead]
+        after = np.sqrt(np.sum(candidate.evidence.mean_mse))
+        out.append(
+            Row(
+                name=candidate.name,
+                family=families[candidate.name],
+                delta_r2=float(candidate.gain.sum() / max(variance, 1e-12)),
+                delta_rmse_w=float((before - after) / np.sqrt(count)),
+                symbol=term.symbol,
+                unit=term.unit,
+                coefficient=float(values[drive, lead]),
+                interval=(float(bounds[0]), float(bounds[1])),
+                could_hide_w=_could_hide(candidate, intervals),
+                in_confidence_set=candidate.name in diagnosis.in_set,
+                drive=fitter.prepared.names[drive],
+                shape=candidate.active.parameters,
+                coefficients={
+                    name: [_short(v) for v in row]
+                    for name, row in zip(fitter.prepared.names, values.tolist(), strict=True)
+                },
+            )
+        )
+    out.sort(key=lambda row: (not row.in_confidence_set, -row.delta_rmse_w))
+    return tuple(out)
+
+
+def _column_size(candidate: Candidate, drive: int, columns: Sequence[int]) -> Floats:
+    used = candidate.evidence.fit.design.columns[:, drive, columns]
+    size: Floats = np.sqrt(np.mean(np.square(used), axis=0))
+    return size
+
+
+def _could_hide(candidate: Candidate, intervals: Floats) -> float:
+    """W rms on the drive where most of the effect may be, at the interval's end [D, n, 2]."""
+    fit = candidate.evidence.fit
+    used = fit.design.columns[..., fit.structure.columns_of(candidate.name)]
+    ends = np.einsum('ndk,dke->nde', used, np.nan_to_num(intervals))
+    return float(np.sqrt(np.nanmean(np.square(ends), axis=0)).max())
+
+
+def _families(diagnosis: Diagnosis) -> dict[str, str]:
+    """Effects that explain the same in this recording, joined by slashes."""
+    names = [candidate.name for candidate in diagnosis.singles]
+    base = diagnosis.base.fit.residual()
+    explained = [
+        (base - candidate.evidence.fit.residual()).ravel() for candidate in diagnosis.singles
+    ]
+    size = [float(np.linalg.norm(np.nan_to_num(part))) for part in explained]
+    tied = {name: {name} for name in names}
+    for a in range(len(names)):
+        for b in range(a):
+            if min(size[a], size[b]) < _TOO_LITTLE * max(size):
+                continue
+            dot = float(np.nansum(explained[a] * explained[b]))
+            if dot / (size[a] * size[b]) > _TIED:
+                tied[names[a]].add(names[b])
+                tied[names[b]].add(names[a])
+    ties = {c.name: set(c.active.effect.ties) for c in diagnosis.singles}
+    return {name: '/'.join(sorted(tied[name] | ties[name])) for name in names}
+
+
+def _motion(
+    diagnosis: Diagnosis, rows: Sequence[Row], catalogue: Catalogue, drives: Sequence[str]
+) -> Motion:
+    if diagnosis.verdict == 'named':
+        reason = 'to confirm what was named on a motion that shows it alone'
+        return separating_motion(diagnosis.effects, catalogue, drives, reason)
+    if diagnosis.verdict == 'ambiguous':
+        open_ = [name for name in diagnosis.effects if name not in diagnosis.certain]
+        reason = f'to tell {" from ".join(open_)}'
+        return separating_motion(open_, catalogue, drives, reason)
+    if diagnosis.verdict == 'none_of_the_above':
+        reason = 'to see the unknown at rest, over position at slow speed, and over speed and load'
+        return separating_motion(
+            ['idle', 'cogging', 'viscous_friction'], catalogue, drives, reason
+        )
+    hidden = _could_be_there(diagnosis, rows)
+    if hidden:
+        reason = 'to show effects that could hide in this recording'
+        return separating_motion([row.name for row in hidden], catalogue, drives, reason)
+    largest = sorted(rows, key=lambda row: -row.could_hide_w)[:_MOST_ASKED]
+    reason = 'to look closer at what would come next'
+    return separating_motion([row.name for row in largest], catalogue, drives, reason)
+
+
+def _could_be_there(diagnosis: Diagnosis, rows: Sequence[Row]) -> list[Row]:
+    """Effects that other terms may have swallowed, the largest first."""
+    least = _HIDES * float(np.max(diagnosis.floor))
+    hidden = [row for row in rows if row.could_hide_w >= least]
+    return sorted(hidden, key=lambda row: -row.could_hide_w)[:_MOST_ASKED]
+
+
+def _roots(values: Floats, names: Sequence[str]) -> dict[str, float]:
+    return {n: _short(float(np.sqrt(max(v, 0.0)))) for n, v in zip(names, values, strict=True)}
+
+
+def _values(values: Floats, names: Sequence[str]) -> dict[str, float | None]:
+    return {
+        n: _short(float(v)) if np.isfinite(v) else None for n, v in zip(names, values, strict=True)
+    }
+
+
+def _short(value: float) -> float:
+    return float(f'{value:.5g}')

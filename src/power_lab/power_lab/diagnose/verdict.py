@@ -1,0 +1,109 @@
+"""The verdict in words."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from power_lab.diagnose.diagnosis import MOST_RIVALS, Diagnosis, above_floor
+
+PLAIN = {
+    'shaft': 'mechanical power at the joint',
+    'copper_loss': 'copper loss in the winding',
+    'winding_heating': 'heating of the winding',
+    'viscous_friction': 'viscous friction',
+    'coulomb_friction': 'Coulomb friction',
+    'stribeck_friction': 'Stribeck friction',
+    'load_friction': 'friction that grows with load',
+    'iron_loss': 'iron loss',
+    'inverter_loss': 'inverter loss',
+    'idle': 'idle draw',
+    'regeneration_efficiency': 'losses on the way back (regeneration efficiency)',
+    'regeneration_limit': 'blocked regeneration',
+    'field_weakening': 'field weakening',
+    'rotor_inertia': 'rotor inertia',
+    'spring': 'the series spring',
+    'cogging': 'cogging',
+    'line_resistance': 'line resistance',
+}
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """One sentence that a person understands without the tables."""
+    base = diagnosis.base.mean_mse
+    best = diagnosis.best.mean_mse
+    before, after = float(np.sqrt(np.mean(base))), float(np.sqrt(np.mean(best)))
+    leftover = float(np.sqrt(np.mean(diagnosis.leftover.explained)))
+    if diagnosis.verdict == 'named':
+        are = 'is' if len(diagnosis.effects) == 1 else 'are'
+        told = (
+            f'{_joined(diagnosis.effects).capitalize()} {are} missing from the model: with '
+            f'{"it" if len(diagnosis.effects) == 1 else "them"} the error on held-out data falls '
+            f'from {before:.2f} to {after:.2f} W.'
+        )
+        if above_floor(diagnosis.leftover.explained, diagnosis.stranger_floor):
+            told += (
+                f' {leftover:.2f} W of structure is left that no known effect explains, most in '
+                f'{_leftover_kind(diagnosis)}.'
+            )
+        last = diagnosis.steps[-1]
+        rivals = last.added == diagnosis.chosen and len(last.members) > MOST_RIVALS
+        if rivals and not last.none_possible and above_floor(last.gain, diagnosis.floor):
+            told += ' A further effect may be missing; this recording cannot say which.'
+        return told
+    if diagnosis.verdict == 'ambiguous':
+        sure = [name for name in diagnosis.effects if name in diagnosis.certain]
+        open_ = [name for name in diagnosis.effects if name not in diagnosis.certain]
+        start = (
+            f'{_joined(sure).capitalize()} is missing, and beside it ' if sure else 'Missing is '
+        )
+        return (
+            f'{start}one of {_joined(open_, "or")}; this recording cannot tell them apart (the '
+            f'error falls from {before:.2f} to {after:.2f} W with the best of them).'
+        )
+    if diagnosis.verdict == 'none_of_the_above':
+        tail = ''
+        if diagnosis.chosen:
+            verb = 'explains' if len(diagnosis.chosen) == 1 else 'explain'
+            tail = f' {_joined(diagnosis.chosen).capitalize()} {verb} a part of the error.'
+        where = f' It shows most in: {_leftover_kind(diagnosis)}.'
+        return (
+            'The model misses something that none of the known effects explains '
+            f'({leftover:.2f} W of structure is left).{where}{tail}'
+        )
+    if diagnosis.chosen:
+        return (
+            f'No evidence that would bear a name: {_joined(diagnosis.chosen)} lowers the error on '
+            f'held-out data from {before:.2f} to {after:.2f} W, but as much structure is left '
+            f'({leftover:.2f} W), no more than the sampling of the signals may put on.'
+        )
+    return (
+        f'No evidence that an effect is missing: the error of {before:.2f} W on held-out data has '
+        f'no structure above {float(np.sqrt(np.mean(np.square(diagnosis.floor)))):.2f} W that an '
+        'effect would explain.'
+    )
+
+
+def plain(name: str) -> str:
+    """The effect in everyday words."""
+    return PLAIN.get(name, name.replace('_', ' '))
+
+
+def _joined(names: Sequence[str], word: str = 'and') -> str:
+    words = [plain(name) for name in names]
+    if len(words) < 2:
+        return ''.join(words)
+    return f'{", ".join(words[:-1])} {word} {words[-1]}'
+
+
+def _leftover_kind(diagnosis: Diagnosis) -> str:
+    leftover = diagnosis.leftover
+    sizes = {
+        'the state of the drive (torque, speed, position …)': float(leftover.state.sum()),
+        "other drives' power (cross-talk)": float(leftover.cross.sum()),
+        'time alone, whatever the drive does': float(leftover.slow.sum()),
+    }
+    kind = max(sizes, key=lambda key: sizes[key])
+    periods = leftover.period[np.isfinite(leftover.period)]
+    if 'time' in kind and periods.size:
+        kind += f', with a period of about {float(np.median(periods)):.0f} s'
+    return kind

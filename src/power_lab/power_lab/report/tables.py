@@ -1,0 +1,119 @@
+"""Results as tables on a terminal."""
+
+from typing import Any
+
+from power_estimator.effects.model_file.model import EffectModel
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from power_lab.diagnose.outcome import Outcome
+
+_SHOWN = 8
+_VERDICT_STYLE = {
+    'named': 'bold green',
+    'ambiguous': 'bold yellow',
+    'none_of_the_above': 'bold red',
+    'no_evidence': 'bold cyan',
+}
+
+
+def print_model(console: Console, model: EffectModel) -> None:
+    """Coefficients with intervals."""
+    console.print(f'active effects: {", ".join(model.effects)}')
+    if model.base:
+        console.print(f'on top of {model.base}')
+    table = _table(f'{model.name}: coefficients with 95 % intervals')
+    table.add_column('effect')
+    table.add_column('unit')
+    for group in model.groups:
+        table.add_column(group.type.name, justify='right')
+    for active in model.structure.free:
+        for index, term in enumerate(active.effect.terms):
+            cells = []
+            for group in model.groups:
+                value = group.coefficients[active.name][index]
+                low, high = value.interval
+                cells.append(f'{value.value:.3g}\n({low:.3g} … {high:.3g})')
+            shape = ', '.join(f'{k} {v:g}' for k, v in active.shape)
+            label = f'{active.name} {term.symbol}' + (f' [{shape}]' if shape else '')
+            table.add_row(label, term.unit, *cells)
+    console.print(table)
+
+
+def print_comparison(console: Console, content: dict[str, Any]) -> None:
+    """Errors by model and drive, and where they are worst."""
+    table = _table(f'held-out errors over {content["seconds"]:.0f} s')
+    for column in ('model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'of J'):
+        table.add_column(column, justify='left' if column in ('model', 'drive') else 'right')
+    for model in content['models']:
+        rows = [*model['drives'].items(), ('total', model['total'])]
+        for index, (drive, scores) in enumerate(rows):
+            table.add_row(
+                f'{model["name"]} ({model["held_out"]})' if index == 0 else '',
+                drive,
+                _number(scores['r2'], 3),
+                _number(scores['rmse_w'], 2),
+                _number(scores['bias_w'], 2),
+                _number(scores['error_j'], 0),
+                _number(scores['energy_j'], 0),
+                end_section=index == len(rows) - 1,
+            )
+    console.print(table)
+    for model in content['models']:
+        if model['effects']:
+            console.print(f'{model["name"]}: active effects {", ".join(model["effects"])}')
+        if model['regimes']:
+            console.print(f'{model["name"]} fails most at')
+        for regime in model['regimes'][:3]:
+            console.print(f'  {regime["text"]} ({regime["seconds"]:.0f} s)')
+
+
+def print_outcome(console: Console, outcome: Outcome) -> None:
+    """Verdict, candidates, measurement, what to record next."""
+    content = outcome.json()
+    style = _VERDICT_STYLE[content['verdict']]
+    console.print(f'[{style}]{content["verdict"]}[/]: {content["sentence"]}')
+    console.print(f'active effects: {", ".join(content["active"]) or "none"}')
+    table = _table('candidates: by how much the held-out error falls with each')
+    for column in ('effect', 'W', 'coefficient', '95 % interval', 'may be it'):
+        table.add_column(column, justify='right' if column == 'W' else 'left')
+    for row in content['candidates'][:_SHOWN]:
+        low, high = row['interval']
+        table.add_row(
+            row['name'],
+            f'{row["delta_rmse_w"]:.3f}',
+            f'{row["symbol"]} = {row["coefficient"]:.3g} {_unit(row["unit"])}',
+            f'{low:.3g} … {high:.3g} ({row["drive"]})',
+            'yes' if row['in_confidence_set'] else '',
+        )
+    console.print(table)
+    terms = _table('measurement: what its errors would cost')
+    for column in ('error', 'W', 'value', '95 % interval', 'matters'):
+        terms.add_column(column, justify='right' if column == 'W' else 'left')
+    for name, term in content['measurement'].items():
+        low, high = term['interval']
+        terms.add_row(
+            name,
+            f'{term["watts"]:.2f}',
+            f'{term["value"]:.3g} {_unit(term["unit"])}',
+            f'{low:.3g} … {high:.3g} ({term["drive"]})',
+            'yes' if term['matters'] else '',
+        )
+    console.print(terms)
+    for regime in outcome.base_regimes[:3]:
+        console.print(f'the model fails at {regime.text}')
+    motion = outcome.motion
+    console.print(f'to record next ({motion.seconds:.0f} s): {motion.reason}')
+
+
+def _table(title: str) -> Table:
+    return Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False)
+
+
+def _unit(unit: str) -> str:
+    return '' if unit == '1' else unit
+
+
+def _number(value: float | None, digits: int) -> str:
+    return '–' if value is None else f'{value:.{digits}f}'

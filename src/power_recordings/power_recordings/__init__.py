@@ -1,0 +1,1 @@
+"""Recordings: their card, writing, reading, repair, alignment."""

@@ -1,0 +1,1 @@
+"""From recordings to aligned datasets on one time base."""

@@ -1,0 +1,269 @@
+"""From recordings to aligned datasets: the one way in which measured signals are prepared."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from power_recordings.alignment import signals
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.alignment.filters import antialias, centred, smoothing
+from power_recordings.alignment.stream import Floats, Stream, Times
+from power_recordings.reading.reader import Recording
+
+GRID = 400.0  # Hz
+RATES = (400.0, 200.0, 100.0, 50.0)
+
+
+def align(
+    recording: Recording,
+    *,
+    rate: float = 200.0,
+    smooth: bool = True,
+    drives: Sequence[str] | None = None,
+    need_power: bool = True,
+) -> AlignedDataset:
+    """
+    One recording on one time grid.
+
+    Samples are placed by their stamps. Power is voltage × current of each 1 kHz sample; it is
+    low-passed (`filters.antialias`) and evaluated on a 400 Hz grid that runs with the joint
+    states, to which everything else is interpolated; commands are held. With `smooth` all signals
+    but `cmd_vel` pass the same Savitzky-Golay filter of 12.5 Hz (paper, Section II-A), else, for
+    rates under 400 Hz, the anti-alias filter (all but the held ones); then every n-th sample is
+    taken. No filter shifts a signal in time.
+
+    Gaps end a segment and nothing is carried across: time without joint states or electrical
+    samples for more than 2.5 periods, any missing sequence number, samples with a bad status or
+    NaN of a measured drive, and time before the first command. Each segment also loses half the
+    length of its filters at both ends; `notes` of the result says what was left out.
+
+    `drives` are the joints wanted, in that order (default: all of joint_states); those whose
+    power was not measured have NaN for it, and a drive whose samples are mostly bad counts as
+    such. `need_power=False` admits recordings without drive_supply.
+
+    Raises InputError, naming the recording and the field, where a topic is missing, where
+    drive_supply names drives that joint_states lacks and `drives` does not leave them out, for
+    values that are mostly NaN or in other units, and where no segment is long enough.
+    """
+    if rate not in RATES:
+        raise InputError(f'rate is {rate:g} Hz; it is one of {", ".join(f"{r:g}" for r in RATES)}')
+    source = signals.Source.of(recording, drives, need_power)
+    segments = _Segments(source, rate, smooth)
+    pieces = [piece for span in segments.spans() for piece in segments.pieces(*span)]
+    if not pieces:
+        raise InputError(
+            f'{recording.path}: nothing is left of {recording.duration:.2f} s: no stretch without '
+            f'gaps is longer than the {segments.shortest:.2f} s that the filters need'
+            + ''.join(f'; {note}' for note in source.notes)
+        )
+    notes = tuple(f'{recording.path}: {note}' for note in segments.notes(pieces))
+    return _dataset(source, rate, pieces, str(recording.path), notes)
+
+
+def load_aligned(
+    recordings: Sequence[Path | Recording],
+    *,
+    rate: float = 200.0,
+    smooth: bool = True,
+    drives: Sequence[str] | None = None,
+    need_power: bool = True,
+) -> AlignedDataset:
+    """
+    Several recordings, aligned as by `align` and joined; segments and recordings stay apart.
+
+    Paths are opened one after the other; what is open already is not read again.
+    Raises InputError where `align` does, and for recordings of different joints unless `drives`
+    says which to take.
+    """
+    if not recordings:
+        raise InputError('no recording given')
+    parts: list[AlignedDataset] = []
+    first = ''
+    for given in recordings:
+        recording = given if isinstance(given, Recording) else Recording.open(Path(given))
+        first = first or str(recording.path)
+        part = align(recording, rate=rate, smooth=smooth, drives=drives, need_power=need_power)
+        if parts and set(part.names) != set(parts[0].names):
+            raise InputError(
+                f'{first} has the joints {", ".join(parts[0].names)}, but {recording.path} has '
+                f'{", ".join(part.names)}: name those to take'
+            )
+        parts.append(part.drives(parts[0].names) if parts else part)
+    return join(parts)
+
+
+def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
+    """Datasets of the same drives and rate one after the other."""
+    if len(parts) == 1:
+        return parts[0]
+    segments: list[NDArray[np.int32]] = []
+    owners: list[NDArray[np.int32]] = []
+    next_segment = next_recording = 0
+    for part in parts:
+        segments.append(part.segment + np.int32(next_segment))
+        owners.append(part.recording + np.int32(next_recording))
+        next_segment += int(part.segment.max(initial=-1)) + 1
+        next_recording += len(part.recordings)
+    widths = {name: array.shape[1:] for part in parts for name, array in part.extras.items()}
+    extras = {
+        name: np.concatenate(
+            [
+                part.extras.get(name, np.full((len(part.time), *width), np.nan, np.float32))
+                for part in parts
+            ]
+        )
+        for name, width in widths.items()
+    }
+    arrays = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in ('time', *_PARTS)
+    }
+    return AlignedDataset(
+        rate=parts[0].rate,
+        names=parts[0].names,
+        segment=np.concatenate(segments),
+        recording=np.concatenate(owners),
+        recordings=tuple(name for part in parts for name in part.recordings),
+        extras=extras,
+        notes=tuple(note for part in parts for note in part.notes),
+        **arrays,
+    )
+
+
+_PARTS = (
+    'position',
+    'velocity',
+    'torque',
+    'command',
+    'power',
+    'voltage',
+    'current',
+    'temperature',
+    'supply',
+)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A segment of the result."""
+
+    time: Times  # s after the start of the source
+    signals: Mapping[str, Floats]
+
+
+class _Segments:
+    """The gap-free stretches of a source on the grid."""
+
+    def __init__(self, source: signals.Source, rate: float, smooth: bool) -> None:
+        self._source = source
+        self._every = round(GRID / rate)
+        self._taps = smoothing(GRID) if smooth else antialias(GRID, rate)
+        self._smooth = smooth
+        self._short = 0
+
+    @property
+    def shortest(self) -> float:
+        """Seconds without gap that make a segment."""
+        electrics = self._source.electrics
+        lost = 2 * electrics.half(GRID) * electrics.period if electrics is not None else 0.0
+        return lost + (len(self._taps) + self._every) / GRID
+
+    def spans(self) -> list[tuple[float, float]]:
+        """Start and end of the times [s] at which all that is needed is there."""
+        source = self._source
+        joints = source.joints.spans(GRID)
+        if source.electrics is None:
+            found = joints
+        else:
+            found = _common(joints, source.electrics.spans(GRID))
+        begin = source.first_command
+        return [(max(a, begin), b) for a, b in found.tolist() if b > max(a, begin)]
+
+    def pieces(self, start: float, end: float) -> list[_Piece]:
+        """The segment in a span; none if it is too short for the filters."""
+        grid = _grid(self._source.joints, start, end)
+        half = len(self._taps) // 2
+        if len(grid) < len(self._taps) + self._every:
+            self._short += 1
+            return []
+        inner = slice(half, len(grid) - half, self._every)
+        held = {name: values[inner] for name, values in self._source.held(grid).items()}
+        result: dict[str, Floats] = dict(held)
+        for name, values in self._source.sample(grid).items():
+            if name == 'command' and not self._smooth:
+                result[name] = values[inner]
+            else:
+                result[name] = centred(values, self._taps)[:: self._every]
+        if 'orientation' in result:
+            norm = np.linalg.norm(result['orientation'], axis=1, keepdims=True)
+            result['orientation'] = result['orientation'] / np.maximum(norm, 1e-9)
+        return [_Piece(grid[inner], result)]
+
+    def notes(self, pieces: Sequence[_Piece]) -> list[str]:
+        """What was left out, in words."""
+        joints = self._source.joints.time
+        whole = float(joints[-1] - joints[0])
+        kept = sum(float(piece.time[-1] - piece.time[0]) for piece in pieces)
+        notes = list(self._source.notes)
+        if self._short:
+            notes.append(f'{self._short} stretches under {self.shortest:.2f} s left out')
+        if len(pieces) > 1 or whole - kept > 1.0:
+            notes.append(f'{kept:.2f} s of {whole:.2f} s kept, in {len(pieces)} segments')
+        return notes
+
+
+def _grid(joints: Stream, start: float, end: float) -> Times:
+    """Times at 400 Hz from start to end; in step with joint states of about that rate."""
+    low, high = np.searchsorted(joints.time, [start - 1e-7, end + 1e-7]).tolist()
+    times = joints.time[low:high]
+    period = 1 / GRID
+    if len(times) > 1 and abs(joints.period * GRID - 1) < 0.02:
+        steps = np.rint(np.diff(times) / joints.period).sum()
+        period = float((times[-1] - times[0]) / steps)
+        start = float(times[0])
+    count = int(np.floor((end - start) / period + 1e-6)) + 1
+    return start + period * np.arange(max(count, 0))
+
+
+def _common(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The overlaps of two ascending lists of intervals [R, 2]."""
+    found = []
+    i = j = 0
+    while i < len(a) and j < len(b):
+        start, end = max(a[i, 0], b[j, 0]), min(a[i, 1], b[j, 1])
+        if start < end:
+            found.append((start, end))
+        if a[i, 1] < b[j, 1]:
+            i += 1
+        else:
+            j += 1
+    return np.array(found, np.float64).reshape(-1, 2)
+
+
+def _dataset(
+    source: signals.Source,
+    rate: float,
+    pieces: Sequence[_Piece],
+    name: str,
+    notes: tuple[str, ...],
+) -> AlignedDataset:
+    sizes = [len(piece.time) for piece in pieces]
+    arrays = {
+        key: np.concatenate([piece.signals[key] for piece in pieces]) for key in pieces[0].signals
+    }
+    arrays['supply'] = arrays['supply'][:, 0]
+    time = np.concatenate([piece.time for piece in pieces]) + source.start_ns / 1e9
+    return AlignedDataset(
+        rate=rate,
+        names=source.names,
+        time=time,
+        segment=np.repeat(np.arange(len(pieces), dtype=np.int32), sizes),
+        recordings=(name,),
+        recording=np.zeros(len(time), np.int32),
+        extras={key: array for key, array in arrays.items() if key not in _PARTS},
+        notes=notes,
+        **{key: arrays[key] for key in _PARTS},
+    )

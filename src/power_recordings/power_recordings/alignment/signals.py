@@ -1,0 +1,297 @@
+"""The signals of one recording, checked and cut at their gaps, ready for a common grid."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from power_recordings.alignment.stream import Floats, Stream, Times, held
+from power_recordings.messages.samples import DriveSamples, JointSamples, Samples
+from power_recordings.reading.reader import Recording
+
+_FEET = ('LF_FOOT', 'RF_FOOT', 'LH_FOOT', 'RH_FOOT')
+_JOINT_FIELDS = ('position', 'velocity', 'effort')
+_MOSTLY = 0.5
+_OFTEN = 0.2
+_MOST_RADIANS = 4 * np.pi
+_MOST_AMPERES = 1000.0
+_MOST_VOLTS = 1000.0
+
+
+@dataclass(frozen=True)
+class Source:
+    """
+    The signals of D drives, of which M were measured.
+
+    Streams hold their signals side by side: joints position | velocity | torque [N, 3 D],
+    electrics power | voltage | current | temperature [N, 4 M]. Times are s after `start_ns`.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    measured: tuple[str, ...]
+    start_ns: int
+    joints: Stream
+    electrics: Stream | None
+    commands: tuple[Times, Floats] | None
+    cmd_vel: tuple[Times, Floats] | None
+    others: Mapping[str, Stream] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, recording: Recording, drives: Sequence[str] | None, need_power: bool) -> 'Source':
+        """Collect and check the signals; errors as in `align`."""
+        return _Collector(recording, drives).source(need_power)
+
+    @property
+    def first_command(self) -> float:
+        """Time [s] of the first command; -inf without commands."""
+        if self.commands is None or not len(self.commands[0]):
+            return -np.inf
+        return float(self.commands[0][0])
+
+    def sample(self, grid: Times) -> dict[str, Floats]:
+        """All signals that vary continuously, and the command, at the times of a grid."""
+        count, there = len(self.names), len(self.measured)
+        joints = self.joints.sample(grid).reshape(len(grid), 3, count)
+        result = {name: joints[:, i] for i, name in enumerate(('position', 'velocity', 'torque'))}
+        electric = np.full((len(grid), 4, count), np.nan, np.float32)
+        if self.electrics is not None:
+            columns = [self.names.index(name) for name in self.measured]
+            electric[:, :, columns] = self.electrics.sample(grid).reshape(len(grid), 4, there)
+        for i, name in enumerate(('power', 'voltage', 'current', 'temperature')):
+            result[name] = electric[:, i]
+        result['command'] = self._command(grid)
+        result['supply'] = np.full((len(grid), 1), np.nan, np.float32)
+        return {**result, **{name: stream.sample(grid) for name, stream in self.others.items()}}
+
+    def _command(self, grid: Times) -> Floats:
+        if self.commands is None:
+            return np.full((len(grid), len(self.names)), np.nan, np.float32)
+        return held(*self.commands, grid)
+
+    def held(self, grid: Times) -> dict[str, Floats]:
+        """Signals that are held and never filtered, at the times of a grid."""
+        return {} if self.cmd_vel is None else {'cmd_vel': held(*self.cmd_vel, grid)}
+
+
+class _Collector:
+    def __init__(self, recording: Recording, drives: Sequence[str] | None) -> None:
+        self._recording = recording
+        self._path = recording.path
+        self._notes = list(recording.problems)
+        self._states = self._usable('joint_states', recording.joint_states())
+        assert isinstance(self._states, JointSamples)
+        self._joints = self._states
+        self._names = self._chosen(drives)
+        self._start = int(self._joints.stamp_ns[0])
+
+    def source(self, need_power: bool) -> Source:
+        measured: tuple[str, ...] = ()
+        electrics = None
+        if need_power or self._recording.has('drive_supply'):
+            electrics, measured = self._electrics(self._recording.drive_supply())
+        joints = self._joint_stream()
+        self._must_overlap(joints, electrics)
+        return Source(
+            self._path,
+            self._names,
+            measured,
+            self._start,
+            joints,
+            electrics,
+            self._commands(),
+            self._cmd_vel(),
+            self._others(),
+            tuple(self._notes),
+        )
+
+    def _usable(self, topic: str, samples: Samples) -> Samples:
+        if len(samples) < 4:
+            because = ''.join(f'; {p}' for p in self._recording.problems if topic in p)
+            raise InputError(
+                f'{self._path}: {topic} has only {len(samples)} samples of use{because}'
+            )
+        return samples
+
+    def _chosen(self, drives: Sequence[str] | None) -> tuple[str, ...]:
+        there = self._joints.names
+        chosen = tuple(drives) if drives is not None else there
+        if missing := [name for name in chosen if name not in there]:
+            raise InputError(
+                f'{self._path}: no joint {missing[0]!r} in joint_states; it has {", ".join(there)}'
+            )
+        if not chosen or len(set(chosen)) != len(chosen):
+            raise InputError(f'drives are {", ".join(chosen)!r}; name each drive once')
+        if drives is None and self._recording.has('drive_supply'):
+            supply = self._recording.drive_supply().names
+            if unknown := [name for name in supply if name not in there]:
+                raise InputError(
+                    f'{self._path}: drive_supply measures {", ".join(unknown)}, which '
+                    f'joint_states does not have ({", ".join(there)}): name the drives to take'
+                )
+        return chosen
+
+    def _seconds(self, samples: Samples) -> Times:
+        return (samples.stamp_ns - self._start) / 1e9
+
+    def _joint_stream(self) -> Stream:
+        joints, path = self._joints, self._path
+        columns = [joints.names.index(name) for name in self._names]
+        bad = np.zeros(len(joints), np.bool_)
+        parts = []
+        for name in _JOINT_FIELDS:
+            values = getattr(joints, name)[:, columns]
+            nan = ~np.isfinite(values)
+            for drive, share in zip(self._names, nan.mean(axis=0), strict=True):
+                if share > _MOSTLY:
+                    raise InputError(
+                        f'{path}: joint_states.{name} of {drive} is NaN or missing in '
+                        f'{share:.0%} of the messages; expected numbers'
+                    )
+            bad |= nan.any(axis=1)
+            parts.append(values)
+        beyond = (np.abs(parts[0]) > _MOST_RADIANS).mean(axis=0)
+        if beyond.max() > _OFTEN:
+            worst = int(np.argmax(beyond))
+            raise InputError(
+                f'{path}: joint_states.position of {self._names[worst]} reaches '
+                f'{np.nanmax(np.abs(parts[0][:, worst])):.4g}, mostly beyond 4π: '
+                'degrees? expected rad'
+            )
+        self._note(bad, 'joint_states: {} samples with NaN cut out')
+        apart = np.isin(joints.stamp_ns, self._recording.breaks('joint_states'))
+        stream = Stream.of(self._seconds(joints), np.concatenate(parts, axis=1), bad, apart)
+        self._note_gaps('joint_states', stream)
+        return stream
+
+    def _electrics(self, supply: DriveSamples) -> tuple[Stream | None, tuple[str, ...]]:
+        self._usable('drive_supply', supply)
+        wanted = [name for name in self._names if name in supply.names]
+        columns = [supply.names.index(name) for name in wanted]
+        voltage, current = supply.voltage[:, columns], supply.current[:, columns]
+        self._check_range('voltage', voltage, wanted, _MOST_VOLTS, 'mV? expected V')
+        self._check_range('current', current, wanted, _MOST_AMPERES, 'mA? expected A')
+        nan = ~(np.isfinite(voltage) & np.isfinite(current))
+        flagged = supply.status[:, columns] != 0
+        bad = nan | flagged
+        share = bad.mean(axis=0)
+        keep = [i for i in range(len(wanted)) if share[i] <= _MOSTLY]
+        for i in set(range(len(wanted))) - set(keep):
+            self._notes.append(
+                f'drive_supply: {share[i]:.0%} of the samples of {wanted[i]} are bad; '
+                'it counts as not measured'
+            )
+        if not keep:
+            if wanted:
+                raise InputError(
+                    f'{self._path}: drive_supply has a bad status or NaN in most samples of all '
+                    f'drives ({", ".join(wanted)})'
+                )
+            return None, ()
+        self._note(flagged[:, keep].any(axis=1), 'drive_supply: {} samples of bad status cut out')
+        self._note(nan[:, keep].any(axis=1), 'drive_supply: {} samples with NaN cut out')
+        jumps = np.diff(supply.sequence.astype(np.int64))
+        apart = np.isin(supply.stamp_ns, self._recording.breaks('drive_supply'))
+        apart[1:] |= jumps != 1
+        if (jumps != 1).any():
+            lost = int((jumps[jumps > 1] - 1).sum())
+            self._notes.append(
+                f'drive_supply: {lost} samples missing in {(jumps != 1).sum()} places'
+            )
+        volts, amps = voltage[:, keep], current[:, keep]
+        celsius = supply.temperature[:, columns][:, keep]
+        values = np.concatenate([volts * amps, volts, amps, celsius], axis=1)
+        stream = Stream.of(self._seconds(supply), values, bad[:, keep].any(axis=1), apart)
+        self._note_gaps('drive_supply', stream)
+        return stream, tuple(wanted[i] for i in keep)
+
+    def _check_range(
+        self, name: str, values: Floats, drives: Sequence[str], most: float, hint: str
+    ) -> None:
+        for drive, column in zip(drives, values.T, strict=True):
+            if (np.abs(column) > most).mean() > _OFTEN:
+                raise InputError(
+                    f'{self._path}: drive_supply.{name} of {drive} reaches '
+                    f'{np.nanmax(np.abs(column)):.4g}: {hint}'
+                )
+
+    def _note(self, which: NDArray[np.bool_], text: str) -> None:
+        if which.any():
+            self._notes.append(text.format(int(which.sum())))
+
+    def _note_gaps(self, topic: str, stream: Stream) -> None:
+        steps = np.diff(stream.time)
+        gaps = steps[steps > 2.5 * stream.period]
+        if len(gaps):
+            self._notes.append(
+                f'{topic}: {len(gaps)} gaps, {gaps.sum():.3f} s in all, the longest '
+                f'{gaps.max():.3f} s'
+            )
+
+    def _must_overlap(self, joints: Stream, electrics: Stream | None) -> None:
+        if electrics is None:
+            return
+        if electrics.time[0] >= joints.time[-1] or joints.time[0] >= electrics.time[-1]:
+            raise InputError(
+                f'{self._path}: the stamps of joint_states and drive_supply do not overlap '
+                f'(drive_supply starts {electrics.time[0]:.3f} s after joint_states): '
+                'do both carry measurement times of one clock?'
+            )
+
+    def _commands(self) -> tuple[Times, Floats] | None:
+        if not self._recording.has('joint_commands'):
+            return None
+        commands = self._recording.joint_commands()
+        values = np.full((len(commands), len(self._names)), np.nan, np.float32)
+        for i, name in enumerate(self._names):
+            if name in commands.names:
+                values[:, i] = commands.position[:, commands.names.index(name)]
+        some = np.isfinite(values).any(axis=1)
+        return (self._seconds(commands)[some], values[some]) if some.any() else None
+
+    def _cmd_vel(self) -> tuple[Times, Floats] | None:
+        if not self._recording.has('cmd_vel'):
+            return None
+        samples = self._recording.cmd_vel()
+        return self._seconds(samples), samples.velocity
+
+    def _others(self) -> dict[str, Stream]:
+        r = self._recording
+        wanted: dict[str, tuple[str, Callable[[], Any]]] = {
+            'supply': ('supply', lambda: r.supply().power[:, None]),
+            'foot_force': ('foot_force', self._foot_force),
+            'orientation': ('imu', lambda: _continuous(r.imu().orientation)),
+            'angular_velocity': ('imu', lambda: r.imu().angular_velocity),
+            'linear_acceleration': ('imu', lambda: r.imu().linear_acceleration),
+            'base_velocity': ('odom', lambda: r.odom().linear_velocity),
+            'base_position': ('odom', lambda: r.odom().position),
+        }
+        streams: dict[str, Stream] = {}
+        for name, (topic, values) in wanted.items():
+            if not r.has(topic):
+                continue
+            samples = getattr(r, topic)()
+            if len(samples) < 4:
+                self._notes.append(f'{topic}: only {len(samples)} samples of use, left out')
+                continue
+            apart = np.isin(samples.stamp_ns, r.breaks(topic))
+            streams[name] = Stream.of(self._seconds(samples), values(), apart=apart)
+        return streams
+
+    def _foot_force(self) -> Floats:
+        samples = self._recording.foot_force()
+        if set(samples.names) != set(_FEET):
+            return samples.force
+        return samples.force[:, [samples.names.index(name) for name in _FEET]]
+
+
+def _continuous(orientation: Floats) -> Floats:
+    """Quaternions of which none is on the other side of its neighbour (q and −q are one)."""
+    flips = np.where((orientation[1:] * orientation[:-1]).sum(axis=1) < 0, -1, 1)
+    signs = np.concatenate([[1], np.cumprod(flips)]).astype(np.float32)
+    return orientation * signs[:, None]

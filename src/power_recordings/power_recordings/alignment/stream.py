@@ -1,0 +1,140 @@
+"""Signals with common stamps, cut at their gaps, and their values at any time in between."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_recordings.alignment.filters import antialias, centred
+
+Floats = NDArray[np.float32]
+Times = NDArray[np.float64]
+
+GAP = 2.5  # periods
+
+
+@dataclass(frozen=True)
+class Stream:
+    """
+    K signals at N times, in runs without gaps.
+
+    A run ends where the next sample comes later than 2.5 periods, where a sample was marked bad
+    (it belongs to no run), and where `apart` says that a sample does not follow on the last one.
+    """
+
+    time: Times  # s [N], ascending
+    values: Floats  # [N, K]
+    period: float  # s, median
+    starts: NDArray[np.intp]  # first sample of each run
+    stops: NDArray[np.intp]  # one after its last
+
+    @classmethod
+    def of(
+        cls,
+        time: Times,
+        values: Floats,
+        bad: NDArray[np.bool_] | None = None,
+        apart: NDArray[np.bool_] | None = None,
+    ) -> 'Stream':
+        """A stream from samples; `bad` and `apart` [N] default to none. Needs two samples."""
+        steps = np.diff(time)
+        period = float(np.median(steps))
+        good = np.ones(len(time), np.bool_) if bad is None else ~bad
+        begins = np.ones(len(time), np.bool_)
+        begins[1:] = steps > GAP * period
+        if apart is not None:
+            begins |= apart
+        begins[1:] |= ~good[:-1]
+        ends = np.ones(len(time), np.bool_)
+        ends[:-1] = begins[1:] | ~good[1:]
+        return cls(
+            time,
+            values,
+            period,
+            np.flatnonzero(begins & good),
+            np.flatnonzero(ends & good) + 1,
+        )
+
+    def half(self, rate: float) -> int:
+        """Samples lost at each end of a run to the filter for `rate` Hz."""
+        return len(self._taps(rate)) // 2
+
+    def _taps(self, rate: float) -> NDArray[np.float64]:
+        return antialias(round(1 / self.period, 1), rate)
+
+    def spans(self, rate: float) -> NDArray[np.float64]:
+        """Start and end [s] of what each run gives at `rate` Hz, [R, 2]; empty ones left out."""
+        half = self.half(rate)
+        long = self.stops - self.starts > 2 * half + 1
+        first, last = self.starts[long] + half, self.stops[long] - 1 - half
+        return np.stack([self.time[first], self.time[last]], axis=1).reshape(-1, 2)
+
+    def sample(self, grid: Times) -> Floats:
+        """
+        The values at the times of a uniform grid, [T, K]; NaN outside the runs.
+
+        Where the stream is faster than the grid it is low-passed first (`filters.antialias`).
+        Between samples the values follow a cubic through the four nearest.
+        """
+        result = np.full((len(grid), self.values.shape[1]), np.nan, np.float32)
+        if not len(grid):
+            return result
+        rate = 1 / (grid[1] - grid[0]) if len(grid) > 1 else np.inf
+        taps = self._taps(round(rate, 1))
+        half = len(taps) // 2
+        for run_start, run_stop in zip(self.starts.tolist(), self.stops.tolist(), strict=True):
+            if run_stop - run_start <= 2 * half + 1:
+                continue
+            first, last = self.time[run_start + half], self.time[run_stop - 1 - half]
+            inside = slice(*np.searchsorted(grid, [first - _EDGE, last + _EDGE]).tolist())
+            if inside.start == inside.stop:
+                continue
+            wanted = grid[inside]
+            low, high = np.searchsorted(self.time, [wanted[0], wanted[-1]]).tolist()
+            start = max(run_start, low - half - 2)
+            stop = min(run_stop, high + half + 3)
+            filtered = centred(self.values[start:stop], taps)
+            times = self.time[start + half : stop - half]
+            result[inside] = cubic(times, filtered, wanted)
+        return result
+
+
+_EDGE = 1e-7  # s
+
+
+def held(time: Times, values: NDArray[Any], grid: Times) -> Floats:
+    """
+    Zero-order hold: for each time of grid the last finite value at or before it, [T, K].
+
+    NaN before the first.
+    """
+    finite = np.isfinite(values)
+    latest = np.where(finite, np.arange(len(values))[:, None], -1)
+    latest = np.maximum.accumulate(latest, axis=0)
+    row = np.searchsorted(time, grid + _EDGE, side='right') - 1
+    source = np.where(row[:, None] >= 0, latest[np.maximum(row, 0)], -1)
+    result = np.take_along_axis(values, np.maximum(source, 0), axis=0).astype(np.float32)
+    result[source < 0] = np.nan
+    return result
+
+
+def cubic(time: Times, values: Floats, at: Times) -> Floats:
+    """Values [N, K] at times between samples, by Lagrange's cubic through four neighbours."""
+    count = len(time)
+    if count < 4:
+        columns = [np.interp(at, time, column) for column in values.T]
+        return np.stack(columns, axis=1).astype(np.float32)
+    index = np.interp(at, time, np.arange(count))
+    base = np.clip(np.floor(index).astype(np.intp), 1, count - 3)
+    x = index - base
+    weights = (
+        -x * (x - 1) * (x - 2) / 6,
+        (x + 1) * (x - 1) * (x - 2) / 2,
+        -(x + 1) * x * (x - 2) / 2,
+        (x + 1) * x * (x - 1) / 6,
+    )
+    result = np.zeros((len(at), values.shape[1]), np.float32)
+    for offset, weight in zip((-1, 0, 1, 2), weights, strict=True):
+        result += weight[:, None].astype(np.float32) * values[base + offset]
+    return result

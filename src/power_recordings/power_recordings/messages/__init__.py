@@ -1,0 +1,1 @@
+"""Topics, types and the CDR encoding of their messages, without ROS."""

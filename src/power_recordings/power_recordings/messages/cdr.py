@@ -1,0 +1,300 @@
+"""Messages as CDR bytes, without ROS: one at a time or whole blocks at once."""
+
+import os
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+from wattwalk_core.errors import InputError
+
+from power_recordings.messages.layout import Layout
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+BATTERY_STATE = 'sensor_msgs/msg/BatteryState'
+IMU = 'sensor_msgs/msg/Imu'
+ODOMETRY = 'nav_msgs/msg/Odometry'
+TWIST_STAMPED = 'geometry_msgs/msg/TwistStamped'
+DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
+DRIVE_SUPPLY = 'drive_power_msgs/msg/DriveSupply'
+POWER_ESTIMATE = 'drive_power_msgs/msg/PowerEstimate'
+
+_PACKAGE = 'drive_power_msgs'
+
+
+def definitions() -> Path:
+    """
+    The folder of drive_power_msgs' .msg files: a sourced ROS workspace, else the checkout.
+
+    Raises InputError where there is neither.
+    """
+    prefixes = [Path(p) for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
+    folders = [prefix / 'share' / _PACKAGE / 'msg' for prefix in prefixes]
+    folders += [parent / _PACKAGE / 'msg' for parent in Path(__file__).resolve().parents]
+    for folder in folders:
+        if (folder / 'DriveSupply.msg').is_file():
+            return folder
+    raise InputError(
+        f'cannot find the messages of {_PACKAGE}: source the workspace that holds it '
+        '(AMENT_PREFIX_PATH) or install this package from its checkout'
+    )
+
+
+@cache
+def typestore() -> Typestore:
+    """The message types of ROS 2 Jazzy and of drive_power_msgs."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for file in sorted(definitions().glob('*.msg')):
+        store.register(get_types_from_msg(file.read_text(), f'{_PACKAGE}/msg/{file.stem}'))
+    return store
+
+
+def full_name(type_name: str) -> str:
+    """`package/msg/Type` for `package/msg/Type` or `package/Type`; InputError if unknown."""
+    parts = type_name.split('/')
+    name = f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else type_name
+    if name not in typestore().fielddefs:
+        raise InputError(f'unknown message type {type_name!r}; expected e.g. {JOINT_STATE!r}')
+    return name
+
+
+@cache
+def definition(type_name: str) -> str:
+    """The message definition with those of all nested types, as MCAP's ros2msg schemas hold it."""
+    return str(typestore().generate_msgdef(full_name(type_name), ros_version=2)[0])
+
+
+@cache
+def type_hash(type_name: str) -> str:
+    """The type's hash as ROS 2 computes it (REP-2016)."""
+    return str(typestore().hash_rihs01(full_name(type_name)))
+
+
+def serialize(type_name: str, message: Any) -> bytes:
+    """
+    The CDR bytes (little-endian, with encapsulation header) of a message made by `message`.
+
+    Raises InputError where a field is missing or has the wrong type.
+    """
+    try:
+        return bytes(typestore().serialize_cdr(message, full_name(type_name)))
+    except (SerdeError, AttributeError, TypeError, ValueError, AssertionError) as error:
+        raise InputError(f'cannot serialize a {type_name}: {error}') from error
+
+
+def deserialize(type_name: str, cdr: bytes | memoryview) -> Any:
+    """The message, numeric arrays as numpy; InputError if damaged."""
+    try:
+        return typestore().deserialize_cdr(bytes(cdr), full_name(type_name))
+    except (SerdeError, AssertionError, IndexError) as error:
+        raise InputError(f'damaged {type_name} of {len(cdr)} bytes: {error}') from error
+
+
+def message(type_name: str, **values: Any) -> Any:
+    """
+    A message with the given fields; the rest is zero or empty.
+
+    A nested message may be given as a dict of its fields, numeric arrays as any array-like.
+    Raises InputError for a field that the type does not have.
+    """
+    name = full_name(type_name)
+    fields = dict(typestore().fielddefs[name][1])
+    if unknown := values.keys() - fields.keys():
+        raise InputError(f'{type_name} has no field {min(unknown)!r}; it has {", ".join(fields)}')
+    built = {key: _field(desc, values.get(key)) for key, desc in fields.items()}
+    return typestore().types[name](**built)
+
+
+def _field(desc: Any, value: Any) -> Any:
+    kind, rest = desc
+    if kind == Nodetype.BASE:
+        empty: Any = '' if rest[0] == 'string' else False if rest[0] == 'bool' else 0
+        return empty if value is None else value
+    if kind == Nodetype.NAME:
+        if value is None or isinstance(value, Mapping):
+            return message(rest, **(value or {}))
+        return value
+    (item_kind, item), count = rest
+    if item_kind == Nodetype.NAME or item[0] == 'string':
+        length = count if kind == Nodetype.ARRAY else 0
+        return [
+            _field((item_kind, item), v) for v in ([None] * length if value is None else value)
+        ]
+    dtype = np.uint8 if item[0] in ('byte', 'octet', 'char') else np.dtype(item[0])
+    if value is None:
+        return np.zeros(count if kind == Nodetype.ARRAY else 0, dtype)
+    return np.ascontiguousarray(value, dtype)
+
+
+def encode(
+    type_name: str,
+    stamps_ns: NDArray[np.int64],
+    columns: Mapping[str, ArrayLike],
+    **constant: Any,
+) -> list[bytes]:
+    """
+    N messages that differ in numbers only, at once.
+
+    `constant` holds what all messages share, as for `message`; it fixes the lengths of the arrays.
+    `columns` maps the dotted path of a field to its values, [N] or [N, length].
+    The bytes are those that `serialize` gives for each message.
+    """
+    stamps = np.asarray(stamps_ns, np.int64)
+    if not len(stamps):
+        return []
+    layout = Layout(
+        typestore(), full_name(type_name), serialize(type_name, message(type_name, **constant))
+    )
+    seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
+    stamp = {'header.stamp.sec': seconds, 'header.stamp.nanosec': nanoseconds}
+    return layout.encode(len(stamps), {**stamp, **columns})
+
+
+def encode_joint_states(
+    stamps_ns: NDArray[np.int64],
+    names: Sequence[str],
+    position: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    effort: ArrayLike | None = None,
+    frame_id: str = '',
+) -> list[bytes]:
+    """
+    N sensor_msgs/JointState of D joints from [N, D] arrays; None leaves a field's array empty.
+
+    Also the form of joint_commands (position only) and foot_force (effort only).
+    """
+    given = {'position': position, 'velocity': velocity, 'effort': effort}
+    columns = {field: np.asarray(values) for field, values in given.items() if values is not None}
+    lengths = {field: np.zeros(len(names)) for field in columns}
+    header = {'frame_id': frame_id}
+    return encode(JOINT_STATE, stamps_ns, columns, header=header, name=list(names), **lengths)
+
+
+def encode_drive_supply(
+    stamps_ns: NDArray[np.int64],
+    sequence0: int,
+    device_time: NDArray[np.uint64],
+    names: Sequence[str],
+    voltage: ArrayLike,
+    current: ArrayLike,
+    temperature: ArrayLike | None = None,
+    status: ArrayLike | None = None,
+    samples_per_message: int = 1,
+    frame_id: str = '',
+) -> list[bytes]:
+    """
+    ceil(N / samples_per_message) drive_power_msgs/DriveSupply from N samples of D drives.
+
+    stamps_ns, device_time [N] ns; voltage V, current A, status [N, D]; temperature °C [D] or
+    [N, D] (of a message's first sample), None if unknown. sequence0 is the index of sample 0.
+    """
+    size = samples_per_message
+    if size < 1:
+        raise InputError(f'samples_per_message is {size}; it must be at least 1')
+    stamps = np.asarray(stamps_ns, np.int64)
+    samples, drives = len(stamps), len(names)
+    whole = samples - samples % size
+    shape = (samples, drives)
+    volts, amps = (np.broadcast_to(np.asarray(x, np.float32), shape) for x in (voltage, current))
+    flags = np.broadcast_to(np.asarray(0 if status is None else status, np.uint8), shape)
+    celsius = np.zeros((samples, 0), np.float32)
+    if temperature is not None and np.size(temperature):
+        celsius = np.broadcast_to(np.asarray(temperature, np.float32), shape)
+    sequence = np.arange(sequence0, sequence0 + samples, dtype=np.uint64)
+    messages: list[bytes] = []
+    for rows, length in ((slice(whole), size), (slice(whole, None), samples - whole)):
+        if not length:
+            continue
+        columns: dict[str, NDArray[Any]] = {
+            'sequence': sequence[rows][::length],
+            'device_time': np.asarray(device_time, np.uint64)[rows].reshape(-1, length),
+            'voltage': volts[rows].reshape(-1, length * drives),
+            'current': amps[rows].reshape(-1, length * drives),
+            'temperature': celsius[rows][::length],
+            'status': flags[rows].reshape(-1, length * drives),
+        }
+        arrays = {path: np.zeros(x.shape[1]) for path, x in columns.items() if x.ndim == 2}
+        messages += encode(
+            DRIVE_SUPPLY,
+            stamps[rows][::length],
+            columns,
+            header={'frame_id': frame_id},
+            name=list(names),
+            **arrays,
+        )
+    return messages
+
+
+def encode_batteries(
+    stamps_ns: NDArray[np.int64], voltage: ArrayLike, current: ArrayLike, frame_id: str = ''
+) -> list[bytes]:
+    """N sensor_msgs/BatteryState; current [N] A is negative while drawing. Unmeasured is NaN."""
+    unmeasured = ('temperature', 'charge', 'capacity', 'design_capacity', 'percentage')
+    return encode(
+        BATTERY_STATE,
+        stamps_ns,
+        {'voltage': voltage, 'current': current},
+        header={'frame_id': frame_id},
+        power_supply_status=2,
+        present=True,
+        **dict.fromkeys(unmeasured, np.nan),
+    )
+
+
+def encode_imu(
+    stamps_ns: NDArray[np.int64],
+    orientation: NDArray[np.float64],
+    angular_velocity: NDArray[np.float64],
+    linear_acceleration: NDArray[np.float64],
+    frame_id: str = 'base',
+) -> list[bytes]:
+    """N sensor_msgs/Imu; orientation [N, 4] x y z w, rates [N, 3] rad/s, acceleration m/s²."""
+    columns = {
+        **_vector('orientation', 'xyzw', orientation),
+        **_vector('angular_velocity', 'xyz', angular_velocity),
+        **_vector('linear_acceleration', 'xyz', linear_acceleration),
+    }
+    return encode(IMU, stamps_ns, columns, header={'frame_id': frame_id})
+
+
+def encode_odometry(
+    stamps_ns: NDArray[np.int64],
+    position: NDArray[np.float64],
+    orientation: NDArray[np.float64],
+    linear_velocity: NDArray[np.float64],
+    angular_velocity: NDArray[np.float64],
+    frame_id: str = 'odom',
+    child_frame_id: str = 'base',
+) -> list[bytes]:
+    """N nav_msgs/Odometry; pose in frame_id, twist in child_frame_id, [N, 3] or [N, 4]."""
+    columns = {
+        **_vector('pose.pose.position', 'xyz', position),
+        **_vector('pose.pose.orientation', 'xyzw', orientation),
+        **_vector('twist.twist.linear', 'xyz', linear_velocity),
+        **_vector('twist.twist.angular', 'xyz', angular_velocity),
+    }
+    header = {'frame_id': frame_id}
+    return encode(ODOMETRY, stamps_ns, columns, header=header, child_frame_id=child_frame_id)
+
+
+def encode_twists(
+    stamps_ns: NDArray[np.int64], velocity: NDArray[np.float64], frame_id: str = 'base'
+) -> list[bytes]:
+    """N geometry_msgs/TwistStamped from velocity [N, 3]: vx, vy m/s, yaw rate rad/s."""
+    columns = {
+        'twist.linear.x': velocity[:, 0],
+        'twist.linear.y': velocity[:, 1],
+        'twist.angular.z': velocity[:, 2],
+    }
+    return encode(TWIST_STAMPED, stamps_ns, columns, header={'frame_id': frame_id})
+
+
+def _vector(path: str, axes: str, values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    columns = np.asarray(values).reshape(-1, len(axes)).T
+    return {f'{path}.{axis}': column for axis, column in zip(axes, columns, strict=True)}

@@ -1,0 +1,154 @@
+"""Turns the messages of one topic into columns, whatever their order of names."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from power_recordings.messages.cdr import typestore
+from power_recordings.messages.layout import Layout
+from power_recordings.reading.mcap_file import Batch, windows
+
+_MOST_LAYOUTS = 256
+
+
+@dataclass
+class Block:
+    """Messages of one layout: their places in the topic and their numbers."""
+
+    layout: Layout
+    order: NDArray[np.int64]
+    stamp_ns: NDArray[np.int64]
+    columns: dict[str, NDArray[Any]]
+
+    def strings(self, path: str) -> tuple[str, ...]:
+        """The strings that all messages of the block have at path."""
+        found = self.layout.strings[path]
+        return (found,) if isinstance(found, str) else found
+
+
+@dataclass
+class Columns:
+    """The numbers of the messages of a topic, gathered batch by batch."""
+
+    topic: str
+    type_name: str
+    paths: Sequence[str]
+    blocks: list[Block] = field(default_factory=list)
+    count: int = 0
+    damaged: int = 0
+    restless: bool = False  # names or lengths change in nearly every message
+    _layouts: dict[int, list[Layout]] = field(default_factory=dict)
+
+    def add(self, batch: Batch) -> None:
+        """Decode the messages of a batch; damaged ones are counted and left out."""
+        order = np.arange(self.count, self.count + len(batch.offsets))
+        self.count += len(order)
+        for size in np.unique(batch.sizes).tolist():
+            those = np.flatnonzero(batch.sizes == size)
+            if size < 4:
+                self.damaged += len(those)
+                continue
+            self._sort(windows(batch.data, size)[batch.offsets[those]], order[those])
+
+    def _sort(self, rows: NDArray[np.uint8], order: NDArray[np.int64]) -> None:
+        layouts = self._layouts.setdefault(rows.shape[1], [])
+        for layout in layouts:
+            matched = layout.matches(rows)
+            if matched.all():
+                self._decode(layout, rows, order)
+                return
+            if matched.any():
+                self._decode(layout, rows[matched], order[matched])
+                rows, order = rows[~matched], order[~matched]
+        while len(rows):
+            try:
+                layout = Layout(typestore(), self.type_name, rows[0].tobytes())
+            except ValueError:
+                self.damaged += 1
+                rows, order = rows[1:], order[1:]
+                continue
+            if len(layouts) == _MOST_LAYOUTS:
+                self.restless = True
+                return
+            layouts.append(layout)
+            matched = layout.matches(rows)
+            self._decode(layout, rows[matched], order[matched])
+            rows, order = rows[~matched], order[~matched]
+
+    def _decode(self, layout: Layout, rows: NDArray[np.uint8], order: NDArray[np.int64]) -> None:
+        seconds = layout.decode(rows, 'header.stamp.sec').astype(np.int64)
+        stamp = seconds * 1_000_000_000 + layout.decode(rows, 'header.stamp.nanosec')
+        columns = {path: _narrow(layout.decode(rows, path)) for path in self.paths}
+        self.blocks.append(Block(layout, order, stamp, columns))
+
+    def check(self) -> None:
+        """InputError if there are too many sets of names to make columns of."""
+        if self.restless:
+            raise InputError(
+                f'{self.topic}: the names or array lengths change in nearly every message; '
+                'expected one set of names'
+            )
+
+    def stamps(self) -> NDArray[np.int64]:
+        """Header stamps of all messages in recorded order, ns [N]."""
+        return self.in_order([block.stamp_ns for block in self.blocks])
+
+    def scalars(self, path: str) -> NDArray[Any]:
+        """The values of a field that is a single number, [N]."""
+        return self.in_order([block.columns[path] for block in self.blocks])
+
+    def vector(self, path: str, axes: str) -> NDArray[Any]:
+        """The values of the fields `path`.x, .y … side by side, [N, len(axes)]."""
+        return np.stack([self.scalars(f'{path}.{axis}') for axis in axes], axis=1)
+
+    def names(self, path: str = 'name') -> tuple[str, ...]:
+        """All names that occur, in the order in which they come up."""
+        blocks = sorted(self.blocks, key=lambda block: int(block.order[0]))
+        return tuple(dict.fromkeys(name for block in blocks for name in block.strings(path)))
+
+    def by_name(self, path: str, names: Sequence[str]) -> NDArray[Any]:
+        """The values of an array field put in the order of names, [N, D]; NaN where missing."""
+        return self.in_order([self.remapped(block, path, names) for block in self.blocks])
+
+    def remapped(
+        self, block: Block, path: str, names: Sequence[str], per_message: int = 1
+    ) -> NDArray[Any]:
+        """The values of one block put in the order of names, [N · per_message, D]."""
+        own = block.strings('name')
+        values = block.columns[path]
+        if values.dtype.kind == 'f':
+            result = np.full((len(values) * per_message, len(names)), np.nan, values.dtype)
+        else:
+            result = np.zeros((len(values) * per_message, len(names)), values.dtype)
+        if not values.shape[1]:
+            return result
+        if values.shape[1] != len(own) * per_message:
+            raise InputError(
+                f'{self.topic}: {path} has {values.shape[1]} values for {len(own)} names'
+                + (f' and {per_message} samples' if per_message != 1 else '')
+            )
+        if len(set(own)) != len(own):
+            raise InputError(f'{self.topic}: a name occurs twice in {", ".join(own)}')
+        rows = values.reshape(-1, len(own))
+        if own == tuple(names):
+            return rows
+        result[:, [names.index(name) for name in own]] = rows
+        return result
+
+    def in_order(
+        self, parts: Sequence[NDArray[Any]], places: Sequence[NDArray[np.int64]] | None = None
+    ) -> NDArray[Any]:
+        """Values of all blocks joined in recorded order."""
+        joined = np.concatenate(parts)
+        order = np.concatenate(places or [block.order for block in self.blocks])
+        if (np.diff(order) >= 0).all():
+            return joined
+        return joined[np.argsort(order, kind='stable')]
+
+
+def _narrow(values: NDArray[Any]) -> NDArray[Any]:
+    return values.astype(np.float32) if values.dtype.kind == 'f' else values

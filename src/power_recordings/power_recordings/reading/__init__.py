@@ -1,0 +1,1 @@
+"""Recordings of any writer, read back whole or as far as they go."""

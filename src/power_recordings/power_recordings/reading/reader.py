@@ -1,0 +1,305 @@
+"""Reads recordings back, whole or as far as they go."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Self, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import TypesysError, get_types_from_msg
+from wattwalk_core.errors import InputError
+
+from power_recordings.alignment.ordering import ascending
+from power_recordings.card import FILE, Card
+from power_recordings.messages.cdr import definition, full_name, typestore
+from power_recordings.messages.columns import Columns
+from power_recordings.messages.samples import (
+    CmdVelSamples,
+    DriveSamples,
+    EstimateSamples,
+    FootForceSamples,
+    ImuSamples,
+    JointSamples,
+    OdomSamples,
+    Samples,
+    SupplySamples,
+)
+from power_recordings.messages.topics import KINDS
+from power_recordings.reading import bag_folder
+from power_recordings.reading.mcap_file import Topic
+
+S = TypeVar('S', bound=Samples)
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A topic of a recording."""
+
+    type_name: str
+    count: int
+
+
+@dataclass(frozen=True)
+class Recording:
+    """
+    A recording in memory.
+
+    `problems` says in words what is missing or was left out. The methods named like topics give
+    their samples, in ascending order of measurement time; they raise InputError, which names the
+    topics that are there, if a topic is not. Topics go by their last name: `joint_states` is also
+    found as `/anymal/joint_states`, as long as there is but one.
+    """
+
+    path: Path
+    folder: Path
+    topics: Mapping[str, TopicInfo]
+    start_ns: int  # log time of the first message
+    end_ns: int
+    problems: tuple[str, ...]
+    _samples: Mapping[str, Samples]
+    _breaks: Mapping[str, NDArray[np.int64]]
+    _errors: Mapping[str, InputError]
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """
+        Read a bag folder or .mcap file, by whatever program it was recorded.
+
+        A recording that was cut off is read as far as it goes. Raises InputError for one that
+        is empty, truncated to nothing or no bag at all. What is wrong with a topic (another type
+        or definition, arrays of the wrong length) is raised by the method that asks for it.
+        """
+        path = Path(path)
+        bag = bag_folder.find(path)
+        loader = _Loader(path)
+        problems = list(bag.problems)
+        topics: dict[str, Topic] = {}
+        for batch in bag.batches(problems, topics):
+            loader.add(batch)
+        if not loader.counts:
+            raise InputError(
+                f'{path} holds no messages' + (f': {"; ".join(problems)}' if problems else '')
+            )
+        total = sum(loader.counts.values())
+        if bag.promised is not None and bag.promised > total:
+            problems.append(f'{bag.promised - total} of {bag.promised} messages are missing')
+        samples, breaks = loader.samples(problems)
+        return cls(
+            path=path,
+            folder=bag.folder,
+            topics={
+                name: TopicInfo(topic.type_name, loader.counts.get(name, 0))
+                for name, topic in sorted(topics.items())
+            },
+            start_ns=loader.start_ns,
+            end_ns=loader.end_ns,
+            problems=tuple(problems),
+            _samples=samples,
+            _breaks=breaks,
+            _errors=loader.errors,
+        )
+
+    @classmethod
+    def in_memory(cls, name: str, samples: Mapping[str, Samples]) -> Self:
+        """
+        A recording that was never on disk, from samples by topic (`joint_states` and so on).
+
+        Raises InputError for a topic that is not one of the suite's, or without samples at all.
+        """
+        if unknown := samples.keys() - KINDS.keys():
+            raise InputError(f'no topic {min(unknown)!r}; there are {", ".join(KINDS)}')
+        there = [part.stamp_ns for part in samples.values() if len(part)]
+        if not there:
+            raise InputError(f'{name} holds no samples')
+        topics = {t: TopicInfo(KINDS[t].type_name, len(part)) for t, part in samples.items()}
+        problems: list[str] = []
+        ordered = {t: _in_time(part, t, problems) for t, part in samples.items() if len(part)}
+        return cls(
+            path=Path(name),
+            folder=Path(name),
+            topics=topics,
+            start_ns=min(int(stamps.min()) for stamps in there),
+            end_ns=max(int(stamps.max()) for stamps in there),
+            problems=tuple(problems),
+            _samples={t: part for t, (part, _) in ordered.items()},
+            _breaks={t: breaks for t, (_, breaks) in ordered.items()},
+            _errors={},
+        )
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last message."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+    @cached_property
+    def card(self) -> Card:
+        """The card of the recording; an empty one if it has none."""
+        return Card.load(self.folder) if (self.folder / FILE).exists() else Card()
+
+    def has(self, name: str) -> bool:
+        """Whether there are messages of a topic."""
+        return name in self._samples or name in self._errors
+
+    def breaks(self, name: str) -> NDArray[np.int64]:
+        """Stamps [ns] of samples of a topic that do not follow on the one before: a cut."""
+        return self._breaks[name]
+
+    def drive_supply(self) -> DriveSamples:
+        """Voltage and current of the drives."""
+        return cast(DriveSamples, self._get('drive_supply'))
+
+    def joint_states(self) -> JointSamples:
+        """Position, velocity and torque of the joints."""
+        return cast(JointSamples, self._get('joint_states'))
+
+    def joint_commands(self) -> JointSamples:
+        """Targets of the joints."""
+        return cast(JointSamples, self._get('joint_commands'))
+
+    def supply(self) -> SupplySamples:
+        """The whole robot's supply."""
+        return cast(SupplySamples, self._get('supply'))
+
+    def power_estimate(self) -> EstimateSamples:
+        """Estimates that were made live."""
+        return cast(EstimateSamples, self._get('power_estimate'))
+
+    def foot_force(self) -> FootForceSamples:
+        """Normal forces of the feet."""
+        return cast(FootForceSamples, self._get('foot_force'))
+
+    def imu(self) -> ImuSamples:
+        """Inertial measurements."""
+        return cast(ImuSamples, self._get('imu'))
+
+    def odom(self) -> OdomSamples:
+        """Odometry."""
+        return cast(OdomSamples, self._get('odom'))
+
+    def cmd_vel(self) -> CmdVelSamples:
+        """Velocity commands."""
+        return cast(CmdVelSamples, self._get('cmd_vel'))
+
+    def _get(self, name: str) -> Samples:
+        if name in self._errors:
+            raise self._errors[name]
+        if name not in self._samples:
+            there = ', '.join(n for n, topic in self.topics.items() if topic.count)
+            raise InputError(f'{self.path} has no messages on topic {name!r}; there are: {there}')
+        return self._samples[name]
+
+
+class _Loader:
+    """Sorts the messages of a recording by topic."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._columns: dict[str, Columns | None] = {}
+        self._found: dict[str, str] = {}
+        self.counts: dict[str, int] = {}
+        self.errors: dict[str, InputError] = {}
+        self.start_ns = 2**63 - 1
+        self.end_ns = 0
+
+    def add(self, batch: bag_folder.Batch) -> None:
+        name = batch.topic.name
+        if name not in self._columns:
+            self._columns[name] = self._declare(batch.topic)
+        self.counts[name] = self.counts.get(name, 0) + len(batch.offsets)
+        self.start_ns = min(self.start_ns, int(batch.log_times.min()))
+        self.end_ns = max(self.end_ns, int(batch.log_times.max()))
+        columns = self._columns[name]
+        if columns is not None:
+            columns.add(batch)
+
+    def _declare(self, topic: Topic) -> Columns | None:
+        short = topic.name.rsplit('/', 1)[-1]
+        if short not in KINDS:
+            return None
+        try:
+            if short in self._found:
+                raise InputError(
+                    f'{self._path} has both {self._found[short]} and {topic.name}: '
+                    'record one robot at a time'
+                )
+            self._found[short] = topic.name
+            self._check(topic, KINDS[short].type_name)
+        except InputError as error:
+            self.errors[short] = error
+            return None
+        return Columns(f'{self._path}: {topic.name}', topic.type_name, KINDS[short].paths)
+
+    def _check(self, topic: Topic, type_name: str) -> None:
+        if topic.type_name != type_name:
+            raise InputError(
+                f'{self._path}: topic {topic.name} is a {topic.type_name}; expected {type_name}'
+            )
+        if topic.encoding != 'cdr':
+            raise InputError(
+                f'{self._path}: {topic.name} is encoded as {topic.encoding!r}, not cdr'
+            )
+        _check_definition(self._path, topic)
+
+    def samples(
+        self, problems: list[str]
+    ) -> tuple[dict[str, Samples], dict[str, NDArray[np.int64]]]:
+        found: dict[str, Samples] = {}
+        breaks: dict[str, NDArray[np.int64]] = {}
+        for short, name in self._found.items():
+            columns = self._columns[name]
+            if columns is None or short in self.errors:
+                continue
+            if columns.damaged:
+                problems.append(f'{name}: {columns.damaged} damaged messages left out')
+            if not columns.blocks:
+                continue
+            try:
+                columns.check()
+                whole = KINDS[short].build(columns)
+            except InputError as error:
+                self.errors[short] = error
+                continue
+            found[short], breaks[short] = _in_time(whole, name, problems)
+        return found, breaks
+
+
+def _check_definition(path: Path, topic: Topic) -> None:
+    """Refuse messages whose fields are not those of the type as this software knows it."""
+    if topic.definition in ('', definition(topic.type_name)):
+        return
+    try:
+        recorded = get_types_from_msg(topic.definition, full_name(topic.type_name))
+    except TypesysError as error:
+        raise InputError(f'{path}: the definition of {topic.name} is damaged: {error}') from error
+    for name, (_, recorded_fields) in recorded.items():
+        known = typestore().fielddefs.get(name)
+        if known is not None and known[1] != recorded_fields:
+            raise InputError(
+                f'{path}: {topic.name} was recorded with another definition of {name} '
+                f'(fields {", ".join(field[0] for field in recorded_fields)})'
+            )
+
+
+def _in_time(samples: S, topic: str, problems: list[str]) -> tuple[S, NDArray[np.int64]]:
+    """Samples with ascending stamps, and the stamps at which others were cut out before."""
+    stamps = samples.stamp_ns
+    if len(stamps) < 2 or (np.diff(stamps) > 0).all():
+        return samples, np.zeros(0, np.int64)
+    if (stamps == stamps[0]).all():
+        problems.append(f'{topic}: all {len(stamps)} messages have the same stamp {stamps[0]} ns')
+        return samples.rows(slice(1)), np.zeros(0, np.int64)
+    keep = ascending(stamps)
+    twice = np.diff(stamps, prepend=stamps[0] - 1) == 0
+    back = ~keep & ~twice
+    if twice.any():
+        problems.append(f'{topic}: {twice.sum()} samples with the stamp of another left out')
+    if back.any():
+        first = int(np.argmax(back))
+        problems.append(
+            f'{topic}: {back.sum()} samples whose stamps run backwards cut out, the first '
+            f'at {stamps[first] / 1e9:.3f} s'
+        )
+    cuts = np.cumsum(back)[keep]
+    return samples.rows(keep), stamps[keep][1:][np.diff(cuts) > 0]

@@ -1,0 +1,1 @@
+"""Rosbag2 MCAP bags that survive a killed process and a full disk."""

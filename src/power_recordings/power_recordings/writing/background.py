@@ -1,0 +1,172 @@
+"""Writes messages to a bag in a thread of its own, so that a slow disk holds nothing up."""
+
+import struct
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from wattwalk_core.files import RecordingError
+
+from power_recordings.messages.cdr import DRIVE_SUPPLY, deserialize
+from power_recordings.writing.metadata import Qos
+from power_recordings.writing.writer import BagWriter
+
+_WAITING = 64 << 20  # bytes
+_PERIOD = 0.05  # s
+_FLUSH_PERIOD = 0.5  # s
+
+
+class SequenceCheck:
+    """Counts the samples that never came, from the sequence numbers of DriveSupply messages."""
+
+    def __init__(self) -> None:
+        self.samples = 0
+        self.lost = 0
+        self.places = 0
+        self._expected: int | None = None
+
+    def feed(self, cdr: bytes) -> None:
+        """Take a message's CDR bytes; one that is cut off is passed over."""
+        try:
+            order = '<' if cdr[1] == 1 else '>'
+            (frame,) = struct.unpack_from(f'{order}I', cdr, 12)
+            start = 4 + (12 + frame + 7) // 8 * 8
+            first, count = struct.unpack_from(f'{order}QI', cdr, start)
+        except (IndexError, struct.error):
+            return
+        if self._expected is not None and first != self._expected:
+            self.places += 1
+            self.lost += max(first - self._expected, 0)
+        self.samples += count
+        self._expected = first + count
+
+    def __str__(self) -> str:
+        if not self.places:
+            return f'all {self.samples} samples of drive_supply came'
+        return (
+            f'drive_supply lost {self.lost} samples in {self.places} places ({self.samples} came)'
+        )
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How a recording stands."""
+
+    seconds: float
+    counts: Mapping[str, int]  # messages by topic
+    dropped: Mapping[str, int]  # messages for which there was no room, by topic
+    size: int  # bytes in the file
+    waiting: int  # bytes that the disk has not taken yet
+
+    def rates(self, before: 'Progress') -> dict[str, float]:
+        """Messages per second by topic since an earlier progress."""
+        span = max(self.seconds - before.seconds, 1e-9)
+        return {name: (n - before.counts.get(name, 0)) / span for name, n in self.counts.items()}
+
+
+class BackgroundRecorder:
+    """
+    A bag and the thread that writes it.
+
+    Up to 64 MiB wait for the disk; what comes beyond is dropped and counted. What came is with
+    the operating system after half a second at the latest. A topic enters the bag with its first
+    message.
+    """
+
+    def __init__(self, bag: BagWriter, most_waiting: int = _WAITING):
+        self._bag = bag
+        self._types: dict[str, str] = {}
+        self._qos: dict[str, Qos] = {}
+        self._topics: dict[str, int] = {}
+        self._queue: deque[tuple[str, int, bytes]] = deque()
+        self._most = most_waiting
+        self._taken = self._written = 0
+        self._counts: Counter[str] = Counter()
+        self._dropped: Counter[str] = Counter()
+        self._started = time.monotonic()
+        self._supply: bytes | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='bag writer', daemon=True)
+        self.sequence = SequenceCheck()
+        self.failed: RecordingError | None = None
+        self._thread.start()
+
+    def put(self, name: str, log_time_ns: int, cdr: bytes) -> None:
+        """Take a message of a topic; never waits for the disk."""
+        if self.failed is not None or self._taken - self._written > self._most:
+            self._dropped[name] += 1
+            return
+        self._taken += len(cdr)
+        self._counts[name] += 1
+        self._queue.append((name, log_time_ns, cdr))
+
+    def declare(self, name: str, type_name: str, reliability: str = 'reliable') -> None:
+        """Say what a topic is, before its first message."""
+        self._types[name] = type_name
+        self._qos[name] = Qos(reliability)
+
+    def progress(self) -> Progress:
+        """How the recording stands now."""
+        return Progress(
+            time.monotonic() - self._started,
+            dict(self._counts),
+            dict(self._dropped),
+            self._bag.size,
+            self._taken - self._written,
+        )
+
+    def summary(self) -> str:
+        """What came and what was lost, a line each."""
+        end = self.progress()
+        lines = [
+            f'{name:<24}{count:>10} messages{count / end.seconds:>10.1f} Hz'
+            for name, count in sorted(end.counts.items())
+        ]
+        if self.sequence.samples:
+            lines.append(str(self.sequence))
+        lines += [
+            f'{count} messages of {name} were dropped: the disk was too slow'
+            for name, count in end.dropped.items()
+        ]
+        if not end.counts:
+            lines.append('no message came on any topic: is anything running?')
+        return '\n'.join([*lines, f'{end.seconds:.1f} s, {end.size / 1e6:.1f} MB'])
+
+    def measured(self) -> tuple[str, ...]:
+        """The drives that the first drive_supply names."""
+        return () if self._supply is None else tuple(deserialize(DRIVE_SUPPLY, self._supply).name)
+
+    def close(self) -> None:
+        """Write what waits and close the bag; raises RecordingError if the disk refused."""
+        self._stop.set()
+        self._thread.join()
+        if self.failed is not None:
+            raise self.failed
+        self._bag.close()
+
+    def _run(self) -> None:
+        flushed = time.monotonic()
+        try:
+            while True:
+                stopping = self._stop.wait(_PERIOD)
+                self._drain()
+                if time.monotonic() - flushed >= _FLUSH_PERIOD:
+                    self._bag.flush()
+                    flushed = time.monotonic()
+                if stopping:
+                    return
+        except RecordingError as error:
+            self.failed = error
+
+    def _drain(self) -> None:
+        while self._queue:
+            name, log_time_ns, cdr = self._queue.popleft()
+            if name not in self._topics:
+                self._topics[name] = self._bag.add_topic(name, self._types[name], self._qos[name])
+            if self._types[name] == DRIVE_SUPPLY:
+                self.sequence.feed(cdr)
+                self._supply = self._supply or cdr
+            self._bag.write(self._topics[name], log_time_ns, cdr)
+            self._written += len(cdr)

@@ -1,0 +1,296 @@
+"""Writes rosbag2 MCAP bags that survive a killed process and a full disk."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self, cast
+
+from mcap.writer import CompressionType, Writer
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import RecordingError, advice, write_whole
+
+from power_recordings.messages import cdr as messages
+from power_recordings.writing import metadata
+from power_recordings.writing.metadata import Qos
+
+_CHUNK_SIZE = 1 << 20
+_RESERVE = 4 << 20
+_LIBRARY = 'power_daq'
+
+
+class _Spool:
+    """What the MCAP writer has produced and the file does not hold yet."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+        self._position = 0
+
+    def write(self, data: bytes) -> int:
+        if data:
+            self._parts.append(bytes(data))
+            self._position += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        return self._position
+
+    def flush(self) -> None:
+        """Nothing to do: BagWriter moves the bytes on."""
+
+    def take(self) -> bytes:
+        data = b''.join(self._parts)
+        self._parts.clear()
+        return data
+
+    @property
+    def pending(self) -> bool:
+        return bool(self._parts)
+
+
+class _Output:
+    """The file: whole records or nothing, and room in reserve for the end of the bag."""
+
+    def __init__(self, path: Path) -> None:
+        self._descriptor = os.open(
+            path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644
+        )
+        self.size = 0
+        self._reserve: IO[bytes] | None = None
+        try:
+            self._reserve = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115
+            os.posix_fallocate(self._reserve.fileno(), 0, _RESERVE)
+        except OSError:
+            self.close()
+            path.unlink()
+            raise
+
+    def append(self, records: bytes) -> None:
+        """Write all of records; on OSError the file ends where it ended before."""
+        rest = memoryview(records)
+        try:
+            while rest:
+                rest = rest[os.write(self._descriptor, rest) :]
+        except OSError:
+            os.ftruncate(self._descriptor, self.size)
+            os.lseek(self._descriptor, self.size, os.SEEK_SET)
+            raise
+        self.size += len(records)
+
+    def release_reserve(self) -> None:
+        """Give the room in reserve back to the disk."""
+        if self._reserve is not None:
+            self._reserve.close()
+            self._reserve = None
+
+    def sync(self) -> None:
+        """Wait until the disk holds the file."""
+        os.fsync(self._descriptor)
+
+    def close(self) -> None:
+        """Release everything."""
+        self.release_reserve()
+        os.close(self._descriptor)
+
+
+class BagWriter:
+    """
+    A rosbag2 bag `path/` with `<name>_0.mcap` and, once closed, metadata.yaml.
+
+    Messages are gathered in zstd-compressed chunks. A chunk goes to the operating system as soon
+    as its log times span `flush_period` seconds (or it holds 1 MiB), or on `flush`; so a killed
+    process loses no more than that. The disk is synced at `close` alone: a power cut may cost what
+    the operating system had not written yet. The same calls give the same bytes.
+
+    Where the disk fills, space that was reserved in the folder takes the chunk at hand and the
+    index, the bag is closed, and RecordingError says so; nothing given to `write` is lost. Where
+    even that fails, the bag ends with the last whole chunk and the error counts what is missing.
+
+    Raises InputError if path exists (unless `overwrite`, which replaces nothing but a bag) and
+    RecordingError if it cannot be written.
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool = False, flush_period: float = 0.5) -> None:
+        if not 0 < flush_period <= 10:
+            raise InputError(f'flush_period is {flush_period} s; it must be in (0, 10]')
+        self.path = Path(path)
+        self.file = self.path / f'{self.path.resolve().name}_0.mcap'
+        self._period = round(flush_period * 1e9)
+        self._schemas: dict[str, int] = {}
+        self._topics: dict[int, tuple[str, str, Qos]] = {}
+        self._counts: dict[int, int] = {}
+        self._first: int | None = None
+        self._last = 0
+        self._chunk_start: int | None = None
+        self._saved = 0
+        self._closed = False
+        self._spool = _Spool()
+        self._mcap = Writer(cast(IO[Any], self._spool), _CHUNK_SIZE, CompressionType.ZSTD)
+        _make_way(self.path, overwrite)
+        try:
+            self.path.mkdir(parents=True)
+            self._output = _Output(self.file)
+        except OSError as error:
+            raise RecordingError(f'cannot record to {self.path}: {advice(error)}') from error
+        self._mcap.start('ros2', _LIBRARY)
+        self._save()
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Messages given to `write` so far, by topic."""
+        return {self._topics[topic][0]: count for topic, count in self._counts.items()}
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file so far."""
+        return self._output.size
+
+    def add_topic(self, name: str, type_name: str, qos: Qos | None = None) -> int:
+        """
+        Declare a topic and return its handle for `write`.
+
+        A name without a leading slash is taken to be in the root namespace.
+        Raises InputError for an unknown type or a topic that is there already.
+        """
+        self._must_be_open()
+        name = name if name.startswith('/') else f'/{name}'
+        type_name = messages.full_name(type_name)
+        qos = qos or Qos()
+        if any(topic[0] == name for topic in self._topics.values()):
+            raise InputError(f'topic {name!r} is in the bag already')
+        if type_name not in self._schemas:
+            text = messages.definition(type_name).encode()
+            self._schemas[type_name] = self._mcap.register_schema(type_name, 'ros2msg', text)
+        topic = self._mcap.register_channel(
+            name,
+            'cdr',
+            self._schemas[type_name],
+            {'offered_qos_profiles': qos.dump(), 'topic_type_hash': messages.type_hash(type_name)},
+        )
+        self._topics[topic] = (name, type_name, qos)
+        self._counts[topic] = 0
+        return topic
+
+    def write(self, topic: int, log_time_ns: int, cdr: bytes) -> None:
+        """
+        Add a message that arrived at log_time_ns.
+
+        Raises RecordingError if the disk refuses (the bag is then closed) or the bag is closed.
+        """
+        self._must_be_open()
+        if topic not in self._counts:
+            raise InputError(f'no topic {topic!r} in this bag: call add_topic first')
+        time = int(log_time_ns)
+        if self._chunk_start is None:
+            self._chunk_start = time
+        self._first = time if self._first is None else min(self._first, time)
+        self._last = max(self._last, time)
+        self._counts[topic] += 1
+        self._mcap.add_message(topic, time, cdr, time)
+        if abs(time - self._chunk_start) >= self._period:
+            self.flush()
+        elif self._spool.pending:
+            self._save()
+
+    def flush(self) -> None:
+        """Hand what was written so far to the operating system; RecordingError if it refuses."""
+        self._must_be_open()
+        self._mcap.flush()
+        self._save()
+
+    def close(self) -> None:
+        """
+        Write the index and metadata.yaml and sync the disk; harmless when closed already.
+
+        Raises RecordingError if the disk refuses; the messages are then readable without index.
+        """
+        if self._closed:
+            return
+        self.flush()
+        self._output.release_reserve()
+        try:
+            self._finish()
+        except OSError as error:
+            raise RecordingError(
+                f'{self.path}: the index could not be written: {advice(error)}. All '
+                f'{self._saved} messages are readable'
+            ) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _must_be_open(self) -> None:
+        if self._closed:
+            raise RecordingError(f'the bag {self.path} is closed')
+
+    def _save(self) -> None:
+        data = self._spool.take()
+        self._chunk_start = None
+        try:
+            self._output.append(data)
+        except OSError as error:
+            raise self._rescue(data, error) from error
+        self._saved = sum(self._counts.values())
+
+    def _rescue(self, data: bytes, cause: OSError) -> RecordingError:
+        """Close the bag with what the reserve can still take."""
+        stopped = f'recording to {self.path} stopped: {advice(cause)}'
+        self._output.release_reserve()
+        try:
+            self._output.append(data)
+            self._saved = sum(self._counts.values())
+            self._finish()
+        except OSError:
+            self._closed = True
+            self._output.close()
+            lost = sum(self._counts.values()) - self._saved
+            return RecordingError(
+                f'{stopped}. The {self._saved} messages in the bag are readable, though it has '
+                f'no index; {lost} messages are lost'
+            )
+        return RecordingError(
+            f'{stopped}. The bag is closed; it holds all {self._saved} messages up to now'
+        )
+
+    def _finish(self) -> None:
+        self._closed = True
+        content = metadata.information(
+            self.file.name,
+            [
+                metadata.TopicSummary(name, type_name, messages.type_hash(type_name), qos, count)
+                for (name, type_name, qos), count in zip(
+                    self._topics.values(), self._counts.values(), strict=True
+                )
+            ],
+            self._first or 0,
+            self._last,
+        )
+        try:
+            self._mcap.add_metadata('rosbag2', {'serialized_metadata': metadata.dump(content)})
+            self._mcap.finish()
+            self._output.append(self._spool.take())
+            self._output.sync()
+        finally:
+            self._output.close()
+        whole = {'rosbag2_bagfile_information': content}
+        write_whole(self.path / 'metadata.yaml', metadata.dump(whole))
+
+
+def _make_way(path: Path, overwrite: bool) -> None:
+    if not (path.exists() or path.is_symlink()):
+        return
+    if not overwrite:
+        raise InputError(f'{path} exists already: choose another name or remove it')
+    if not path.is_dir() or not any(path.glob('*_0.mcap')):
+        raise InputError(f'{path} is not a recording, so it is not replaced: choose another name')
+    shutil.rmtree(path)

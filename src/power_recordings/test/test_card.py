@@ -1,0 +1,76 @@
+from pathlib import Path
+
+import pytest
+from power_recordings.card import Card
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import RecordingError
+
+CARD = Card(
+    robot='anymal_c',
+    unit='A',
+    drives=('LF_HAA', 'LF_HFE', 'LF_KFE'),
+    controller='trot',
+    terrain='flat',
+    notes='zweite Fahrt: kälter',
+    seed=7,
+    created='2025-01-02T03:04:05+00:00',
+    other={'load_kg': 4.5, 'crew': ['A', 'B']},
+)
+
+
+def test_a_card_comes_back_as_it_was_saved(tmp_path: Path) -> None:
+    CARD.save(tmp_path)
+    assert Card.load(tmp_path) == CARD
+    assert Card.load(tmp_path / 'card.yaml') == CARD
+    assert [p.name for p in tmp_path.iterdir()] == ['card.yaml']
+
+
+def test_drive_types_follow_from_the_names() -> None:
+    card = Card(drives=('LF_HAA', 'RH_KFE', 'bench'))
+    assert card.drive_types == {'LF_HAA': 'HAA', 'RH_KFE': 'KFE', 'bench': 'bench'}
+
+
+def test_keys_that_are_not_known_are_kept(tmp_path: Path) -> None:
+    (tmp_path / 'card.yaml').write_text('robot: dog\nunit: 3\ncreated: 2025-01-02\nfans: [1, 2]\n')
+    card = Card.load(tmp_path)
+    assert (card.robot, card.unit, card.created) == ('dog', '3', '2025-01-02')
+    assert card.other == {'fans': [1, 2]}
+    card.save(tmp_path)
+    assert Card.load(tmp_path) == card
+
+
+def test_an_empty_card_is_a_card(tmp_path: Path) -> None:
+    (tmp_path / 'card.yaml').write_text('# nothing yet\nunit:\n')
+    assert Card.load(tmp_path) == Card()
+
+
+@pytest.mark.parametrize(
+    ('text', 'error'),
+    [
+        ('[1, 2]', r'expected keys and values'),
+        ('robot: [a', r'is not YAML'),
+        ('robot: {a: 1}', r"robot is \{'a': 1\}; expected text"),
+        ('drives: LF_HAA', r"drives is 'LF_HAA'; expected a list"),
+        ('drives: [LF_HAA, LF_HAA]', r'names one drive twice'),
+        ('drives: [1]', r'expected a list of names'),
+        ('seed: soon', r"seed is 'soon'; expected a whole number"),
+        ('seed: true', r'seed is True'),
+        ('robot: !!python/object/apply:os.getcwd []', r'is not YAML'),
+    ],
+)
+def test_a_card_that_makes_no_sense_is_refused(tmp_path: Path, text: str, error: str) -> None:
+    (tmp_path / 'card.yaml').write_text(text)
+    with pytest.raises(InputError, match=error) as caught:
+        Card.load(tmp_path)
+    assert str(tmp_path / 'card.yaml') in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_a_card_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r'cannot read .*card\.yaml: No such file'):
+        Card.load(tmp_path)
+
+
+def test_saving_where_it_is_not_possible_says_so(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match='there is no such folder'):
+        CARD.save(tmp_path / 'nowhere')

@@ -1,0 +1,135 @@
+"""`ros2 run sim_bridge bench`: a bag of one drive in a motion on a stand."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from drive_bench.motion.library import MOTIONS, listing
+from drive_bench.motion.segment_path import Mounting
+from drive_bench.motion.segments import UNITS
+from drive_bench.nodes.excite_options import Load
+from rclpy.utilities import remove_ros_args
+from wattwalk_core.command import command
+from wattwalk_core.errors import InputError
+
+from sim_bridge.commands.sim import load_plant
+from sim_bridge.instruments.analyser import Analyser, AnalyserParameters, check_output
+from sim_bridge.offline.motions import Motion, bench_motion
+from sim_bridge.offline.run import OfflineRun, write_bench_bag
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.robot import JOINT_NAMES
+from sim_bridge.plant.world import Stand, stand_world
+from sim_bridge.sensors.meter import DeviceClock
+
+_GRAVITY = 9.81  # m/s²
+_EPILOG = f"""motions:
+{listing()}
+
+They are those of `ros2 run policy_runner bench`, which runs them on a drive.
+
+examples:
+  ros2 run sim_bridge bench sine -o bags/sine
+  ros2 run sim_bridge bench ladder --mode velocity --duration 40 -o bags/ladder
+  ros2 run sim_bridge bench holds --load 4kg@0.3m --drive RH_HFE -o bags/holds
+  ros2 run sim_bridge bench sine --frequency 4.0371 --unit 3 -o bags/fig2 --analyser fig2.csv
+"""
+
+
+def parse(args: Sequence[str]) -> argparse.Namespace:
+    """Options of the command; ROS arguments must be gone from args."""
+    parser = argparse.ArgumentParser(
+        prog='bench',
+        description='Record one simulated drive on a stand, as fast as the machine can.',
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add('motion', metavar='MOTION', help=f'{", ".join(MOTIONS)}, or a motion/1 file')
+    add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
+    add('--mode', choices=tuple(UNITS), help='one that the motion has; default: its first')
+    add('--amplitude', type=float, metavar='X', help='in the unit of the mode')
+    add('--frequency', type=float, metavar='HZ')
+    add('--duration', type=float, metavar='S', help='of each segment with an amplitude')
+    add('--drive', choices=JOINT_NAMES, default='LF_KFE', metavar='NAME', help='such as LF_KFE')
+    add('--inertia', type=float, default=0.02, metavar='J', help='of the disc it turns, kg·m²')
+    add('--load', metavar='KG@M', help='weight on an arm, such as 4kg@0.3m')
+    add('--mass', type=float, default=0.0, metavar='M', help='of the same weight, kg')
+    add('--length', type=float, default=0.3, metavar='L', help='of its arm, m')
+    add('--seed', type=int, default=0, help='of the noise')
+    add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
+    add('--unit', type=int, metavar='N', help='draw the spread of another unit')
+    add('--overwrite', action='store_true', help='replace a bag that is there')
+    add = parser.add_argument_group('a power analyser beside the meter').add_argument
+    add('--analyser', type=Path, metavar='FILE.csv', help='write what it logs')
+    add('--analyser-rate', type=float, default=20_000.0, metavar='HZ', help='rows per second')
+    add('--analyser-offset', type=float, default=0.0, metavar='S', help='its clock at the start')
+    add('--analyser-drift', type=float, default=0.0, metavar='PPM', help='of its clock')
+    return parser.parse_args(args)
+
+
+def _analyser(options: argparse.Namespace, plant: Plant) -> Analyser | None:
+    if options.analyser is None:
+        return None
+    check_output(options.analyser)
+    parameters = AnalyserParameters(
+        rate=options.analyser_rate,
+        clock_offset=options.analyser_offset,
+        clock_drift=options.analyser_drift,
+    )
+    return Analyser(parameters, DeviceClock.of(plant.meter), seed=options.seed)
+
+
+def _stand(options: argparse.Namespace) -> Stand:
+    if options.load is None:
+        return Stand(options.inertia, options.mass, options.length)
+    if options.mass:
+        raise InputError('--load and --mass say the same; give one of the two')
+    load = Load.of(options.load)
+    return Stand(options.inertia, load.mass, load.length)
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Write the bag that the arguments ask for."""
+    given = list(sys.argv if args is None else ['bench', *args])
+    options = parse(remove_ros_args(given)[1:])
+    plant, stand = load_plant(options.plant, options.unit), _stand(options)
+    pull = _GRAVITY * stand.mass * stand.length
+    wanted = bench_motion(
+        options.motion,
+        options.mode,
+        amplitude=options.amplitude,
+        frequency=options.frequency,
+        seconds=options.duration,
+        pull=pull,
+    )
+    motion = Motion(wanted, Mounting(pull))
+    world = stand_world(options.drive, stand)
+    analyser = _analyser(options, plant)
+    run = OfflineRun(
+        plant,
+        world,
+        motion,
+        duration=motion.seconds,
+        seed=options.seed,
+        watch=None if analyser is None else analyser.watch,
+    )
+    write_bench_bag(
+        options.output,
+        run,
+        unit=str(plant.unit_number),
+        controller=motion.name,
+        notes='simulated drive on a stand',
+        seed=options.seed,
+        plant=plant.name,
+        overwrite=options.overwrite,
+    )
+    print(f'wrote {options.output}')
+    if analyser is not None:
+        print(f'wrote {options.analyser}: {analyser.save(options.analyser)} rows')
+        print(
+            f'next: ros2 run power_daq calibrate {options.output} '
+            f'--reference {options.analyser} -o calibration.yaml --report calibration.html'
+        )
+    return 0

@@ -1,0 +1,147 @@
+"""`ros2 run sim_bridge record`: the recordings that a power model is trained and judged on."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from power_recordings.card import FILE, Card
+from rclpy.utilities import remove_ros_args
+from wattwalk_core.command import command
+from wattwalk_core.errors import InputError
+
+from sim_bridge.commands.sim import load_plant
+from sim_bridge.offline.run import run_offline
+from sim_bridge.plant.robot import JOINT_NAMES
+
+_SEED = 21
+_SHORTEST, _LONGEST = 1.0, 36_000.0  # s
+_EPILOG = """\
+sets:
+  paper       HAA, HFE, KFE: ten minutes each with one drive of that type metered, on rough
+              ground (±2 cm, slopes to 2 %) and pushed (Section II-A)
+  robustness  trot_slow, trot_high, unit: 150 s each of other gaits and of another unit of the
+              robot on level ground, all drives metered (Section III-B)
+
+All walk by random velocity commands. Recordings that are there already are kept; what was broken
+off is recorded anew.
+
+examples:
+  ros2 run sim_bridge record paper -o bags/paper
+  ros2 run sim_bridge record robustness -o bags/robustness --seconds 120
+  ros2 run power_estimator train bags/paper/* -o runs/paper
+"""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One recording of a set."""
+
+    name: str
+    seed: int
+    drives: tuple[str, ...]
+    controller: str = 'trot'
+    unit: int | None = None
+    terrain: str = 'flat'
+    pushes: bool = False
+
+
+def plans(which: str, seed: int = _SEED) -> tuple[Plan, ...]:
+    """The recordings of the set `paper` or `robustness`; seed counts up from recording to it."""
+    if which == 'paper':
+        types = ('HAA', 'HFE', 'KFE')
+        return tuple(
+            Plan(kind, seed + i, (f'LF_{kind}',), terrain='rough', pushes=True)
+            for i, kind in enumerate(types)
+        )
+    if which == 'robustness':
+        return (
+            Plan('trot_slow', seed + 10, JOINT_NAMES, 'trot_slow'),
+            Plan('trot_high', seed + 11, JOINT_NAMES, 'trot_high'),
+            Plan('unit', seed + 12, JOINT_NAMES, unit=2),
+        )
+    raise InputError(f'set {which!r} is not one of {", ".join(SECONDS)}')
+
+
+SECONDS = {'paper': 600.0, 'robustness': 150.0}
+
+
+def record(plan: Plan, folder: Path, seconds: float, plant: str = 'anymal_c') -> bool:
+    """
+    Make one recording; False if it is there already.
+
+    The card says when a recording is whole, for it is written last. InputError if one of other
+    settings is there, or for a duration outside 1..36000 s.
+    """
+    if not _SHORTEST <= seconds <= _LONGEST:
+        raise InputError(f'--seconds is {seconds:g}; it must lie in {_SHORTEST:g}..{_LONGEST:g}')
+    bag = folder / plan.name
+    wanted = {'plan': _content(plan), 'seconds': seconds, 'plant': plant}
+    if (bag / FILE).exists():
+        found = Card.load(bag).other
+        for key in wanted if 'plan' in found else ():
+            if found.get(key) != wanted[key]:
+                raise InputError(
+                    f'{bag} was recorded with {key} = {found.get(key)}, not {wanted[key]}; '
+                    f'give another folder'
+                )
+        if 'plan' in found:
+            return False
+    folder.mkdir(parents=True, exist_ok=True)
+    run_offline(
+        bag,
+        duration=seconds,
+        seed=plan.seed,
+        plant=load_plant(plant, plan.unit),
+        controller=plan.controller,
+        terrain=plan.terrain,
+        pushes=plan.pushes,
+        drives=plan.drives,
+        overwrite=True,
+        progress=True,
+    )
+    card = Card.load(bag)
+    replace(card, other={**card.other, **wanted}).save(bag)
+    return True
+
+
+def _content(plan: Plan) -> dict[str, object]:
+    return {**asdict(plan), 'drives': list(plan.drives)}
+
+
+def parse(args: Sequence[str]) -> argparse.Namespace:
+    """Options of the command; ROS arguments must be gone from args."""
+    parser = argparse.ArgumentParser(
+        prog='record',
+        description='Make a set of recordings of the simulated robot, to train and judge on.',
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add('set', choices=tuple(SECONDS), help='which recordings to make')
+    add('-o', '--output', type=Path, required=True, metavar='FOLDER', help='of the recordings')
+    add('--seconds', type=float, metavar='S', help='of each recording (600 or 150)')
+    add('--seed', type=int, default=_SEED, help='of commands, noise, terrain and pushes')
+    add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
+    return parser.parse_args(args)
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Make the recordings that are not there yet."""
+    given = list(sys.argv if args is None else ['record', *args])
+    options = parse(remove_ros_args(given)[1:])
+    seconds = SECONDS[options.set] if options.seconds is None else options.seconds
+    wanted = plans(options.set, options.seed)
+    for number, plan in enumerate(wanted, 1):
+        made = record(plan, options.output, seconds, options.plant)
+        state = 'recorded' if made else 'there already'
+        print(f'{number} of {len(wanted)}: {options.output / plan.name} {state}')
+    bags = ' '.join(str(options.output / plan.name) for plan in wanted)
+    print(
+        f'next: ros2 run power_estimator train {bags} -o runs/paper'
+        if options.set == 'paper'
+        else f'next: ros2 run power_estimator benchmark {bags} --models ppn:runs/paper'
+    )
+    return 0

@@ -1,0 +1,85 @@
+"""Command line of `ros2 run sim_bridge sim`."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from wattwalk_core.errors import InputError
+
+from sim_bridge.offline.controllers import CONTROLLERS
+from sim_bridge.offline.run import TERRAINS, run_offline
+from sim_bridge.plant.parameters import Plant
+
+_EPILOG = """\
+Without --offline this is the node `sim_bridge`: the plant in real time behind a CAN bus. Its
+settings are ROS parameters: plant, unit, terrain, seed, world (anymal_c or bench), joint, inertia,
+mass and length of the pendulum that the bench's drive swings,
+interface (unixsocket, virtual, socketcan), channel, dbc, mapping, publish_clock, reset_after_fall,
+push_velocity, push_direction. Services: push, reset.
+
+examples:
+  ros2 run sim_bridge sim --ros-args -p channel:=/tmp/wattwalk.sock
+  ros2 run sim_bridge sim --offline --seed 1 --duration 60 -o bags/walk --pushes
+  ros2 run sim_bridge sim --offline --velocity=0,0,0.7 --duration 30 -o bags/turn
+"""
+
+
+def parse(args: Sequence[str]) -> argparse.Namespace:
+    """Options of the command; ROS arguments must be gone from args."""
+    parser = argparse.ArgumentParser(
+        prog='sim',
+        description='The simulated robot, its drives and their power meter.',
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add('--offline', action='store_true', help='write a bag as fast as the machine can')
+    offline = parser.add_argument_group('with --offline')
+    add = offline.add_argument
+    add('--seed', type=int, default=0, help='of commands, noise, terrain and pushes')
+    add('--duration', type=float, default=60.0, metavar='S', help='seconds to simulate')
+    add('-o', '--output', type=Path, metavar='BAG', help='folder of the bag to write')
+    add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
+    add('--unit', type=int, metavar='N', help='draw the spread of another unit of the robot')
+    add('--terrain', choices=TERRAINS, default='flat')
+    add('--controller', default='trot', help=f'{", ".join(CONTROLLERS)}, or a policy folder')
+    add('--velocity', metavar='VX,VY,YAW', help='hold it (m/s, m/s, rad/s) instead of random ones')
+    add('--pushes', action='store_true', help='push the robot every few seconds')
+    add('--drives', metavar='A,B', help='meter only these drives, such as LF_KFE,RF_KFE')
+    add('--overwrite', action='store_true', help='replace a bag that is there')
+    return parser.parse_args(args)
+
+
+def load_plant(source: str, unit: int | None) -> Plant:
+    """A plant and, unless None, another unit of it; InputError for one that is not there."""
+    plant = Plant.load(source)
+    return plant if unit is None else plant.unit(unit)
+
+
+def offline(options: argparse.Namespace) -> int:
+    """Write the bag that the options ask for."""
+    if options.output is None:
+        raise InputError('--offline needs -o BAG, the folder of the bag to write')
+    drives = None if options.drives is None else tuple(options.drives.split(','))
+    path = run_offline(
+        options.output,
+        duration=options.duration,
+        seed=options.seed,
+        plant=load_plant(options.plant, options.unit),
+        controller=options.controller,
+        terrain=options.terrain,
+        pushes=options.pushes,
+        drives=drives,
+        velocity=_velocity(options.velocity),
+        overwrite=options.overwrite,
+        progress=True,
+    )
+    print(f'wrote {path}')
+    return 0
+
+
+def _velocity(text: str | None) -> tuple[float, ...] | None:
+    try:
+        return None if text is None else tuple(float(part) for part in text.split(','))
+    except ValueError:
+        raise InputError(f'--velocity is {text!r}; expected VX,VY,YAW such as 0,0,0.8') from None

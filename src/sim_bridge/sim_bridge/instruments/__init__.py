@@ -1,0 +1,1 @@
+"""Emulated instruments: power analyser, bench supply, EtherCAT terminals."""

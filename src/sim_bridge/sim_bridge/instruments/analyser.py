@@ -1,0 +1,141 @@
+"""A certified power analyser at the terminals of one drive's meter: what it logs, as CSV."""
+
+import io
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+
+from sim_bridge.plant.config_fields import bounded, check
+from sim_bridge.plant.simulation import Block
+from sim_bridge.sensors.meter import DeviceClock
+
+Floats = NDArray[np.float64]
+_RIPPLE_PER_TURN: Final = 6 * 21 * 50
+"""Commutations of the inverter, poles in pairs and gear: periods per turn of the joint."""
+_LOWEST, _FULL = 2000.0, 4000.0  # Hz, between which the ripple sets in
+_CHUNK: Final = 200_000  # rows
+
+
+@dataclass(frozen=True)
+class AnalyserParameters:
+    """
+    The analyser and its clock.
+
+    Its clock shows offset at the start of the run and drifts; its rows are means over their
+    period, stamped at the middle of it. ripple is the current that the inverter's commutation
+    adds, as a share of the current; it is left out under 2 kHz, for there the plant's steps could
+    not show it to the meter. Noise and ripple are assumed.
+    """
+
+    rate: float = bounded(20_000.0, 100.0, 1e6, 'Hz', 'rows per second')
+    clock_offset: float = bounded(0.0, -1e10, 1e10, 's', 'reading at the start of the run')
+    clock_drift: float = bounded(0.0, -500.0, 500.0, 'ppm', 'how much too fast its clock runs')
+    voltage_noise: float = bounded(0.004, 0.0, 5.0, 'V', 'standard deviation')
+    current_noise: float = bounded(0.004, 0.0, 5.0, 'A', 'standard deviation')
+    ripple: float = bounded(0.1, 0.0, 1.0, '', 'share of the current')
+
+    def __post_init__(self) -> None:
+        check(self, 'analyser')
+
+
+class Analyser:
+    """
+    Watches one drive of a run and writes its log.
+
+    Between the plant's steps of 0.5 ms, which are means, voltage and current follow a spline that
+    keeps every mean; the ripple within a step has none, so that meter and analyser see one truth.
+    """
+
+    def __init__(
+        self, parameters: AnalyserParameters, clock: DeviceClock, drive: int = 0, seed: int = 0
+    ) -> None:
+        """clock: paces the plant's steps. drive: column of the world's drives."""
+        self._given = parameters
+        self._clock = clock
+        self._drive = drive
+        self._random = np.random.default_rng([seed, 0xA7A1])
+        self._blocks: list[tuple[Floats, Floats, Floats]] = []
+
+    def watch(self, block: Block) -> None:
+        """Take in the next block."""
+        current = block.power[:, self._drive] / block.voltage
+        self._blocks.append((block.voltage.copy(), current, block.position[:, self._drive].copy()))
+
+    def rows(self) -> Floats:
+        """What was logged: time s (its own clock), V, A, W [N, 4]."""
+        given = self._given
+        voltage, current, angle = (
+            np.concatenate(parts) for parts in zip(*self._blocks, strict=True)
+        )
+        edges = 1e-9 * self._clock.elapsed_ns(np.arange(len(voltage) + 1))
+        inside = max(1, round(20_000.0 / given.rate))
+        period = 1.0 / given.rate / (1.0 + 1e-6 * given.clock_drift)
+        count = int(edges[-1] / period)
+        middles = np.arange(count * inside, dtype=np.float64) + 0.5
+        fine: Floats = np.asarray(middles * (period / inside), np.float64)
+        volts = _between(edges, voltage)(fine)
+        amps = _between(edges, current)(fine)
+        amps += given.ripple * self._ripple(edges, angle, current, fine)
+        amps, volts, watts = (
+            values.reshape(count, inside).mean(axis=1) for values in (amps, volts, volts * amps)
+        )
+        volt_noise = given.voltage_noise * self._random.standard_normal(count)
+        amp_noise = given.current_noise * self._random.standard_normal(count)
+        watts += volts * amp_noise + amps * volt_noise
+        shown = given.clock_offset + (np.arange(count) + 0.5) / given.rate
+        return np.column_stack((shown, volts + volt_noise, amps + amp_noise, watts))
+
+    def _ripple(self, edges: Floats, angle: Floats, current: Floats, fine: Floats) -> Floats:
+        """Ripple current over the amplitude of a share, A, without a mean in any step."""
+        joint = np.concatenate([[angle[0]], angle])
+        phase = np.interp(fine, edges, joint) * _RIPPLE_PER_TURN
+        step = np.minimum(np.searchsorted(edges, fine, side='right') - 1, len(current) - 1)
+        frequency = ripple_frequency(np.diff(joint) / np.diff(edges))
+        size = np.abs(current) * np.clip((frequency - _LOWEST) / (_FULL - _LOWEST), 0.0, 1.0)
+        raw = size[step] * np.sin(phase)
+        seen = np.bincount(step, minlength=len(current))
+        mean = np.bincount(step, raw, minlength=len(current)) / np.maximum(seen, 1)
+        ripple: Floats = raw - mean[step]
+        return ripple
+
+    def save(self, path: Path) -> int:
+        """Write the log and return its number of rows; InputError if the path cannot be."""
+        rows = self.rows()
+        text = io.StringIO()
+        text.write(
+            'Power analyser (simulated),1 channel,DC coupled\n'
+            f'Rate,{self._given.rate:g} Hz\n\n'
+            'Time [s],U [V],I [A],P [W]\n'
+        )
+        for first in range(0, len(rows), _CHUNK):
+            np.savetxt(text, rows[first : first + _CHUNK], '%.6f,%.4f,%.5f,%.4f')
+        write_whole(path, text.getvalue())
+        return len(rows)
+
+
+def _between(edges: Floats, means: Floats) -> CubicSpline:
+    """A smooth curve whose means between the edges are those given."""
+    whole = np.concatenate([[0.0], np.cumsum(means * np.diff(edges))])
+    return CubicSpline(edges, whole).derivative()
+
+
+def check_output(path: Path) -> Path:
+    """InputError unless a log can be written there."""
+    if path.suffix.lower() != '.csv':
+        raise InputError(f'--analyser {str(path)!r}: end it in .csv')
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise InputError(f'--analyser {str(path)!r}: there is no such folder, create it first')
+    return path
+
+
+def ripple_frequency(speed: Floats) -> Floats:
+    """Of the ripple at joint speeds (rad/s), Hz."""
+    frequency: Floats = np.abs(speed) * _RIPPLE_PER_TURN / (2.0 * pi)
+    return frequency

@@ -1,0 +1,225 @@
+"""
+A bench supply as its network socket shows it: SCPI in the dialect of EA's PSB 9000.
+
+It follows what drivers and manuals of that series agree on: line-terminated commands, long or
+short words in any case, a number with its unit in each answer, setting values only under remote
+control (`SYST:LOCK ON`), no answer to what it does not know but an entry in the error queue, one
+connection at a time.
+"""
+
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from wattwalk_core.errors import InputError
+
+IDENTITY = 'EA Elektro-Automatik GmbH & Co. KG, PSB 9080-120 3U, 0000000000, V3.02 (simulated)'
+RATED_VOLTAGE, RATED_CURRENT = 80.0, 120.0
+_MOST_ERRORS = 5
+_POLL = 0.1
+_ERRORS = {
+    -113: 'Undefined header',
+    -104: 'Data type error',
+    -201: 'Invalid while in local',
+    -222: 'Data out of range',
+    -350: 'Queue overflow',
+}
+_SHORT = {
+    'MEASURE': 'MEAS',
+    'VOLTAGE': 'VOLT',
+    'CURRENT': 'CURR',
+    'POWER': 'POW',
+    'ARRAY': 'ARR',
+    'SYSTEM': 'SYST',
+    'NOMINAL': 'NOM',
+    'ERROR': 'ERR',
+    'OWNER': 'OWN',
+    'OUTPUT': 'OUTP',
+    'SOURCE': 'SOUR',
+}
+
+Sent = Sequence[tuple[float, bytes]]
+
+
+@dataclass(frozen=True)
+class Terminals:
+    """What flows: V, and A out of the supply (negative into it)."""
+
+    voltage: float
+    current: float
+
+
+class SupplyState:
+    """Settings, output, remote control and error queue; answers one line at a time."""
+
+    def __init__(self, terminals: Callable[[], Terminals], output: bool = True) -> None:
+        self._terminals = terminals
+        self._errors: deque[int] = deque()
+        self.output, self.remote = output, False
+        self.voltage, self.current = 48.0, RATED_CURRENT
+        self.heard: deque[str] = deque(maxlen=1000)
+
+    def answer(self, line: str) -> str | None:
+        """Answer to a line, None where there is none; errors go into the queue."""
+        self.heard.append(line)
+        header, _, argument = line.strip().partition(' ')
+        words = header.upper().removesuffix('?').lstrip(':').split(':')
+        words = [_SHORT.get(word, word) for word in words if word not in ('SOUR', 'SOURCE')]
+        name = ':'.join(words)
+        if header.endswith('?'):
+            return self._answer(name)
+        self._set(name, argument.strip())
+        return None
+
+    def error(self, code: int) -> None:
+        """Put an error into the queue."""
+        if len(self._errors) < _MOST_ERRORS:
+            self._errors.append(code)
+        else:
+            self._errors[-1] = -350
+
+    def _answer(self, name: str) -> str | None:
+        now = self._terminals() if self.output else Terminals(0.0, 0.0)
+        voltage, current = f'{now.voltage:.2f} V', f'{now.current:.2f} A'
+        power = f'{now.voltage * now.current:.1f} W'
+        answers: dict[str, Callable[[], str]] = {
+            '*IDN': lambda: IDENTITY,
+            'MEAS:ARR': lambda: f'{voltage}, {current}, {power}',
+            'MEAS:VOLT': lambda: voltage,
+            'MEAS:CURR': lambda: current,
+            'MEAS:POW': lambda: power,
+            'SYST:NOM:VOLT': lambda: f'{RATED_VOLTAGE:.2f} V',
+            'SYST:NOM:CURR': lambda: f'{RATED_CURRENT:.2f} A',
+            'SYST:ERR': self._next_error,
+            'SYST:LOCK:OWN': lambda: 'REMOTE' if self.remote else 'NONE',
+            'VOLT': lambda: f'{self.voltage:.2f} V',
+            'CURR': lambda: f'{self.current:.2f} A',
+            'OUTP': lambda: 'ON' if self.output else 'OFF',
+        }
+        if name not in answers:
+            self.error(-113)
+            return None
+        return answers[name]()
+
+    def _next_error(self) -> str:
+        if not self._errors:
+            return '0,"No error"'
+        code = self._errors.popleft()
+        return f'{code},"{_ERRORS.get(code, "Device-specific error")}"'
+
+    def _set(self, name: str, argument: str) -> None:
+        if name == '*CLS':
+            self._errors.clear()
+        elif name == 'SYST:LOCK':
+            self.remote = self._switch(argument, self.remote)
+        elif name in ('VOLT', 'CURR', 'OUTP') and not self.remote:
+            self.error(-201)
+        elif name == 'VOLT':
+            self.voltage = self._number(argument, self.voltage, RATED_VOLTAGE)
+        elif name == 'CURR':
+            self.current = self._number(argument, self.current, RATED_CURRENT)
+        elif name == 'OUTP':
+            self.output = self._switch(argument, self.output)
+        else:
+            self.error(-113)
+
+    def _switch(self, argument: str, before: bool) -> bool:
+        if argument.upper() not in ('ON', 'OFF', '1', '0'):
+            self.error(-104)
+            return before
+        return argument.upper() in ('ON', '1')
+
+    def _number(self, argument: str, before: float, most: float) -> float:
+        try:
+            value = float(argument)
+        except ValueError:
+            self.error(-104)
+            return before
+        if not 0.0 <= value <= most:
+            self.error(-222)
+            return before
+        return value
+
+
+def whole(_: str, answer: str) -> Sent:
+    """An answer as a sound instrument sends it: at once, in one piece."""
+    return [(0.0, answer.encode('ascii') + b'\n')]
+
+
+class ScpiInstrument:
+    """
+    Serves a SupplyState on a TCP socket in a thread of its own, to one client at a time.
+
+    send gives, for a question and its answer, the pieces that go out and the s to wait before
+    each: where tests spoil what the instrument says. Port 0 takes a free one.
+    """
+
+    def __init__(
+        self,
+        state: SupplyState,
+        host: str = '127.0.0.1',
+        port: int = 0,
+        send: Callable[[str, str], Iterable[tuple[float, bytes]]] = whole,
+    ) -> None:
+        self.state, self.send = state, send
+        self.connections = 0
+        try:
+            self._listener = socket.create_server((host, port), backlog=1)
+        except (OSError, OverflowError) as error:
+            raise InputError(
+                f'cannot listen on {host}:{port} ({error}); give another host or port'
+            ) from error
+        self.host, self.port = self._listener.getsockname()[:2]
+        self._client: socket.socket | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='instrument', daemon=True)
+        self._thread.start()
+
+    def drop(self) -> None:
+        """Break the connection off, as a pulled cable or a full table of sockets does."""
+        client = self._client
+        if client is not None:
+            with suppress(OSError):
+                client.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Power it off."""
+        self._stop.set()
+        self.drop()
+        self._thread.join()
+        self._listener.close()
+
+    def _run(self) -> None:
+        self._listener.settimeout(_POLL)
+        while not self._stop.is_set():
+            with suppress(TimeoutError):
+                client, _ = self._listener.accept()
+                self.connections += 1
+                with client, suppress(OSError):
+                    self._client = client
+                    self._serve(client)
+                self._client = None
+
+    def _serve(self, client: socket.socket) -> None:
+        client.settimeout(_POLL)
+        waiting = b''
+        while not self._stop.is_set():
+            with suppress(TimeoutError):
+                received = client.recv(4096)
+                if not received:
+                    return
+                *lines, waiting = (waiting + received).split(b'\n')
+                for line in lines:
+                    self._reply(client, line.decode('ascii', 'replace').rstrip('\r'))
+
+    def _reply(self, client: socket.socket, line: str) -> None:
+        answer = self.state.answer(line)
+        if answer is None:
+            return
+        for pause, piece in self.send(line, answer):
+            if self._stop.wait(pause):
+                return
+            client.sendall(piece)

@@ -1,0 +1,97 @@
+"""Samples as CAN FD frames, and the bus that carries them."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+from power_daq.bus.description import BusDescription
+from wattwalk_core.errors import InputError
+
+from sim_bridge.sensors.blocks import Samples
+from sim_bridge.sensors.meter import DeviceClock
+
+Floats = NDArray[np.float64]
+INTERFACES: Final = ('unixsocket', 'virtual', 'socketcan')
+_SEND_TIMEOUT: Final = 0.2  # s
+
+
+class FrameEncoder:
+    """Turns samples into frames in the order of their instants, with rolling counters."""
+
+    def __init__(self, bus: BusDescription, joints: Sequence[str], clock: DeviceClock) -> None:
+        """InputError for a joint that the bus does not name."""
+        for joint in joints:
+            if joint not in bus.drives:
+                raise InputError(f'joint {joint!r} is not on the bus; {", ".join(bus.drives)} are')
+        self._bus = bus
+        self._clock = clock
+        self._places = [bus.drives.index(joint) for joint in joints]
+        self._counts = {'electrical': 0, 'joints': 0, 'temperature': 0}
+
+    def encode(self, samples: Samples) -> list[can.Message]:
+        """SYNC and electrical frames at 1 kHz, joint frames at 400 Hz, temperatures at 10 Hz."""
+        bus, timed = self._bus, []
+        meter, joints, warmth = samples.electrical, samples.joints, samples.temperature
+        wide = self._spread(meter.voltage, meter.current, meter.status)
+        for step, time, row in zip(meter.step, self._us(meter.step), wide, strict=True):
+            count = self._next('electrical')
+            timed.append((step, 0, bus.encode_sync(count, time)))
+            timed.append((step, 1, bus.encode_electrical(count, time, *row)))
+        wide = self._spread(joints.position, joints.velocity, joints.torque)
+        for step, time, row in zip(joints.step, self._us(joints.step), wide, strict=True):
+            timed.append((step, 2, bus.encode_joints(self._next('joints'), time, *row)))
+        wide = self._spread(warmth.temperature)
+        for step, time, row in zip(warmth.step, self._us(warmth.step), wide, strict=True):
+            timed.append((step, 3, bus.encode_temperature(self._next('temperature'), time, *row)))
+        timed.sort(key=lambda entry: entry[:2])
+        return [message for _, _, messages in timed for message in messages]
+
+    def _next(self, group: str) -> int:
+        count = self._counts[group]
+        self._counts[group] = count + 1
+        return count
+
+    def _us(self, step: NDArray[np.int64]) -> list[int]:
+        shown: list[int] = (self._clock.device_ns(step) // 1000).tolist()
+        return shown
+
+    def _spread(self, *quantities: NDArray[np.generic]) -> Floats:
+        wide = np.zeros((len(quantities[0]), len(quantities), len(self._bus.drives)))
+        for index, values in enumerate(quantities):
+            wide[:, index, self._places] = values
+        return wide
+
+
+class SimulatedBus:
+    """The bus as its simulated devices drive it; hosts a Unix socket where asked for one."""
+
+    def __init__(self, interface: str, channel: str) -> None:
+        """InputError for an interface that is not in INTERFACES or a channel that is not there."""
+        if interface not in INTERFACES:
+            raise InputError(f'interface is {interface!r}; it is one of {", ".join(INTERFACES)}')
+        options: dict[str, Any] = {'host': True} if interface == 'unixsocket' else {}
+        try:
+            self._bus = can.Bus(
+                interface=interface, channel=channel, fd=True, ignore_config=True, **options
+            )
+        except (can.CanError, OSError, ValueError) as error:
+            raise InputError(f'cannot open {interface} bus {channel!r}: {error}') from error
+        self._send_all = getattr(self._bus, 'send_all', None)
+        self.refused = 0
+
+    def send(self, messages: Sequence[can.Message]) -> None:
+        """Put frames on the bus; what it refuses is counted, not raised."""
+        if self._send_all is not None:
+            self._send_all(messages)
+            return
+        for message in messages:
+            try:
+                self._bus.send(message, timeout=_SEND_TIMEOUT)
+            except can.CanError:
+                self.refused += 1
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._bus.shutdown()

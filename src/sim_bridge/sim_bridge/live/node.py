@@ -1,0 +1,186 @@
+"""Node `sim_bridge`: the simulated robot in real time behind the CAN bus of the hardware."""
+
+import gc
+import sys
+import time
+from collections.abc import Sequence
+from threading import Event, Thread
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from power_daq.bus.description import BusDescription
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from wattwalk_core.command import command
+from wattwalk_core.nodes.running import spin
+
+from sim_bridge.commands import sim as sim_command
+from sim_bridge.live.frames import FrameEncoder, SimulatedBus
+from sim_bridge.live.joint_commands import joint_command
+from sim_bridge.live.node_parameters import NodeParameters
+from sim_bridge.live.publishing import SamplePublisher
+from sim_bridge.live.real_time import LivePlant
+from sim_bridge.offline.session import random_push
+from sim_bridge.plant.simulation import Simulation
+from sim_bridge.sensors.blocks import Instruments
+
+
+class SimNode(Node):
+    """Runs the plant in a thread of its own; the executor serves commands and services."""
+
+    def __init__(self) -> None:
+        super().__init__('sim_bridge')
+        settings = NodeParameters.declare(self)
+        self._settings = settings
+        self._random = np.random.default_rng([settings.seed, 2])
+        simulation = Simulation(settings.plant, settings.make_world())
+        instruments = Instruments(simulation, settings.seed)
+        bus = BusDescription.load(settings.dbc, settings.mapping)
+        encoder = FrameEncoder(bus, simulation.joints, instruments.clock)
+        self._joints = simulation.joints
+        self._absent = frozenset(bus.drives) - set(simulation.joints)
+        self._device_clock = instruments.clock
+        self._publisher = SamplePublisher(self, instruments.clock, settings.publish_clock)
+        self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        self._bus = SimulatedBus(settings.interface, settings.channel)
+        self.plant = LivePlant(
+            simulation, instruments, encoder, self._bus.send, self._publisher.publish
+        )
+        self.failure: Exception | None = None
+        self._reported = self._down_seconds = 0
+        self.create_subscription(JointState, 'joint_commands', self._command, QoSProfile(depth=1))
+        self.create_service(Trigger, 'push', self._push)
+        self.create_service(Trigger, 'reset', self._reset)
+        self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._steady_start = time.monotonic_ns()
+        self._stop = Event()
+        self._thread = Thread(target=self._run, name='plant', daemon=True)
+        self._thread.start()
+        self.get_logger().info(
+            f'{settings.plant.name}, unit {settings.plant.unit_number}, on '
+            f'{settings.interface} {settings.channel}'
+        )
+
+    def close(self) -> None:
+        """Stop the plant and leave the bus."""
+        self._stop.set()
+        self._thread.join()
+        self._bus.close()
+
+    def _run(self) -> None:
+        self._steady_start = time.monotonic_ns()
+        self._follow_ros_time()
+        try:
+            self.plant.run(self._stop)
+        except Exception as error:
+            if self.context.ok():
+                self.failure = error
+                self.context.try_shutdown()
+
+    def _follow_ros_time(self) -> None:
+        elapsed = time.monotonic_ns() - self._steady_start
+        self._publisher.start_ns = self.get_clock().now().nanoseconds - elapsed
+
+    def _command(self, message: JointState) -> None:
+        try:
+            self.plant.command(
+                joint_command(
+                    self._joints,
+                    message.name,
+                    message.position,
+                    message.velocity,
+                    message.effort,
+                    self._absent,
+                )
+            )
+        except ValueError as error:
+            self.get_logger().warning(
+                f'joint_commands ignored: {error}', throttle_duration_sec=5.0
+            )
+
+    def _push(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self.plant.simulation.world.floating:
+            response.success, response.message = False, 'a drive on a stand cannot be pushed'
+            return response
+        velocity = self._settings.push(self)
+        if velocity is None:
+            velocity = random_push(self._random)
+        self.plant.push(velocity)
+        response.success = True
+        response.message = f'pushed by {velocity[0]:+.2f}, {velocity[1]:+.2f} m/s'
+        self.get_logger().info(response.message)
+        return response
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.plant.reset()
+        response.success, response.message = True, 'back to the start'
+        return response
+
+    def _report(self) -> None:
+        self._follow_ros_time()
+        plant, progress = self.plant, self.plant.take_progress()
+        if plant.falls > self._reported:
+            self._reported = plant.falls
+            self.get_logger().error(f'the robot fell: {plant.down or "and is up again"}')
+        self._down_seconds = self._down_seconds + 1 if plant.down else 0
+        if 0 < self._settings.reset_after_fall <= self._down_seconds:
+            self.get_logger().info('resetting after the fall')
+            plant.reset()
+        late = progress.worst > 0.1
+        level, text = DiagnosticStatus.OK, 'running'
+        if plant.down:
+            level, text = DiagnosticStatus.ERROR, f'fallen: {plant.down}'
+        elif late:
+            level, text = DiagnosticStatus.WARN, 'behind real time'
+        elif plant.stale:
+            level, text = DiagnosticStatus.WARN, 'joint_commands are stale: drives damp'
+        status = DiagnosticStatus(
+            level=level, name='sim_bridge', message=text, hardware_id='simulation'
+        )
+        status.values = [
+            KeyValue(key=key, value=str(value))
+            for key, value in {
+                'real_time_factor': f'{progress.factor:.4f}',
+                'worst_lateness_ms': f'{1e3 * progress.worst:.2f}',
+                'falls': plant.falls,
+                'frames_refused': self._bus.refused,
+                'steps': plant.simulation.steps,
+                'start_ns': self._publisher.start_ns,
+                'device_clock_offset_s': self._device_clock.offset,
+                'device_clock_drift_ppm': self._device_clock.drift,
+            }.items()
+        ]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node, or with --offline write a bag."""
+    given = list(sys.argv if args is None else ['sim', *args])
+    options = sim_command.parse(remove_ros_args(given)[1:])
+    if options.offline:
+        return sim_command.offline(options)
+    rclpy.init(args=given)
+    failure = None
+    try:
+        node = SimNode()
+        gc.freeze()
+        try:
+            spin(node)
+        finally:
+            node.close()
+            failure = node.failure
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    if failure is not None:
+        print(f'sim: {failure}', file=sys.stderr)
+    return 0 if failure is None else 1

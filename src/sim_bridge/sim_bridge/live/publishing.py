@@ -1,0 +1,95 @@
+"""Samples as ROS messages, for the topics that do not travel over the bus."""
+
+import array
+from collections.abc import Callable
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from power_daq.supply.battery import empty_battery
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState, Imu, JointState
+
+from sim_bridge.plant.robot import FOOT_NAMES
+from sim_bridge.sensors.blocks import Samples
+from sim_bridge.sensors.meter import DeviceClock
+from sim_bridge.sensors.sensors import BodySamples, OdometrySamples, SupplySamples
+
+_SECOND = 1_000_000_000
+_CLOCK_PERIOD = 10  # steps: 200 Hz
+
+
+class SamplePublisher:
+    """Publishes imu, foot_force, odom and supply, and /clock where asked for."""
+
+    def __init__(self, node: Node, clock: DeviceClock, with_clock: bool) -> None:
+        """Samples are stamped from `start_ns` on, the ROS time of step 0."""
+        qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        self._clock, self.start_ns = clock, 0
+        self._imu = node.create_publisher(Imu, 'imu', qos)
+        self._feet = node.create_publisher(JointState, 'foot_force', qos)
+        self._odom = node.create_publisher(Odometry, 'odom', qos)
+        self._supply = node.create_publisher(BatteryState, 'supply', qos)
+        self._time = node.create_publisher(Clock, '/clock', 10) if with_clock else None
+        self._imu_message = Imu()
+        self._imu_message.header.frame_id = 'base'
+        self._feet_message = JointState(name=list(FOOT_NAMES))
+        self._odom_message = Odometry(child_frame_id='base')
+        self._odom_message.header.frame_id = 'odom'
+        self._supply_message = empty_battery()
+
+    def publish(self, samples: Samples) -> None:
+        """Publish what fell due within a block."""
+        if samples.body is not None:
+            self._publish_body(samples.body)
+        if samples.odometry is not None:
+            self._publish_odometry(samples.odometry)
+        self._publish_supply(samples.supply)
+        if self._time is not None:
+            due = samples.electrical.step[samples.electrical.step % _CLOCK_PERIOD == 0]
+            for stamp in self._stamps(due):
+                message = Clock()
+                message.clock.sec, message.clock.nanosec = stamp
+                self._time.publish(message)
+
+    def _publish_body(self, body: BodySamples) -> None:
+        imu, feet = self._imu_message, self._feet_message
+        for row, stamp in enumerate(self._stamps(body.step)):
+            imu.header.stamp.sec, imu.header.stamp.nanosec = stamp
+            _assign(imu.orientation, 'xyzw', body.orientation[row])
+            _assign(imu.angular_velocity, 'xyz', body.rate[row])
+            _assign(imu.linear_acceleration, 'xyz', body.acceleration[row])
+            self._imu.publish(imu)
+            feet.header.stamp.sec, feet.header.stamp.nanosec = stamp
+            feet.effort = array.array('d', body.foot_force[row].tobytes())
+            self._feet.publish(feet)
+
+    def _publish_odometry(self, odometry: OdometrySamples) -> None:
+        message = self._odom_message
+        for row, stamp in enumerate(self._stamps(odometry.step)):
+            message.header.stamp.sec, message.header.stamp.nanosec = stamp
+            _assign(message.pose.pose.position, 'xyz', odometry.position[row])
+            _assign(message.pose.pose.orientation, 'xyzw', odometry.orientation[row])
+            _assign(message.twist.twist.linear, 'xyz', odometry.velocity[row])
+            _assign(message.twist.twist.angular, 'xyz', odometry.rate[row])
+            self._odom.publish(message)
+
+    def _publish_supply(self, supply: SupplySamples) -> None:
+        message = self._supply_message
+        for row, stamp in enumerate(self._stamps(supply.step)):
+            message.header.stamp.sec, message.header.stamp.nanosec = stamp
+            message.voltage = float(supply.voltage[row])
+            message.current = float(supply.current[row])
+            self._supply.publish(message)
+
+    def _stamps(self, step: NDArray[np.int64]) -> list[tuple[int, int]]:
+        stamps = self.start_ns + self._clock.elapsed_ns(step)
+        return [divmod(stamp, _SECOND) for stamp in stamps.tolist()]
+
+
+def _assign(target: object, names: str, values: NDArray[np.float64]) -> None:
+    assign: Callable[[object, str, float], None] = setattr
+    for name, value in zip(names, values.tolist(), strict=True):
+        assign(target, name, value)

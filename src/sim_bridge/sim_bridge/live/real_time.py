@@ -1,0 +1,159 @@
+"""The plant in real time: paced by a steady clock, sample for sample."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from threading import Event as Flag
+from typing import Final
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_bridge.live.frames import FrameEncoder
+from sim_bridge.plant.drive import JointCommand
+from sim_bridge.plant.robot import DEFAULT_POSE
+from sim_bridge.plant.simulation import STEP, Simulation
+from sim_bridge.sensors.blocks import Instruments, Samples
+
+Floats = NDArray[np.float64]
+BLOCK: Final = 4  # steps at a time: 2 ms
+CATCH_UP: Final = 20  # steps at a time when late
+STALE_AFTER: Final = 0.1  # s without a command, then the drives damp
+
+
+@dataclass
+class Progress:
+    """How the loop keeps up, since the last time that it was taken."""
+
+    steps: int = 0
+    wall: float = 0.0  # s
+    worst: float = 0.0  # s behind the clock
+
+    @property
+    def factor(self) -> float:
+        """Simulated time over real time."""
+        return self.steps * STEP / self.wall if self.wall > 0.0 else 1.0
+
+
+class LivePlant:
+    """
+    Runs a simulation at the pace of its device clock and hands on every sample.
+
+    Until the first command the drives hold the default pose (on a stand: position 0); when
+    commands stop coming for 0.1 s they damp. After a stall it catches up; no sample is left out.
+    Give commands, pushes and resets from any thread; `run` works in one.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        instruments: Instruments,
+        encoder: FrameEncoder,
+        send: Callable[[Sequence[can.Message]], None],
+        publish: Callable[[Samples], None],
+        *,
+        now: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """send: takes frames; publish: takes samples; now and sleep: s of a steady clock."""
+        self.simulation = simulation
+        self._instruments = instruments
+        self._encoder = encoder
+        self._send, self._publish = send, publish
+        self._now, self._sleep = now, sleep
+        self._tasks: list[Callable[[], None]] = []
+        self._commanded: tuple[float, JointCommand] | None = None
+        self._held: JointCommand | None = None
+        self._pace = (1.0 + 1e-6 * instruments.clock.drift) / STEP
+        self._progress = Progress()
+        self.falls = 0
+        self.down: str | None = None
+        start = DEFAULT_POSE if simulation.world.floating else np.zeros(len(simulation.joints))
+        self._start = JointCommand(position=start)
+
+    @property
+    def stale(self) -> bool:
+        """Whether commands came once and no longer do."""
+        return self._commanded is not None and self._now() - self._commanded[0] > STALE_AFTER
+
+    def command(self, command: JointCommand) -> None:
+        """Hold a command from the next block on."""
+        self._commanded = self._now(), command
+
+    def push(self, velocity: Floats) -> None:
+        """Push the base so that the robot gains a velocity, m/s [3]."""
+        self._tasks.append(lambda: self.simulation.push(velocity))
+
+    def reset(self) -> None:
+        """Put the robot back to its start; drives hold the start pose until the next command."""
+        self._tasks.append(self._reset)
+
+    def take_progress(self) -> Progress:
+        """Progress since the last call."""
+        progress, self._progress = self._progress, Progress()
+        return progress
+
+    def run(self, stop: Flag) -> None:
+        """
+        Run until stop is set.
+
+        A block is computed while its time passes and handed on at its end, so that the last
+        sample in it is as fresh as on hardware.
+        """
+        start = last = self._now()
+        late = 0.0
+        while not stop.is_set():
+            steps = BLOCK if late < 2 * BLOCK * STEP else CATCH_UP
+            samples, frames = self._compute(steps)
+            due = start + self.simulation.steps / self._pace
+            now = self._wait(due)
+            self._send(frames)
+            self._publish(samples)
+            late = now - due
+            progress = self._progress
+            progress.steps += steps
+            progress.wall += now - last
+            progress.worst = max(progress.worst, late)
+            last = now
+
+    def advance(self, steps: int) -> None:
+        """Run steps at once and hand on what was sampled."""
+        samples, frames = self._compute(steps)
+        self._send(frames)
+        self._publish(samples)
+
+    def _wait(self, due: float) -> float:
+        now = self._now()
+        while now < due:
+            self._sleep(due - now)
+            now = self._now()
+        return now
+
+    def _compute(self, steps: int) -> tuple[Samples, list[can.Message]]:
+        while self._tasks:
+            self._tasks.pop(0)()
+        self._hold()
+        samples = self._instruments.read(self.simulation.advance(steps))
+        self._watch()
+        return samples, self._encoder.encode(samples)
+
+    def _hold(self) -> None:
+        if self._commanded is None:
+            wanted = self._start
+        else:
+            wanted = JointCommand() if self.stale else self._commanded[1]
+        if wanted is not self._held:
+            self.simulation.hold(wanted)
+            self._held = wanted
+
+    def _watch(self) -> None:
+        reason = self.simulation.fallen
+        if reason and self.down is None:
+            self.falls += 1
+        self.down = reason
+
+    def _reset(self) -> None:
+        self.simulation.reset()
+        self._commanded = None
+        self.down = None

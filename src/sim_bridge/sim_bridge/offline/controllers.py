@@ -1,0 +1,142 @@
+"""Who commands the joints in an offline run."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from policy_runner.nodes.velocity_commands import RandomCommands, SteadyCommand
+from policy_runner.policies.by_name import POLICIES, Policy, load_policy
+from policy_runner.policies.inputs import Inputs
+from policy_runner.policies.trot import TROTS, ScriptedTrot
+from wattwalk_core.errors import InputError
+
+from sim_bridge.plant.drive import JointCommand
+from sim_bridge.plant.robot import DEFAULT_POSE
+from sim_bridge.plant.simulation import STEP, Simulation
+from sim_bridge.sensors.sensors import into_base
+
+Floats = NDArray[np.float64]
+_DOWN = np.array([0.0, 0.0, -1.0])
+CONTROLLERS = (*POLICIES, 'stand')
+"""Names of the controllers there are; the folder of a learned policy is one, too."""
+
+
+class Controller(Protocol):
+    """Commands every `period` steps of 0.5 ms; velocity is that of the base asked for, or None."""
+
+    name: str
+    period: int
+    velocity: Floats | None
+
+    def command(self, simulation: Simulation) -> JointCommand:
+        """What to hold from now on."""
+        ...
+
+    def reset(self) -> None:
+        """Start anew, after a fall."""
+        ...
+
+
+class Trot:
+    """The scripted trot at 100 Hz, walking by velocity commands."""
+
+    def __init__(
+        self, name: str, commands: Callable[[float], Floats], rate: float = 100.0
+    ) -> None:
+        """name: one of policy_runner's trots. commands: as of PolicyWalk. rate: Hz."""
+        if name not in TROTS:
+            raise InputError(f'no controller {name!r}; there are {", ".join(CONTROLLERS)}')
+        self.name = name
+        self.period = round(1.0 / rate / STEP)
+        self.velocity: Floats | None = np.zeros(3)
+        self._commands = commands
+        self._trot = ScriptedTrot(TROTS[name])
+
+    def command(self, simulation: Simulation) -> JointCommand:
+        """Targets for the joints from the robot's state, rad."""
+        base = simulation.base[None]
+        attitude = base[:, 3:7]
+        down_and_velocity = np.vstack((_DOWN, base[:, 7:10]))
+        gravity, velocity = into_base(attitude, down_and_velocity)
+        time = simulation.time
+        self.velocity = self._commands(time)
+        return JointCommand(
+            position=self._trot.step(
+                time, self.velocity, simulation.joint_position, gravity, base[0, 10:13], velocity
+            )
+        )
+
+    def reset(self) -> None:
+        """Ramp in from the pose that comes next."""
+        self._trot.reset()
+
+
+class PolicyWalk:
+    """
+    A policy of the runner, fed with the true state, walking by commands over time.
+
+    The robot stands already, so the policy takes over at once.
+    """
+
+    def __init__(self, name: str, policy: Policy, commands: Callable[[float], Floats]) -> None:
+        """commands: vx, vy in m/s and yaw rate in rad/s [3] at a time, s."""
+        self.name = name
+        self.period = round(1.0 / policy.rate / STEP)
+        self.velocity: Floats | None = np.zeros(3)
+        self._commands = commands
+        self._policy = policy
+        self._inputs = Inputs()
+        policy.take_over()
+
+    def command(self, simulation: Simulation) -> JointCommand:
+        """Targets for the joints from the robot's state, rad."""
+        base = simulation.base[None]
+        gravity, velocity = into_base(base[:, 3:7], np.vstack((_DOWN, base[:, 7:10])))
+        inputs, time = self._inputs, simulation.time
+        inputs.position, inputs.velocity = simulation.joint_position, simulation.joint_velocity
+        inputs.gravity, inputs.spin = gravity, base[0, 10:13]
+        self.velocity = self._commands(time)
+        targets = self._policy.step(time, self.velocity, inputs, velocity)
+        return JointCommand(position=targets)
+
+    def reset(self) -> None:
+        """Take over again, after a fall."""
+        self._policy.take_over()
+
+
+class Stand:
+    """Holds the default pose."""
+
+    name = 'stand'
+    period = 20
+    velocity: Floats | None = None
+
+    def command(self, simulation: Simulation) -> JointCommand:
+        """The default pose, rad."""
+        return JointCommand(position=DEFAULT_POSE)
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+
+def make_controller(name: str, seed: int, velocity: Sequence[float] | None = None) -> Controller:
+    """
+    A controller by name, or by a policy's folder; InputError for one that is not there.
+
+    velocity: vx, vy in m/s, yaw rate in rad/s to hold; random ones from the seed if None.
+    """
+    try:
+        commands = RandomCommands(seed) if velocity is None else SteadyCommand(velocity)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    if name == 'stand':
+        return Stand()
+    if name in TROTS:
+        return Trot(name, commands)
+    if name not in CONTROLLERS and not Path(name).exists():
+        raise InputError(
+            f'no controller {name!r}; there are {", ".join(CONTROLLERS)}, or give a policy folder'
+        )
+    return PolicyWalk(name, load_policy(name), commands)

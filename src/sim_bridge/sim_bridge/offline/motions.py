@@ -1,0 +1,72 @@
+"""Motion files on the simulated stand: one drive, commanded at 400 Hz."""
+
+import numpy as np
+from drive_bench.motion.file import MotionFile
+from drive_bench.motion.library import find_motion
+from drive_bench.motion.segment_path import Mounting, Ramps
+from drive_bench.motion.segment_player import Player
+from numpy.typing import NDArray
+
+from sim_bridge.plant.drive import JointCommand
+from sim_bridge.plant.simulation import Simulation
+
+Floats = NDArray[np.float64]
+
+
+def bench_motion(
+    wanted: str,
+    mode: str | None = None,
+    *,
+    amplitude: float | None = None,
+    frequency: float | None = None,
+    seconds: float | None = None,
+    pull: float = 0.0,
+) -> MotionFile:
+    """A shipped motion by name, or a file, in N·m of a load's pull; InputError for bad ones."""
+    return find_motion(wanted, mode).changed(amplitude, frequency, seconds).with_pull(pull)
+
+
+class Motion:
+    """
+    Commands a motion to the one drive of a stand, by the same plan as `policy_runner bench`.
+
+    It hangs at 0 rad. A segment that lasts until the winding is warm goes by the winding itself.
+    """
+
+    period = 5
+    velocity: Floats | None = None
+
+    def __init__(
+        self, motion: MotionFile, mounting: Mounting | None = None, ramps: Ramps | None = None
+    ) -> None:
+        """InputError for a motion that the load cannot take."""
+        self.motion = motion
+        self.name = f'motion {motion.name}' + (f', {motion.mode} mode' if motion.mode else '')
+        self._mounting, self._ramps = mounting or Mounting(), ramps or Ramps()
+        self._player: Player | None = None
+        self._last = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Length with the ways between the segments, from hanging."""
+        return Player(self.motion, 0.0, self._mounting, self._ramps).plan.seconds
+
+    def command(self, simulation: Simulation) -> JointCommand:
+        """The target now."""
+        position = float(simulation.joint_position[0])
+        if self._player is None:
+            self._player = Player(self.motion, position, self._mounting, self._ramps)
+            self._last = simulation.time
+        since, self._last = simulation.time - self._last, simulation.time
+        winding = float(simulation.circuit.temperature.winding[0])
+        target = self._player.step(since, position, winding)
+        if target.mode == 'torque':
+            return JointCommand(effort=np.array([target.effort]))
+        speed = np.array([target.velocity])
+        if target.mode == 'velocity':
+            return JointCommand(velocity=speed)
+        return JointCommand(position=np.array([target.position]), velocity=speed)
+
+    def reset(self) -> None:
+        """Plan anew from where the drive is."""
+        self._player = None

@@ -1,0 +1,218 @@
+"""Runs of the simulated robot as fast as the machine can: into a bag, or into memory."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+
+from power_daq.bus.description import BusDescription
+from power_recordings.card import Card
+from power_recordings.reading.reader import Recording
+from power_recordings.writing.writer import BagWriter
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from wattwalk_core.errors import InputError
+
+import sim_bridge
+from sim_bridge.offline.bag_topics import BagTopics
+from sim_bridge.offline.controllers import Controller, make_controller
+from sim_bridge.offline.memory import gather
+from sim_bridge.offline.session import Event, Pushes, Session
+from sim_bridge.offline.telemetry import Telemetry, Wire
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.simulation import Block, Simulation
+from sim_bridge.plant.terrain import FLAT, rough
+from sim_bridge.plant.world import World, walking_world
+from sim_bridge.sensors.blocks import Instruments
+
+TERRAINS = ('flat', 'rough')
+
+
+class OfflineRun:
+    """
+    A seeded run of a plant in a world under a controller.
+
+    The same arguments give the same telemetry. InputError for a duration outside 0.1..36000 s, a
+    negative seed, or drives that the world or the bus does not have.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        world: World,
+        controller: Controller,
+        *,
+        duration: float,
+        seed: int,
+        drives: Sequence[str] | None = None,
+        pushes: bool = False,
+        bus: BusDescription | None = None,
+        watch: Callable[[Block], None] | None = None,
+    ) -> None:
+        """
+        Make a run.
+
+        drives: those whose power is metered, all if None. bus: the shipped one if None. watch: is
+        shown every block of the plant, as an instrument beside the meter.
+        """
+        if not 0.1 <= duration <= 36_000.0:
+            raise InputError(f'duration is {duration!r}; it must lie in 0.1..36000 s')
+        if seed < 0:
+            raise InputError(f'seed is {seed!r}; it must not be negative')
+        self.duration = duration
+        self.joints = world.joints
+        self.drives = tuple(world.joints if drives is None else drives)
+        self.bus = BusDescription.load() if bus is None else bus
+        simulation = Simulation(plant, world)
+        instruments = Instruments(simulation, seed)
+        self._wire = Wire(
+            self.bus,
+            self.joints,
+            self.drives,
+            instruments.clock,
+            simulation.circuit.temperature.winding.copy(),
+        )
+        self._session = Session(
+            simulation, instruments, controller, Pushes(seed) if pushes else None, watch
+        )
+
+    def __iter__(self) -> Iterator[Telemetry]:
+        """Telemetry in stretches of half a second."""
+        for stretch in self._session.run(self.duration):
+            yield self._wire.send(stretch)
+
+
+def walking_run(
+    plant: Plant,
+    *,
+    duration: float,
+    seed: int,
+    controller: str = 'trot',
+    terrain: str = 'flat',
+    pushes: bool = False,
+    drives: Sequence[str] | None = None,
+    velocity: Sequence[float] | None = None,
+) -> OfflineRun:
+    """
+    ANYmal C walking (controller: a trot's name or `stand`; terrain: flat or rough).
+
+    velocity: vx, vy in m/s and yaw rate in rad/s to hold; random ones if None.
+    """
+    if terrain not in TERRAINS:
+        raise InputError(f'terrain is {terrain!r}; it is one of {", ".join(TERRAINS)}')
+    world = walking_world(rough(max(seed, 0)) if terrain == 'rough' else FLAT)
+    commands = make_controller(controller, max(seed, 0), velocity)
+    return OfflineRun(
+        plant, world, commands, duration=duration, seed=seed, drives=drives, pushes=pushes
+    )
+
+
+def run_offline(
+    output: Path,
+    *,
+    duration: float,
+    seed: int,
+    plant: Plant | None = None,
+    controller: str = 'trot',
+    terrain: str = 'flat',
+    pushes: bool = False,
+    drives: Sequence[str] | None = None,
+    velocity: Sequence[float] | None = None,
+    overwrite: bool = False,
+    progress: bool = False,
+) -> Path:
+    """
+    Write a bag of a walk as the live system would record it, and return its path.
+
+    plant: the shipped `anymal_c` if None. Equal arguments give equal bytes. InputError for bad
+    arguments or a path that is taken; see OfflineRun.
+    """
+    hardware = Plant.load('anymal_c') if plant is None else plant
+    run = walking_run(
+        hardware,
+        duration=duration,
+        seed=seed,
+        controller=controller,
+        terrain=terrain,
+        pushes=pushes,
+        drives=drives,
+        velocity=velocity,
+    )
+    card = Card(
+        robot='anymal_c',
+        unit=str(hardware.unit_number),
+        drives=run.drives,
+        controller=controller,
+        terrain=terrain,
+        notes='simulated' + (', with random pushes' if pushes else ''),
+        software=f'sim_bridge {sim_bridge.__version__}',
+        seed=seed,
+        other={'plant': hardware.name, **_held(velocity)},
+    )
+    write_bag(output, run, card, overwrite=overwrite, progress=progress)
+    return output
+
+
+def _held(velocity: Sequence[float] | None) -> dict[str, list[float]]:
+    return {} if velocity is None else {'velocity': [float(value) for value in velocity]}
+
+
+def write_bench_bag(
+    output: Path,
+    run: OfflineRun,
+    *,
+    unit: str,
+    controller: str,
+    notes: str,
+    seed: int,
+    plant: str,
+    overwrite: bool = False,
+) -> None:
+    """Write a run of one drive on the bench with its card, progress on the screen."""
+    card = Card(
+        robot='bench',
+        unit=unit,
+        drives=run.drives,
+        controller=controller,
+        notes=notes,
+        software=f'sim_bridge {sim_bridge.__version__}',
+        seed=seed,
+        other={'plant': plant},
+    )
+    write_bag(output, run, card, overwrite=overwrite, progress=True)
+
+
+def write_bag(
+    output: Path,
+    run: OfflineRun,
+    card: Card,
+    *,
+    overwrite: bool = False,
+    progress: bool = False,
+) -> tuple[Event, ...]:
+    """Write a run and its card; returns falls and pushes, which are also in `diagnostics`."""
+    events: list[Event] = []
+    bar = Progress(
+        TextColumn('{task.description}'),
+        BarColumn(),
+        TextColumn('{task.completed:.0f} of {task.total:.0f} s'),
+        TimeRemainingColumn(),
+    )
+    with (
+        BagWriter(output, overwrite=overwrite) as bag,
+        bar if progress else nullcontext(),
+    ):
+        task = bar.add_task(f'simulating {output.name}', total=run.duration)
+        topics = BagTopics(bag, run.joints, run.drives, run.bus.device)
+        for telemetry in run:
+            topics.write(telemetry)
+            events += telemetry.events
+            bar.advance(task, 0.5)
+            for event in telemetry.events:
+                if progress and event.kind == 'fall':
+                    bar.console.print(event.text)
+    card.save(output)
+    return tuple(events)
+
+
+def simulate_recording(run: OfflineRun, name: str = 'simulation') -> Recording:
+    """The same run without a bag, for `align`; diagnostics and card are left out."""
+    return gather(name, list(run), run.joints, run.drives)

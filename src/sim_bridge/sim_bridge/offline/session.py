@@ -1,0 +1,147 @@
+"""A run of simulation, instruments and controller, in stretches of half a second."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_bridge.offline.controllers import Controller
+from sim_bridge.plant.drive import JointCommand
+from sim_bridge.plant.simulation import STEP, Block, Simulation
+from sim_bridge.sensors.blocks import Instruments, Samples
+
+Floats = NDArray[np.float64]
+_STRETCH = 1000  # steps
+_DOWN = 2000  # steps on the ground after a fall
+
+
+@dataclass(frozen=True)
+class CommandSamples:
+    """N commands as they were given."""
+
+    step: NDArray[np.int64]  # [N], held from the end of this step on
+    position: Floats | None  # rad [N, D]
+    velocity: Floats | None  # rad/s [N, D]
+    effort: Floats | None  # N·m [N, D]
+    base_velocity: Floats | None  # vx, vy m/s, yaw rate rad/s [N, 3]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something to tell the user: a fall or a push."""
+
+    step: int
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """What was measured, commanded and what happened in half a second."""
+
+    samples: Samples
+    commands: CommandSamples
+    events: tuple[Event, ...]
+
+
+class Pushes:
+    """Pushes of 0.2 to 0.6 m/s from any side, every 3 to 8 s."""
+
+    def __init__(self, seed: int) -> None:
+        self._random = np.random.default_rng([seed, 1])
+        self._next = self._random.uniform(3.0, 8.0)
+
+    def due(self, time: float) -> Floats | None:
+        """Velocity that a push at this time gives, m/s [3], or None."""
+        if time < self._next:
+            return None
+        self._next = time + self._random.uniform(3.0, 8.0)
+        return random_push(self._random)
+
+
+def random_push(random: np.random.Generator) -> Floats:
+    """A horizontal push from any side, as the velocity that it gives, m/s [3]."""
+    heading = random.uniform(0.0, 2 * np.pi)
+    return random.uniform(0.2, 0.6) * np.array([np.cos(heading), np.sin(heading), 0.0])
+
+
+class Session:
+    """Steps a simulation under a controller; after a fall it lies a second, then starts anew."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        instruments: Instruments,
+        controller: Controller,
+        pushes: Pushes | None = None,
+        watch: Callable[[Block], None] | None = None,
+    ) -> None:
+        """watch: shown every block, before it is measured."""
+        self.simulation = simulation
+        self._watch = watch
+        self._instruments = instruments
+        self._controller = controller
+        self._pushes = pushes
+        self._down = 0
+        self._events: list[Event] = []
+
+    def run(self, duration: float) -> Iterator[Stretch]:
+        """Stretches that together last duration seconds, rounded up to whole commands."""
+        last = self.simulation.steps + round(duration / STEP)
+        while self.simulation.steps < last:
+            yield self._stretch(min(last, self.simulation.steps + _STRETCH))
+
+    def _stretch(self, stop: int) -> Stretch:
+        blocks: list[Block] = []
+        steps: list[int] = []
+        commands: list[JointCommand] = []
+        velocities: list[Floats | None] = []
+        self._events = []
+        while self.simulation.steps < stop:
+            command = self._decide()
+            steps.append(self.simulation.steps)
+            commands.append(command)
+            velocities.append(self._controller.velocity)
+            self.simulation.hold(command)
+            blocks.append(self.simulation.advance(self._controller.period))
+        position, velocity, effort = (
+            _stack([getattr(command, entry.name) for command in commands])
+            for entry in fields(JointCommand)
+        )
+        block = Block.join(blocks)
+        if self._watch is not None:
+            self._watch(block)
+        return Stretch(
+            self._instruments.read(block),
+            CommandSamples(np.array(steps), position, velocity, effort, _stack(velocities)),
+            tuple(self._events),
+        )
+
+    def _decide(self) -> JointCommand:
+        simulation = self.simulation
+        if self._down:
+            self._down = max(self._down - self._controller.period, 0)
+            if self._down:
+                return self._limp()
+            simulation.reset()
+            self._controller.reset()
+        elif reason := simulation.fallen:
+            self._tell('fall', f'fell at {simulation.time:.1f} s: {reason}')
+            self._down = _DOWN
+            return self._limp()
+        elif self._pushes and (push := self._pushes.due(simulation.time)) is not None:
+            self._tell('push', f'pushed at {simulation.time:.1f} s')
+            simulation.push(push)
+        return self._controller.command(simulation)
+
+    def _limp(self) -> JointCommand:
+        return JointCommand(position=self.simulation.joint_position)
+
+    def _tell(self, kind: str, text: str) -> None:
+        self._events.append(Event(self.simulation.steps, kind, text))
+
+
+def _stack(rows: Sequence[Floats | None]) -> Floats | None:
+    given = [row for row in rows if row is not None]
+    return np.array(given) if len(given) == len(rows) else None

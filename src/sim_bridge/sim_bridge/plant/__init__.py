@@ -1,0 +1,1 @@
+"""Robot, drives, circuit and bus, simulated."""

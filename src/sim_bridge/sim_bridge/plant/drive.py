@@ -1,0 +1,248 @@
+"""What the joint feels of its drive: controller, limits, friction, rotor, cogging and spring."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_bridge.plant.parameters import Plant
+
+Floats = NDArray[np.float64]
+
+POSITION_GAIN: Final = 80.0  # N·m/rad
+VELOCITY_GAIN: Final = 2.0  # N·m·s/rad
+SPEED_MODE_GAIN: Final = 15.0  # N·m·s/rad
+_LINK_INERTIA: Final = 0.012  # kg·m², the least that hangs on a joint of a leg
+_STABLE: Final = 0.8  # share of the inertia that dry friction may stop within a step
+
+
+@dataclass(frozen=True)
+class JointCommand:
+    """
+    What the drives hold until the next command, each [D] or None.
+
+    position (rad) commands position mode, with velocity and effort as feed-forward; velocity
+    (rad/s) alone velocity mode; effort (N·m) alone torque mode; nothing at all damps.
+    """
+
+    position: Floats | None = None
+    velocity: Floats | None = None
+    effort: Floats | None = None
+
+
+class Friction:
+    """
+    Friction between motor and joint, smooth through standstill.
+
+    Dry friction sets in as a hyperbolic tangent of speed, the Stribeck part fades as the inverse
+    square of 1 + (w/ws)², grease thins with speed, and the part that grows with load is stronger
+    when the motor drives the joint than when the joint drives the motor.
+    """
+
+    def __init__(self, plant: Plant, parameters: dict[str, Floats], step: float) -> None:
+        p, effects = parameters, plant.effects
+        self._coulomb = p['coulomb'] * effects.coulomb_friction.scale
+        self._stribeck = p['stribeck'] * effects.stribeck_friction.scale
+        self._viscous = p['viscous'] * effects.viscous_friction.scale
+        self._load = p['load_friction'] * effects.load_friction.scale
+        self._rub = p['rub'] * effects.position_rub.scale
+        self._asymmetry = self._load * p['load_asymmetry']
+        self._angle, self._width = p['rub_angle'], p['rub_width']
+        self._thin = 1.0 / p['shear_velocity']
+        self._fade = 1.0 / p['stribeck_velocity']
+        rotor = p['rotor_inertia'] * effects.rotor_inertia.scale
+        link = 0.0 if effects.spring.enabled else _LINK_INERTIA
+        dry = self._coulomb + self._stribeck + self._rub + self._load * p['torque_limit'] / 4
+        self._slope = 1.0 / np.maximum(
+            p['presliding_velocity'], step * dry / (_STABLE * (rotor + link))
+        )
+        self._has_stribeck = bool(self._stribeck.any())
+        self._has_load = bool(self._load.any())
+        self._has_viscous = bool(self._viscous.any())
+        self._has_rub = bool(self._rub.any())
+        self._a, self._b, self._sign = (np.empty_like(self._coulomb) for _ in range(3))
+
+    def torque(self, position: Floats, velocity: Floats, motor: Floats, out: Floats) -> None:
+        """Drag against the motor at one instant, N·m [D], written to out."""
+        a, b, sign = self._a, self._b, self._sign
+        np.multiply(velocity, self._slope, out=a)
+        np.tanh(a, out=sign)
+        out[:] = self._coulomb
+        if self._has_stribeck:
+            np.multiply(velocity, self._fade, out=a)
+            np.multiply(a, a, out=a)
+            np.add(a, 1.0, out=a)
+            np.multiply(a, a, out=a)
+            np.divide(self._stribeck, a, out=a)
+            np.add(out, a, out=out)
+        if self._has_load:
+            np.abs(motor, out=a)
+            np.multiply(self._load, a, out=a)
+            np.multiply(self._asymmetry, motor, out=b)
+            np.multiply(b, sign, out=b)
+            np.add(out, a, out=out)
+            np.add(out, b, out=out)
+        if self._has_rub:
+            np.add(out, self._rubbing(position), out=out)
+        np.multiply(out, sign, out=out)
+        if self._has_viscous:
+            np.abs(velocity, out=a)
+            np.multiply(a, self._thin, out=a)
+            np.add(a, 1.0, out=a)
+            np.multiply(self._viscous, velocity, out=b)
+            np.divide(b, a, out=b)
+            np.add(out, b, out=out)
+
+    def parts(self, position: Floats, velocity: Floats, motor: Floats) -> dict[str, Floats]:
+        """The same drag by effect, N·m [..., D] each."""
+        sign = np.tanh(velocity * self._slope)
+        fade = 1.0 + (velocity * self._fade) ** 2
+        return {
+            'coulomb_friction': self._coulomb * sign,
+            'stribeck_friction': self._stribeck / fade**2 * sign,
+            'load_friction': (self._load * np.abs(motor) + self._asymmetry * motor * sign) * sign,
+            'viscous_friction': self._viscous * velocity / (1.0 + np.abs(velocity) * self._thin),
+            'position_rub': self._rubbing(position) * sign,
+        }
+
+    def _rubbing(self, position: Floats) -> Floats:
+        away = (np.abs(position) - self._angle) / self._width
+        return self._rub / (1.0 + away * away) ** 2
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What the drives did in B steps, [B, D] each, at the motor side unless said otherwise."""
+
+    position: Floats  # rad, rotor at the start of the step, in turns of the joint
+    velocity: Floats  # rad/s, rotor at the start of the step
+    motor: Floats  # N·m, air gap
+    drag: Floats  # N·m, friction
+    cogging: Floats  # N·m
+    output: Floats  # N·m, handed to the joint (before the inertia of a rigidly coupled rotor)
+
+    @classmethod
+    def empty(cls, steps: int, drives: int) -> 'Trace':
+        """Room for a block of steps."""
+        return cls(*(np.zeros((steps, drives)) for _ in range(6)))
+
+
+class Drives:
+    """
+    The mechanical side of D drives, stepped beside the rigid-body simulation.
+
+    The rotor turns with the joint (its inertia is then `armature`, for the joint's own solver)
+    unless the plant's spring is on: then it has a state of its own behind that spring.
+    """
+
+    def __init__(self, plant: Plant, names: Sequence[str], step: float, block: int) -> None:
+        p = plant.resolve(names)
+        effects = plant.effects
+        self.names = tuple(names)
+        self.parameters = p
+        self.trace = Trace.empty(block, len(names))
+        self.friction = Friction(plant, p, step)
+        self.inertia: Floats = p['rotor_inertia'] * effects.rotor_inertia.scale
+        self.elastic = effects.spring.enabled
+        self.stiffness: Floats = p['spring_stiffness'] / max(effects.spring.strength, 1e-3)
+        self.damping: Floats = p['spring_damping']
+        self._step = step
+        self._cogging = p['cogging'] * effects.cogging.scale
+        self._order = p['cogging_order']
+        self._has_cogging = bool(self._cogging.any())
+        weakening = effects.field_weakening.scale
+        flux = p['reactance'] * p['weakening_current'] if weakening else 0.0
+        self._stall = p['torque_constant'] * p['modulation'] / p['resistance']
+        self._droop = p['torque_constant'] * (p['torque_constant'] - flux) / p['resistance']
+        self._limit = p['torque_limit']
+        self._least = -self._limit
+        self._floor = -self._limit
+        self._ceiling = self._limit
+        self._a, self._b, self._tau, self._feed = (np.zeros(len(names)) for _ in range(4))
+        self._kp, self._kd = np.zeros(len(names)), np.zeros(len(names))
+        self.rotor = np.zeros(len(names))
+        self.rotor_velocity = np.zeros(len(names))
+        self.hold(JointCommand())
+        self.set_voltage(plant.supply.voltage)
+
+    @property
+    def armature(self) -> Floats:
+        """Inertia that turns rigidly with the joints, kg·m² [D]."""
+        return np.zeros_like(self.inertia) if self.elastic else self.inertia
+
+    def reset(self, position: Floats) -> None:
+        """Rotors at rest where the joints are, rad [D]."""
+        self.rotor[:] = position
+        self.rotor_velocity[:] = 0.0
+
+    def hold(self, command: JointCommand) -> None:
+        """Hold a command from the next step on; NaN in it damps that drive."""
+        count = len(self.names)
+        nothing = np.zeros(count)
+        velocity = nothing if command.velocity is None else command.velocity
+        effort = nothing if command.effort is None else command.effort
+        if command.position is not None:
+            kp, kd, target = POSITION_GAIN, VELOCITY_GAIN, command.position
+        elif command.velocity is not None:
+            kp, kd, target = 0.0, SPEED_MODE_GAIN, nothing
+        elif command.effort is not None:
+            kp, kd, target = 0.0, 0.0, nothing
+        else:
+            kp, kd, target = 0.0, VELOCITY_GAIN, nothing
+        feed = kp * target + kd * velocity + effort
+        good = np.isfinite(feed)
+        self._kp[:] = np.where(good, kp, 0.0)
+        self._kd[:] = np.where(good, kd, VELOCITY_GAIN)
+        self._feed[:] = np.where(good, feed, 0.0)
+
+    def set_voltage(self, voltage: float) -> None:
+        """Take the bus voltage (V) that bounds torque at speed."""
+        self._ceiling = self._stall * voltage
+        self._floor = -self._ceiling
+
+    def step(self, row: int, position: Floats, velocity: Floats, out: Floats) -> None:
+        """
+        Torque on the joints for the next step, N·m [D], written to out and to the trace.
+
+        position (rad) and velocity (rad/s) are the joints' now; row counts within the block.
+        """
+        trace, a, b, tau = self.trace, self._a, self._b, self.trace.motor[row]
+        angle = self.rotor if self.elastic else position
+        speed = self.rotor_velocity if self.elastic else velocity
+        np.multiply(self._kp, position, out=a)
+        np.multiply(self._kd, speed, out=b)
+        np.subtract(self._feed, a, out=tau)
+        np.subtract(tau, b, out=tau)
+        np.multiply(self._droop, speed, out=b)
+        np.subtract(self._ceiling, b, out=a)
+        np.minimum(tau, a, out=tau)
+        np.subtract(self._floor, b, out=a)
+        np.maximum(tau, a, out=tau)
+        np.minimum(tau, self._limit, out=tau)
+        np.maximum(tau, self._least, out=tau)
+        drag = trace.drag[row]
+        self.friction.torque(angle, speed, tau, drag)
+        trace.position[row] = angle
+        trace.velocity[row] = speed
+        np.subtract(tau, drag, out=a)
+        if self._has_cogging:
+            np.multiply(self._order, angle, out=b)
+            np.sin(b, out=b)
+            cogging = trace.cogging[row]
+            np.multiply(self._cogging, b, out=cogging)
+            np.subtract(a, cogging, out=a)
+        if self.elastic:
+            np.subtract(self.rotor, position, out=b)
+            np.multiply(self.stiffness, b, out=b)
+            b += self.damping * (speed - velocity)
+            out[:] = b
+            self._turn(a - b)
+        else:
+            out[:] = a
+        trace.output[row] = out
+
+    def _turn(self, torque: Floats) -> None:
+        self.rotor_velocity += torque * (self._step / self.inertia)
+        self.rotor += self.rotor_velocity * self._step

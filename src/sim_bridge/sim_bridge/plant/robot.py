@@ -1,0 +1,316 @@
+"""
+ANYmal C as a MuJoCo model with one ideal torque source per joint.
+
+Masses, inertias, origins and limits are those of the manufacturer's URDF, with every frame
+aligned to the base. Friction and damping are absent here: they belong to the drives.
+"""
+
+from typing import Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_bridge.plant.terrain import FLAT, Terrain
+
+LEGS: Final = ('LF', 'RF', 'LH', 'RH')
+JOINT_NAMES: Final = tuple(f'{leg}_{joint}' for leg in LEGS for joint in ('HAA', 'HFE', 'KFE'))
+FOOT_NAMES: Final = tuple(f'{leg}_FOOT' for leg in LEGS)
+
+TIMESTEP: Final = 0.0005  # s
+TORQUE_LIMIT: Final = 80.0  # N·m
+VELOCITY_LIMIT: Final = 7.5  # rad/s
+ARMATURE: Final = 0.0675  # kg·m², mean of the drives fitted in arXiv 2509.06342
+FOOT_RADIUS: Final = 0.03  # m
+FRICTION: Final = 1.0  # of feet and limbs on the ground, sliding
+
+_SIDES: Final = {'LF': (1, 1), 'RF': (1, -1), 'LH': (-1, 1), 'RH': (-1, -1)}
+DEFAULT_POSE: Final = np.array([q for leg in LEGS for q in (0.0, 0.4, -0.8)]) * np.repeat(
+    [float(_SIDES[leg][0]) for leg in LEGS], 3
+)
+"""Joint angles of standing, rad [12]; HAA 0, HFE ±0.4, KFE ∓0.8 (front, hind)."""
+LIMITS: Final = np.array(
+    [
+        limit
+        for leg in LEGS
+        for limit in (
+            (-0.72, 0.49) if _SIDES[leg][1] > 0 else (-0.49, 0.72),
+            (-9.42, 9.42),
+            (-9.42, 9.42),
+        )
+    ]
+)
+"""Lowest and highest joint angle, rad [12, 2]."""
+STANDING_HEIGHT: Final = 0.5487  # m, base over the soles in DEFAULT_POSE
+
+_NET_FORCE: Final = 3  # how a contact sensor sums: all contacts, in the world's frame
+_SHANK_IN_THIGH: Final = (0.0, 0.1003, -0.285)
+_FOOT_IN_SHANK: Final = (0.0880, 0.0131, -0.3155)
+
+
+def build_model(
+    terrain: Terrain = FLAT,
+    *,
+    armature: float = ARMATURE,
+    payload: float = 0.0,
+    friction: float = FRICTION,
+    timestep: float = TIMESTEP,
+    contact_sensors: bool = False,
+) -> mujoco.MjModel:
+    """
+    Compile `build_spec`.
+
+    Raises ValueError where it does.
+    """
+    return build_spec(
+        terrain,
+        armature=armature,
+        payload=payload,
+        friction=friction,
+        timestep=timestep,
+        contact_sensors=contact_sensors,
+    ).compile()
+
+
+def build_spec(
+    terrain: Terrain = FLAT,
+    *,
+    armature: float = ARMATURE,
+    payload: float = 0.0,
+    friction: float = FRICTION,
+    timestep: float = TIMESTEP,
+    contact_sensors: bool = False,
+) -> mujoco.MjSpec:
+    """
+    ANYmal C standing on a terrain, with a torque actuator per joint in JOINT_NAMES' order.
+
+    armature: inertia of rotor and gears at the joint, kg·m². payload: kg added at the base's
+    origin. friction: sliding, between robot and ground. Actuators neither limit nor dampen; the
+    keyframe `default` stands in DEFAULT_POSE. Qpos [19] is base position, quaternion, joints.
+    contact_sensors: add, by name of the geom, a sensor of what touches the ground: the force on
+    each foot, N [3], and the number of contacts of base, hips, thighs and shanks.
+    ValueError for a negative armature or timestep, or a payload below −10 kg.
+    """
+    if armature < 0.0 or timestep <= 0.0 or payload < -10.0 or friction < 0.0:
+        raise ValueError(
+            f'armature {armature!r} kg·m² and friction {friction!r} must not be negative, '
+            f'timestep {timestep!r} s must be positive, payload {payload!r} kg at least -10'
+        )
+    spec = mujoco.MjSpec()
+    spec.modelname = 'anymal_c'
+    spec.compiler.degree = False
+    _set_options(spec, timestep)
+    _add_ground(spec, terrain)
+    base = _add_base(spec, payload)
+    for leg in LEGS:
+        _add_leg(base, leg, armature)
+    for joint in JOINT_NAMES:
+        motor = spec.add_actuator(name=joint, target=joint)
+        motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        motor.set_to_motor()
+    for geom in spec.geoms:
+        geom.friction[0] = friction  # the larger one of two that touch counts
+    _add_sensors(spec)
+    if contact_sensors:
+        _add_contact_sensors(spec)
+    spec.add_key(
+        name='default', qpos=[0.0, 0.0, STANDING_HEIGHT, 1.0, 0.0, 0.0, 0.0, *DEFAULT_POSE]
+    )
+    return spec
+
+
+class FootForce:
+    """Reads the normal force on each foot out of a simulation."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._foot = np.full(model.ngeom, len(FOOT_NAMES))
+        for index, name in enumerate(FOOT_NAMES):
+            self._foot[model.geom(name).id] = index
+
+    def __call__(self, data: mujoco.MjData) -> NDArray[np.float64]:
+        """Forces that the ground exerts along the contact normals, N [4], of the last step."""
+        contact = data.contact
+        address = contact.efc_address
+        acting = address >= 0
+        if not acting.any():
+            return np.zeros(4)
+        foot = self._foot[contact.geom[acting]].min(axis=1)
+        normal = data.efc_force[address[acting]]
+        return np.bincount(foot, weights=normal, minlength=5)[:4].astype(np.float64)
+
+
+def total_mass(model: mujoco.MjModel) -> float:
+    """Mass of everything that moves, kg."""
+    return float(model.body_mass.sum())
+
+
+def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
+    option = spec.option
+    option.timestep = timestep
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.noslip_iterations = 1
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+
+
+def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
+    world = spec.worldbody
+    world.add_light(
+        pos=[0, 0, 4], dir=[0.2, 0.2, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    )
+    surface = {
+        'contype': 1,
+        'conaffinity': 1,
+        'rgba': [0.55, 0.57, 0.55, 1.0],
+    }
+    floor = 0.0
+    if not terrain.is_flat:
+        heights = terrain.heights()
+        floor = float(heights.min())
+        rise = float(np.ptp(heights))
+        half = terrain.extent / 2
+        field = spec.add_hfield(name='terrain', nrow=len(heights), ncol=len(heights))
+        field.size = [half, half, rise, 0.1]
+        field.userdata = ((heights - floor) / rise).ravel()
+        world.add_geom(
+            name='terrain',
+            type=mujoco.mjtGeom.mjGEOM_HFIELD,
+            hfieldname='terrain',
+            pos=[0, 0, floor],
+            **surface,
+        )
+    world.add_geom(
+        name='floor',
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=[0, 0, floor],
+        size=[0, 0, 1],
+        **surface,
+    )
+
+
+def _add_base(spec: mujoco.MjSpec, payload: float) -> mujoco.MjsBody:
+    mass = 26.373 + payload
+    base = spec.worldbody.add_body(
+        name='base',
+        pos=[0, 0, STANDING_HEIGHT],
+        mass=mass,
+        ipos=np.array([-0.0178, -0.0002, 0.0085]) * 26.373 / mass,
+        fullinertia=[0.2167, 1.7852, 1.8337, 0.0092, 0.0589, 0.0],
+        explicitinertial=True,
+    )
+    base.add_freejoint(name='base')
+    base.add_site(name='imu', pos=[0, 0, 0])
+    _add_shell(base, 'base', mujoco.mjtGeom.mjGEOM_BOX, size=[0.32, 0.13, 0.11], pos=[0, 0, 0.02])
+    return base
+
+
+def _add_leg(base: mujoco.MjsBody, leg: str, armature: float) -> None:
+    sx, sy = _SIDES[leg]
+    knee = np.array(_SHANK_IN_THIGH) * (1, sy, 1)
+    sole = np.array(_FOOT_IN_SHANK) * (sx, sy, 1)
+    hip_body = _add_link(
+        base,
+        f'{leg}_HIP',
+        origin=[0.2999 * sx, 0.104 * sy, 0.0],
+        mass=2.781,
+        centre=[0.0567 * sx, 0.0174 * sy, -0.0005],
+        inertia=[0.0033, 0.0049, 0.0058, 0.0, 0.0, 0.00014 * sy],
+    )
+    thigh = _add_link(
+        hip_body,
+        f'{leg}_THIGH',
+        origin=[0.0599 * sx, 0.0838 * sy, 0.0],
+        mass=3.071,
+        centre=[0.0, 0.0308 * sy, -0.2457],
+        inertia=[0.0299, 0.0296, 0.0049, 0.0, 0.0, 0.0041 * sy],
+    )
+    shank = _add_link(
+        thigh,
+        f'{leg}_SHANK',
+        origin=knee,
+        mass=0.5884,
+        centre=[0.0613 * sx, 0.0055 * sy, -0.0807],
+        inertia=[0.0088, 0.0102, 0.0016, 0.0, 0.0018 * sx, 0.0],
+    )
+    for body, joint, axis in (
+        (hip_body, f'{leg}_HAA', [1, 0, 0]),
+        (thigh, f'{leg}_HFE', [0, 1, 0]),
+        (shank, f'{leg}_KFE', [0, 1, 0]),
+    ):
+        body.add_joint(
+            name=joint,
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=axis,
+            limited=True,
+            range=LIMITS[JOINT_NAMES.index(joint)],
+            armature=armature,
+        )
+    sphere, capsule = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
+    _add_shell(hip_body, f'{leg}_HIP', sphere, size=[0.08, 0, 0], pos=[0.06 * sx, 0, 0])
+    _add_shell(
+        thigh,
+        f'{leg}_THIGH',
+        capsule,
+        size=[0.045, 0, 0],
+        fromto=[0.0, 0.04 * sy, 0.0, *(knee * (1, 0.7, 1))],
+    )
+    _add_shell(
+        shank, f'{leg}_SHANK', capsule, size=[0.022, 0, 0], fromto=[0, 0, 0, *(0.85 * sole)]
+    )
+    _add_shell(shank, f'{leg}_FOOT', sphere, size=[FOOT_RADIUS, 0, 0], pos=sole, dark=True)
+    shank.add_site(name=f'{leg}_FOOT', pos=sole)
+
+
+def _add_link(
+    parent: mujoco.MjsBody,
+    name: str,
+    *,
+    origin: NDArray[np.float64] | list[float],
+    mass: float,
+    centre: list[float],
+    inertia: list[float],
+) -> mujoco.MjsBody:
+    return parent.add_body(
+        name=name, pos=origin, mass=mass, ipos=centre, fullinertia=inertia, explicitinertial=True
+    )
+
+
+def _add_shell(
+    body: mujoco.MjsBody, name: str, shape: mujoco.mjtGeom, *, dark: bool = False, **where: object
+) -> None:
+    body.add_geom(
+        name=name,
+        type=shape,
+        contype=0,
+        conaffinity=1,
+        mass=0.0,
+        rgba=[0.1, 0.1, 0.1, 1.0] if dark else [0.75, 0.15, 0.1, 1.0],
+        **where,
+    )
+
+
+def _add_sensors(spec: mujoco.MjSpec) -> None:
+    for name, kind in (
+        ('imu_acceleration', mujoco.mjtSensor.mjSENS_ACCELEROMETER),
+        ('imu_angular_velocity', mujoco.mjtSensor.mjSENS_GYRO),
+        ('imu_orientation', mujoco.mjtSensor.mjSENS_FRAMEQUAT),
+        ('base_velocity', mujoco.mjtSensor.mjSENS_VELOCIMETER),
+    ):
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname='imu')
+
+
+def _add_contact_sensors(spec: mujoco.MjSpec) -> None:
+    kinds = mujoco.mjtConDataField
+    shells = ('base', *(f'{leg}_{part}' for leg in LEGS for part in ('HIP', 'THIGH', 'SHANK')))
+    for name, kind in (
+        *((foot, kinds.mjCONDATA_FORCE) for foot in FOOT_NAMES),
+        *((shell, kinds.mjCONDATA_FOUND) for shell in shells),
+    ):
+        spec.add_sensor(
+            name=name,
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_GEOM,
+            objname=name,
+            intprm=[1 << kind.value, _NET_FORCE if name in FOOT_NAMES else 0, 1],
+        )

@@ -1,0 +1,298 @@
+"""Rigid bodies, drives, circuit and bus in one loop of 0.5 ms steps."""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, fields, replace
+from typing import Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_bridge.plant.circuit import Circuit, Flow
+from sim_bridge.plant.drive import Drives, JointCommand
+from sim_bridge.plant.energy_balance import Books
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.supply import Bus, BusFlow
+from sim_bridge.plant.world import World, fallen
+
+Floats = NDArray[np.float64]
+STEP: Final = 0.0005  # s
+JOINT_PERIOD: Final = 5  # steps between joint samples: 400 Hz
+LATCH: Final = 20  # steps between the drives' readings of bus voltage and temperature
+PUSH_STEPS: Final = 200  # a push lasts 0.1 s
+
+
+@dataclass(frozen=True)
+class Block:
+    """
+    B steps of the plant. States are those at the end of each step, powers its mean.
+
+    base is NaN on a stand.
+    """
+
+    first: int  # index of the first step, counted from 0
+    position: Floats  # rad [B, D]
+    velocity: Floats  # rad/s [B, D]
+    torque: Floats  # N·m [B, D], on the joint's output side
+    voltage: Floats  # V [B], at the power meter
+    power: Floats  # W [B, D], at the power meter
+    supply_current: Floats  # A [B], drives only
+    temperature: Floats  # °C [D], windings
+    base: Floats  # [B, 13]: position, quaternion w x y z, velocity (world), rate (base)
+    acceleration: Floats  # m/s² [B, 3], of the base, in the world
+    foot_force: Floats  # N [B // 5 or one more, 4], where the step's index + 1 is a multiple of 5
+
+    @property
+    def steps(self) -> int:
+        """B."""
+        return len(self.position)
+
+    @property
+    def time(self) -> Floats:
+        """End of each step, s [B] since the start."""
+        counts = np.arange(self.first + 1, self.first + self.steps + 1, dtype=np.float64)
+        return STEP * counts
+
+    @classmethod
+    def join(cls, blocks: Sequence['Block']) -> 'Block':
+        """Blocks that follow each other as one; its temperature is that of the last."""
+        stacked = {
+            item.name: np.concatenate([getattr(block, item.name) for block in blocks])
+            for item in fields(cls)
+            if item.name not in ('first', 'temperature')
+        }
+        return cls(first=blocks[0].first, temperature=blocks[-1].temperature, **stacked)
+
+    @property
+    def current(self) -> Floats:
+        """At the power meter, A [B, D]."""
+        current: Floats = self.power / self.voltage[:, None]
+        return current
+
+
+class Simulation:
+    """
+    A plant that moves a world, in blocks of steps.
+
+    Results do not depend on how a run is cut into blocks.
+    """
+
+    def __init__(self, plant: Plant, world: World, *, capacity: int = 400) -> None:
+        """capacity: most steps per block. InputError for a drive that the plant lacks."""
+        self.plant = plant
+        self.world = replace(world, model=copy(world.model))
+        self.books = Books()
+        self.keep_books = False
+        self.steps = 0
+        self.capacity = capacity
+        joints = len(world.joints)
+        self.drives = Drives(plant, world.joints, STEP, capacity)
+        self.circuit = Circuit(plant, world.joints, self.drives.parameters)
+        self.bus = Bus(plant, self.drives.parameters, STEP)
+        model = self.world.model
+        model.dof_armature[-joints:] = self.drives.armature
+        self._data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, self._data)
+        self._qpos = np.zeros((capacity + 1, model.nq))
+        self._qvel = np.zeros((capacity + 1, model.nv))
+        self._torque, self._power = (np.zeros((capacity, joints)) for _ in range(2))
+        self._voltage, self._supply = np.zeros(capacity), np.zeros(capacity)
+        self._feet: list[Floats] = []
+        self._latched = self.bus.voltage
+        self._push_steps = 0
+        self._push_force = np.zeros(3)
+        self.reset()
+
+    @property
+    def time(self) -> float:
+        """Since the start, s."""
+        return self.steps * STEP
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the D drives."""
+        return self.world.joints
+
+    @property
+    def joint_position(self) -> Floats:
+        """Now, rad [D]."""
+        return np.array(self._data.qpos[-len(self.joints) :])
+
+    @property
+    def joint_velocity(self) -> Floats:
+        """Now, rad/s [D]."""
+        return np.array(self._data.qvel[-len(self.joints) :])
+
+    @property
+    def base(self) -> Floats:
+        """Position (world, m), quaternion w x y z, velocity (world), rate (base); [13]."""
+        return np.concatenate((self._data.qpos[:7], self._data.qvel[:6]))
+
+    @property
+    def fallen(self) -> str | None:
+        """Why the robot no longer stands, or None."""
+        return fallen(self.world, self._data)
+
+    def reset(self) -> None:
+        """Put the robot back to its start; time, temperatures and bus voltage go on."""
+        data = self._data
+        mujoco.mj_resetData(self.world.model, data)
+        data.qpos[:] = self.world.start
+        mujoco.mj_forward(self.world.model, data)
+        self._push_steps = 0
+        self.drives.reset(self.joint_position)
+
+    def hold(self, command: JointCommand) -> None:
+        """Hold a command from now on."""
+        self.drives.hold(command)
+
+    def push(self, velocity: Floats) -> None:
+        """Push the base for 0.1 s with the impulse that gives the robot a velocity, m/s [3]."""
+        self._push_force = self.world.mass * np.asarray(velocity) / (PUSH_STEPS * STEP)
+        self._push_steps = PUSH_STEPS
+
+    def advance(self, steps: int) -> Block:
+        """Run a number of steps, at most `capacity`."""
+        if not 0 < steps <= self.capacity:
+            raise ValueError(f'a block has 1..{self.capacity} steps, not {steps}')
+        first = self.steps
+        self._feet = []
+        row = 0
+        while row < steps:
+            stop = min(steps, row + LATCH - self.steps % LATCH)
+            if self._push_steps:
+                stop = min(stop, row + self._push_steps)
+            self._run(row, stop)
+            row = stop
+        return self._block(first, steps)
+
+    def _run(self, start: int, stop: int) -> None:
+        if self.steps % LATCH == 0:
+            self.drives.set_voltage(self.bus.voltage)
+            if self.steps:
+                self.circuit.temperature.settle(STEP, LATCH)
+            self._latched = self.bus.voltage
+        if self._push_steps:
+            self._data.xfrc_applied[1, :3] = self._push_force
+        self._move(start, stop)
+        if self._push_steps:
+            self._push_steps -= stop - start
+            self._data.xfrc_applied[1, :3] = 0.0
+        self._draw(slice(start, stop))
+
+    def _move(self, start: int, stop: int) -> None:
+        data, model, drives, feet = self._data, self.world.model, self.drives, self.world.feet
+        count = len(self.joints)
+        position, velocity, control = data.qpos[-count:], data.qvel[-count:], data.ctrl
+        all_position, all_velocity = data.qpos, data.qvel
+        qpos, qvel = self._qpos, self._qvel
+        due = JOINT_PERIOD - self.steps % JOINT_PERIOD
+        for row in range(start, stop):
+            qpos[row] = all_position
+            qvel[row] = all_velocity
+            drives.step(row, position, velocity, control)
+            mujoco.mj_step(model, data)
+            due -= 1
+            if due == 0:
+                due = JOINT_PERIOD
+                if feet is not None:
+                    self._feet.append(feet(data))
+        qpos[stop] = all_position
+        qvel[stop] = all_velocity
+        self.steps += stop - start
+
+    def _draw(self, rows: slice) -> None:
+        drives, count = self.drives, len(self.joints)
+        trace = drives.trace
+        after = slice(rows.start + 1, rows.stop + 1)
+        joint_before = self._qvel[rows, -count:]
+        joint_after = self._qvel[after, -count:]
+        speed = 0.5 * (joint_before + joint_after)
+        torque = trace.output[rows]
+        if drives.elastic:
+            before = trace.velocity[rows]
+            rotor_after = np.vstack((before[1:], drives.rotor_velocity))
+            rotor_speed = 0.5 * (before + rotor_after)
+            acceleration = (rotor_after - before) / STEP
+        else:
+            rotor_speed = speed
+            acceleration = (joint_after - joint_before) / STEP
+            torque = torque - drives.inertia * acceleration
+        self._torque[rows] = torque
+        time = STEP * np.arange(self.steps - rows.stop + rows.start + 1, self.steps + 1)
+        flow = self.circuit.solve(
+            trace.motor[rows], rotor_speed, trace.drag[rows], self._latched, time
+        )
+        bus = self.bus.solve(flow.link)
+        self._power[rows] = bus.power
+        self._voltage[rows] = bus.voltage
+        self._supply[rows] = bus.supply_current
+        if self.keep_books:
+            self._book(rows, flow, bus, speed, rotor_speed, acceleration)
+
+    def _book(
+        self,
+        rows: slice,
+        flow: Flow,
+        bus: BusFlow,
+        speed: Floats,
+        rotor_speed: Floats,
+        acceleration: Floats,
+    ) -> None:
+        drives, trace = self.drives, self.drives.trace
+        spring = damper = np.zeros_like(speed)
+        if drives.elastic:
+            twisting = rotor_speed - speed
+            joint = self._qvel[rows, -len(self.joints) :]
+            damper = drives.damping * (trace.velocity[rows] - joint) * twisting
+            spring = trace.output[rows] * twisting - damper
+        parts = drives.friction.parts(
+            trace.position[rows], trace.velocity[rows], trace.motor[rows]
+        )
+        powers = {
+            'supply': self.plant.supply.voltage * bus.supply_current,
+            'supply_line': bus.supply_loss,
+            'capacitor_resistance': bus.capacitor_loss,
+            'capacitor': bus.stored,
+            'line_resistance': bus.line,
+            'regeneration_limit': bus.burned,
+            'regeneration_efficiency': flow.regeneration,
+            'idle': flow.idle,
+            'fan': flow.fan,
+            'inverter_loss': flow.inverter,
+            'iron_loss': flow.iron,
+            'copper_loss': flow.copper,
+            'field_weakening': flow.weakening,
+            **{name: part * rotor_speed for name, part in parts.items()},
+            'cogging_field': trace.cogging[rows] * rotor_speed,
+            'rotor': drives.inertia * acceleration * rotor_speed,
+            'spring': spring,
+            'spring_damping': damper,
+            'shaft': self._torque[rows] * speed,
+        }
+        self.books.add({name: float(power.sum()) for name, power in powers.items()}, STEP)
+
+    def _block(self, first: int, steps: int) -> Block:
+        count = len(self.joints)
+        qpos, qvel = self._qpos[1 : steps + 1], self._qvel[: steps + 1]
+        if self.world.floating:
+            base = np.hstack((qpos[:, :7], qvel[1:, :6]))
+            acceleration = np.diff(qvel[:, :3], axis=0) / STEP
+        else:
+            base = np.full((steps, 13), np.nan)
+            acceleration = np.full((steps, 3), np.nan)
+        feet = np.array(self._feet) if self._feet else np.zeros((0, 4))
+        return Block(
+            first=first,
+            position=qpos[:, -count:].copy(),
+            velocity=qvel[1:, -count:].copy(),
+            torque=self._torque[:steps].copy(),
+            voltage=self._voltage[:steps].copy(),
+            power=self._power[:steps].copy(),
+            supply_current=self._supply[:steps].copy(),
+            temperature=self.circuit.temperature.winding.copy(),
+            base=base,
+            acceleration=acceleration,
+            foot_force=feet,
+        )

@@ -1,0 +1,106 @@
+"""What the drives move: the walking robot, or one drive on a stand."""
+
+from dataclasses import dataclass
+from math import pi
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from sim_bridge.plant.robot import (
+    FOOT_NAMES,
+    JOINT_NAMES,
+    TIMESTEP,
+    FootForce,
+    build_model,
+    total_mass,
+)
+from sim_bridge.plant.terrain import FLAT, Terrain
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class World:
+    """
+    A rigid-body model whose last joints are those of the drives, one actuator each in order.
+
+    start: qpos at reset. feet: reader of the contact forces, or None on a stand.
+    """
+
+    model: mujoco.MjModel
+    joints: tuple[str, ...]
+    start: Floats
+    feet: FootForce | None = None
+
+    @property
+    def floating(self) -> bool:
+        """Whether there is a base that moves freely."""
+        return self.feet is not None
+
+    @property
+    def mass(self) -> float:
+        """Of everything that moves, kg."""
+        return total_mass(self.model)
+
+
+def walking_world(terrain: Terrain = FLAT) -> World:
+    """ANYmal C, standing on a terrain; joints in the order of JOINT_NAMES."""
+    model = build_model(terrain)
+    start: Floats = np.array(model.key('default').qpos, dtype=np.float64)
+    return World(model, JOINT_NAMES, start, FootForce(model))
+
+
+@dataclass(frozen=True)
+class Stand:
+    """
+    What one drive on a bench turns: a disc (inertia, kg·m²) and a pendulum (mass kg, length m).
+
+    InputError for a negative mass, length or inertia, or less than 1e-4 kg·m² in all.
+    """
+
+    inertia: float = 0.02
+    mass: float = 0.0
+    length: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name in ('inertia', 'mass', 'length'):
+            if not 0.0 <= getattr(self, name) <= 100.0:
+                raise InputError(f'stand {name} is {getattr(self, name)!r}; it must be in 0..100')
+        if self.inertia + self.mass * self.length**2 < 1e-4:
+            raise InputError(f'stand inertia is {self.inertia!r}; give at least 1e-4 kg·m²')
+
+
+def stand_world(joint: str, stand: Stand | None = None) -> World:
+    """One drive on a stand, hanging at 0 rad; positive angles swing it up to the front."""
+    load = Stand() if stand is None else stand
+    spec = mujoco.MjSpec()
+    spec.modelname = 'stand'
+    spec.option.timestep = TIMESTEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    body = spec.worldbody.add_body(
+        name='load',
+        mass=load.mass + 1e-3,
+        ipos=[0.0, 0.0, -load.length * load.mass / (load.mass + 1e-3)],
+        inertia=[1e-5, load.inertia + 1e-5, load.inertia + 1e-5],
+        explicitinertial=True,
+    )
+    body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0])
+    motor = spec.add_actuator(name=joint, target=joint)
+    motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+    motor.set_to_motor()
+    return World(spec.compile(), (joint,), np.zeros(1))
+
+
+def fallen(world: World, data: mujoco.MjData) -> str | None:
+    """Why the robot no longer stands, in a few words, or None while it does."""
+    if not world.floating:
+        return None
+    upright = 1.0 - 2.0 * (data.qpos[4] ** 2 + data.qpos[5] ** 2)
+    if upright < 0.5:
+        return f'tilted by {np.arccos(np.clip(upright, -1.0, 1.0)) * 180 / pi:.0f} degrees'
+    soles = min(data.site(name).xpos[2] for name in FOOT_NAMES)
+    height = float(data.qpos[2] - soles)
+    return f'base only {height:.2f} m above the feet' if height < 0.25 else None

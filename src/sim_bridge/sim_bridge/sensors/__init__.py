@@ -1,0 +1,1 @@
+"""Power meter and sensors of the simulated robot."""

@@ -1,0 +1,61 @@
+"""Everything that measures the plant, read block by block."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_bridge.plant.simulation import Block, Simulation
+from sim_bridge.sensors.meter import DeviceClock, Meter, MeterSamples
+from sim_bridge.sensors.sensors import (
+    BodySamples,
+    BodySensors,
+    JointSamples,
+    JointSensors,
+    OdometrySamples,
+    SupplySamples,
+    SupplySensor,
+    TemperatureSamples,
+    TemperatureSensors,
+    read_odometry,
+)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What fell due within a block; body and odometry are None on a stand."""
+
+    electrical: MeterSamples
+    joints: JointSamples
+    temperature: TemperatureSamples
+    supply: SupplySamples
+    body: BodySamples | None
+    odometry: OdometrySamples | None
+
+
+class Instruments:
+    """
+    Meter, joint sensors, IMU, feet and bench supply of a simulation.
+
+    Noise comes from seed and does not depend on how the run is cut into blocks.
+    """
+
+    def __init__(self, simulation: Simulation, seed: int) -> None:
+        plant, parameters = simulation.plant, simulation.drives.parameters
+        meter, joints, temperature, supply, body = np.random.default_rng(seed).spawn(5)
+        self.clock = DeviceClock.of(plant.meter)
+        self._meter = Meter(plant, parameters, meter)
+        self._joints = JointSensors(plant, parameters, joints)
+        self._temperature = TemperatureSensors(plant, temperature)
+        self._supply = SupplySensor(plant, supply)
+        self._body = BodySensors(body) if simulation.world.floating else None
+
+    def read(self, block: Block) -> Samples:
+        """Measure the next block; blocks must follow each other without a gap."""
+        return Samples(
+            electrical=self._meter.read(block),
+            joints=self._joints.read(block),
+            temperature=self._temperature.read(block),
+            supply=self._supply.read(block),
+            body=None if self._body is None else self._body.read(block),
+            odometry=None if self._body is None else read_odometry(block),
+        )

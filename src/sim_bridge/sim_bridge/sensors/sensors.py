@@ -1,0 +1,203 @@
+"""What the drives, the IMU, the feet and the bench supply report."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.simulation import JOINT_PERIOD, STEP, Block
+from sim_bridge.plant.supply import Electronics
+from sim_bridge.sensors.meter import LowPass
+
+Floats = NDArray[np.float64]
+Steps = NDArray[np.int64]
+TEMPERATURE_PERIOD: Final = 200  # steps: 10 Hz
+SUPPLY_PERIOD: Final = 20  # steps: 100 Hz
+GRAVITY: Final = 9.81  # m/s²
+_NOTHING = np.zeros(0)
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+_IMU_BANDWIDTH: Final = 150.0  # Hz
+_ACCELERATION_NOISE, _RATE_NOISE, _FORCE_NOISE = 0.03, 0.003, 1.0  # m/s², rad/s, N
+
+
+def due_steps(block: Block, period: int) -> tuple[Steps, Steps]:
+    """Steps since the start at which samples of a period fall, and their rows in the block."""
+    first = -(-(block.first + 1) // period) * period
+    steps = np.arange(first, block.first + block.steps + 1, period)
+    return steps, steps - block.first - 1
+
+
+@dataclass(frozen=True)
+class JointSamples:
+    """N samples at 400 Hz of D joints."""
+
+    step: Steps  # [N]
+    position: Floats  # rad [N, D]
+    velocity: Floats  # rad/s [N, D]
+    torque: Floats  # N·m [N, D]
+
+
+class JointSensors:
+    """Encoder, filtered speed and torque sensor of each joint."""
+
+    def __init__(self, plant: Plant, parameters: dict[str, Floats], random: np.random.Generator):
+        self._sensors = plant.sensors
+        self._bias = parameters['torque_bias']
+        self._limit = parameters['torque_limit']
+        self._filter = LowPass(plant.sensors.velocity_bandwidth, np.zeros_like(self._bias))
+        self._random = random
+
+    def read(self, block: Block) -> JointSamples:
+        """Samples within a block; blocks must follow each other without a gap."""
+        sensors = self._sensors
+        steps, rows = due_steps(block, JOINT_PERIOD)
+        noise = self._random.standard_normal((len(rows), 3, len(self._bias)))
+        speed = self._filter(block.velocity)[rows]
+        torque = block.torque[rows]
+        bend = 1.0 + sensors.torque_gain_error + sensors.torque_bend * np.abs(torque) / self._limit
+        return JointSamples(
+            step=steps,
+            position=block.position[rows] + sensors.position_noise * noise[:, 0],
+            velocity=speed + sensors.velocity_noise * noise[:, 1],
+            torque=torque * bend + self._bias + sensors.torque_noise * noise[:, 2],
+        )
+
+
+@dataclass(frozen=True)
+class TemperatureSamples:
+    """N samples at 10 Hz of the windings of D drives."""
+
+    step: Steps  # [N]
+    temperature: Floats  # °C [N, D]
+
+
+class TemperatureSensors:
+    """One in each winding."""
+
+    def __init__(self, plant: Plant, random: np.random.Generator) -> None:
+        self._noise = plant.sensors.temperature_noise
+        self._random = random
+
+    def read(self, block: Block) -> TemperatureSamples:
+        """Samples within a block; a block's temperature counts for all of it."""
+        steps, _ = due_steps(block, TEMPERATURE_PERIOD)
+        noise = self._random.standard_normal((len(steps), len(block.temperature)))
+        return TemperatureSamples(steps, block.temperature + self._noise * noise)
+
+
+@dataclass(frozen=True)
+class BodySamples:
+    """N samples at 400 Hz of IMU and feet."""
+
+    step: Steps  # [N]
+    orientation: Floats  # x y z w [N, 4]
+    rate: Floats  # rad/s [N, 3], base frame
+    acceleration: Floats  # m/s² [N, 3], base frame, with gravity
+    foot_force: Floats  # N [N, 4]
+
+
+class BodySensors:
+    """IMU at the base and force sensors in the feet."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        self._filter = LowPass(_IMU_BANDWIDTH, np.zeros(3))
+        self._random = random
+
+    def read(self, block: Block) -> BodySamples:
+        """Samples within a block; blocks must follow each other without a gap."""
+        steps, rows = due_steps(block, JOINT_PERIOD)
+        noise = self._random.standard_normal((len(rows), 10))
+        felt = self._filter(block.acceleration)[rows] + np.array([0.0, 0.0, GRAVITY])
+        attitude = block.base[rows, 3:7]
+        force = block.foot_force + _FORCE_NOISE * noise[:, 6:]
+        return BodySamples(
+            step=steps,
+            orientation=np.roll(attitude, -1, axis=1),
+            rate=block.base[rows, 10:13] + _RATE_NOISE * noise[:, :3],
+            acceleration=into_base(attitude, felt) + _ACCELERATION_NOISE * noise[:, 3:6],
+            foot_force=np.maximum(force, 0.0),
+        )
+
+
+@dataclass(frozen=True)
+class OdometrySamples:
+    """N samples at 100 Hz of the base's pose and twist."""
+
+    step: Steps  # [N]
+    position: Floats  # m [N, 3], world
+    orientation: Floats  # x y z w [N, 4]
+    velocity: Floats  # m/s [N, 3], base frame
+    rate: Floats  # rad/s [N, 3], base frame
+
+
+_NO_STEPS: Final = np.zeros(0, np.int64)
+_NO_ODOMETRY: Final = OdometrySamples(_NO_STEPS, *(np.zeros((0, n)) for n in (3, 4, 3, 3)))
+
+
+def read_odometry(block: Block) -> OdometrySamples:
+    """True pose and twist of the base, 100 Hz."""
+    steps, rows = due_steps(block, SUPPLY_PERIOD)
+    if not len(steps):
+        return _NO_ODOMETRY
+    base = block.base[rows]
+    return OdometrySamples(
+        step=steps,
+        position=base[:, :3],
+        orientation=np.roll(base[:, 3:7], -1, axis=1),
+        velocity=into_base(base[:, 3:7], base[:, 7:10]),
+        rate=base[:, 10:13],
+    )
+
+
+@dataclass(frozen=True)
+class SupplySamples:
+    """N readings at 100 Hz of the bench supply; current is negative while it is drawn from."""
+
+    step: Steps  # [N]
+    voltage: Floats  # V [N]
+    current: Floats  # A [N]
+
+
+class SupplySensor:
+    """Voltage and current of the bench supply that feeds drives and electronics, 10 ms means."""
+
+    def __init__(self, plant: Plant, random: np.random.Generator) -> None:
+        self._supply = plant.supply
+        self._electronics = Electronics(plant, random.spawn(1)[0], STEP * SUPPLY_PERIOD)
+        self._random = random
+        self._pending = np.zeros(0)
+
+    def read(self, block: Block) -> SupplySamples:
+        """Samples within a block; blocks must follow each other without a gap."""
+        supply = self._supply
+        steps, _ = due_steps(block, SUPPLY_PERIOD)
+        drawn = np.concatenate((self._pending, block.supply_current))
+        whole = SUPPLY_PERIOD * len(steps)
+        if not whole:
+            self._pending = drawn
+            return SupplySamples(steps, _NOTHING, _NOTHING)
+        self._pending = drawn[whole:]
+        drives = drawn[:whole].reshape(-1, SUPPLY_PERIOD).mean(axis=1)
+        electronics = self._electronics.draw(len(steps)) / supply.voltage
+        noise = self._random.standard_normal((len(steps), 2))
+        return SupplySamples(
+            step=steps,
+            voltage=supply.voltage + supply.voltage_noise * noise[:, 0],
+            current=-(drives + electronics) + supply.current_noise * noise[:, 1],
+        )
+
+
+def into_base(attitude: Floats, vector: Floats) -> Floats:
+    """Turn vectors of the world [N, 3] into the frame of quaternions w x y z [N, 4]."""
+    scalar, axis = attitude[:, :1], -attitude[:, 1:]
+    twist = 2.0 * _cross(axis, vector)
+    turned: Floats = vector + scalar * twist + _cross(axis, twist)
+    return turned
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    product: Floats = a.take(_NEXT, 1) * b.take(_LAST, 1)
+    product -= a.take(_LAST, 1) * b.take(_NEXT, 1)
+    return product

@@ -1,0 +1,1 @@
+"""Sound files to levels by policy (Fig. 7 of the paper)."""

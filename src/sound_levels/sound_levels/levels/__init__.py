@@ -1,0 +1,1 @@
+"""Sound level measurement and its alignment with a recording."""

@@ -1,0 +1,75 @@
+"""What of a recording can be heard: feet that land, and a knock that the IMU feels."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.reading.reader import Recording
+
+Floats = NDArray[np.float64]
+
+RATE = 200.0  # Hz
+_LANDED, _LIFTED = 40.0, 10.0  # N
+_ALOFT = 0.05  # s that a foot is off the ground before it lands
+_NEVER = -1e9  # s
+_UNIQUE = 2.0  # times the next largest jolt
+_APART = 0.5  # s
+
+
+@dataclass(frozen=True)
+class Events:
+    """
+    A recording as it may be heard, in s after its start.
+
+    loading: how fast the feet are being loaded, kN/s, at 200 Hz from `first` on; empty without
+    foot_force. landings: times at which a foot touches down. knock: time of the one jolt of the
+    IMU that stands out, None without.
+    """
+
+    seconds: float
+    first: float
+    loading: Floats
+    landings: Floats
+    knock: float | None
+
+
+def events_of(recording: Recording) -> Events:
+    """Landings and jolts of a recording; it need not have foot_force or imu."""
+    start = recording.start_ns
+    loading, landings, first = np.zeros(0), np.zeros(0), 0.0
+    if recording.has('foot_force'):
+        feet = recording.foot_force()
+        time = (feet.stamp_ns - start) / 1e9
+        force = np.nan_to_num(feet.force.astype(np.float64))
+        first = float(time[0])
+        grid = np.arange(time[0], time[-1], 1.0 / RATE)
+        rate = np.maximum(np.gradient(force, time, axis=0), 0.0).sum(axis=1) / 1e3
+        total = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(time))])
+        loading = np.diff(np.interp(grid, time, total), append=total[-1]) * RATE
+        landings = np.sort(np.concatenate([_landings(time, foot) for foot in force.T]))
+    knock = None
+    if recording.has('imu'):
+        imu = recording.imu()
+        felt = np.linalg.norm(imu.linear_acceleration.astype(np.float64), axis=1)
+        knock = _outstanding((imu.stamp_ns - start) / 1e9, np.abs(np.diff(felt, prepend=felt[0])))
+    return Events(recording.duration, first, loading, landings, knock)
+
+
+def _landings(time: Floats, force: Floats) -> Floats:
+    """Times at which a foot is loaded after it was off the ground for 50 ms."""
+    down = np.flatnonzero((force[1:] >= _LANDED) & (force[:-1] < _LANDED)) + 1
+    lifted = np.where(force <= _LIFTED, time, _NEVER)
+    loaded = np.where(force > _LANDED, time, _NEVER)
+    last_lifted = np.maximum.accumulate(lifted)
+    last_loaded = np.maximum.accumulate(loaded)
+    found = [t for t in down.tolist() if last_lifted[t - 1] - last_loaded[t - 1] >= _ALOFT]
+    return time[found]
+
+
+def _outstanding(time: Floats, jolt: Floats) -> float | None:
+    """The time of the largest jolt if it is twice as large as any half a second away from it."""
+    peak = int(np.argmax(jolt))
+    others = jolt[np.abs(time - time[peak]) > _APART]
+    if not len(others) or jolt[peak] < _UNIQUE * max(float(others.max()), 1e-9):
+        return None
+    return float(time[peak])

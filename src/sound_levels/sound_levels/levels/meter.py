@@ -1,0 +1,106 @@
+"""A sound level meter: blocks of samples to levels over time, in little memory."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter, sosfilt, sosfilt_zi
+from wattwalk_core.errors import InputError
+
+from sound_levels.levels.bands import Spectrum
+from sound_levels.levels.weighting import sections
+
+Floats = NDArray[np.float64]
+
+TIMES: Final = {'fast': 0.125, 'slow': 1.0}
+"""Time constants of IEC 61672-1, s."""
+SETTLED: Final = 5.0  # time constants, after which the detector has forgotten its start
+_BINS = 200.0  # Hz
+_SILENCE = 1e-18
+
+
+@dataclass(frozen=True)
+class Sound:
+    """
+    A sound as mean squares in units of full scale, N bins of `step` s from its start.
+
+    energy: of the weighted signal in each bin. detector: at the end of each bin, with the time
+    weighting; highest: its largest value within the bin. bands: mean square in third-octave bands
+    of the signal as it is, by nominal frequency in Hz. Channels are averaged.
+    """
+
+    rate: float  # Hz
+    step: float  # s
+    energy: Floats  # [N]
+    detector: Floats  # [N]
+    highest: Floats  # [N]
+    time_constant: float  # s
+    bands: dict[float, float]
+
+    @property
+    def seconds(self) -> float:
+        """Duration."""
+        return len(self.energy) * self.step
+
+    @property
+    def time(self) -> Floats:
+        """Middle of each bin, s after the start [N]."""
+        return np.asarray((np.arange(len(self.energy)) + 0.5) * self.step)
+
+
+def measure(
+    blocks: Iterable[Floats], rate: float, weighting: str = 'A', time: str = 'fast'
+) -> Sound:
+    """
+    Levels of blocks [n, channels] of samples that follow on each other.
+
+    InputError for a weighting or time that is not known, less than ten time constants (and at
+    least 1 s) of sound, or silence.
+    """
+    if time not in TIMES:
+        raise InputError(f'time weighting {time!r} is not one of {", ".join(TIMES)}')
+    rows, tau = sections(weighting, rate), TIMES[time]
+    decay = float(np.exp(-1.0 / (rate * tau)))
+    length = round(rate / _BINS)
+    spectrum = Spectrum(rate)
+    state: Floats | None = None
+    level = np.zeros(1)
+    rest = np.zeros((2, 0))
+    energy: list[Floats] = []
+    detector: list[Floats] = []
+    highest: list[Floats] = []
+    count = 0
+    for block in blocks:
+        if state is None:
+            state = sosfilt_zi(rows)[:, :, None] * block[0]
+        weighted, state = sosfilt(rows, block, axis=0, zi=state)
+        spectrum.add(block)
+        squares = np.mean(np.square(weighted), axis=1)
+        held, level = lfilter([1.0 - decay], [1.0, -decay], squares, zi=level)
+        count += len(held)
+        rest = np.concatenate([rest, [squares, held]], axis=1)
+        whole = rest.shape[1] // length * length
+        energy.append(rest[0, :whole].reshape(-1, length).mean(axis=1))
+        bins = rest[1, :whole].reshape(-1, length)
+        detector.append(bins[:, -1].copy())  # a view would keep every sample
+        highest.append(bins.max(axis=1))
+        rest = rest[:, whole:]
+    least = max(1.0, 2.0 * SETTLED * tau)
+    if count < least * rate:
+        raise InputError(
+            f'{count / rate:.2f} s are too short: {time} levels need {least:g} s of sound at least'
+        )
+    joined = np.concatenate(energy)
+    if float(joined.mean()) < _SILENCE:
+        raise InputError('silent from start to end: was the microphone connected?')
+    return Sound(
+        rate=rate,
+        step=length / rate,
+        energy=joined,
+        detector=np.concatenate(detector),
+        highest=np.concatenate(highest),
+        time_constant=tau,
+        bands=spectrum.bands(),
+    )

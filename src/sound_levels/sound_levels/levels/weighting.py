@@ -1,0 +1,116 @@
+"""Frequency weightings A, C and Z of IEC 61672-1 at any sampling rate, and how well they fit."""
+
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+Floats = NDArray[np.float64]
+
+WEIGHTINGS: Final = ('A', 'C', 'Z')
+_F1, _F2, _F3, _F4 = 20.598997, 107.65265, 737.86223, 12194.217  # Hz, IEC 61672-1 annex E
+_OFFSET = 1.0  # Hz; below it lies no sound, but the offset of a converter
+_HIGH_PASS: Final = {'A': (_F1, _F1, _F2, _F3), 'C': (_F1, _F1), 'Z': (_OFFSET,)}
+_REFERENCE = 1000.0  # Hz
+_WITHIN_1_DB = (40, 50, 63, 80, 100, 125, 160, 200, 250, 315, 400, 500, 630, 800)
+_TO_4_KHZ = (1250, 1600, 2000, 2500, 3150, 4000)
+LIMITS: Final = {
+    16.0: (-4.0, 2.0),
+    20.0: (-2.0, 2.0),
+    25.0: (-1.5, 2.0),
+    31.5: (-1.5, 1.5),
+    **{float(frequency): (-1.0, 1.0) for frequency in _WITHIN_1_DB},
+    1000.0: (-0.7, 0.7),
+    **{float(frequency): (-1.0, 1.0) for frequency in _TO_4_KHZ},
+    5000.0: (-1.5, 1.5),
+    6300.0: (-2.0, 1.5),
+    8000.0: (-2.5, 1.5),
+    10000.0: (-3.0, 2.0),
+    12500.0: (-5.0, 2.0),
+    16000.0: (-16.0, 2.5),
+    20000.0: (-np.inf, 3.0),
+}
+"""Acceptance limits of class 1 in dB (low, high) by nominal frequency in Hz."""
+
+
+def analog(weighting: str, frequency: Floats | float) -> Floats:
+    """The weighting as the standard defines it, dB at frequencies in Hz; 0 at 1 kHz."""
+    return _analog(weighting, np.asarray(frequency)) - _analog(weighting, np.array(_REFERENCE))
+
+
+def _analog(weighting: str, frequency: Floats) -> Floats:
+    gain = np.ones(np.shape(frequency)) if weighting == 'Z' else 1 / (1 + (frequency / _F4) ** 2)
+    for corner in _HIGH_PASS[weighting]:
+        gain = gain * (frequency / corner) / np.hypot(1.0, frequency / corner)
+    return np.asarray(20.0 * np.log10(gain))
+
+
+@cache
+def sections(weighting: str, rate: float) -> Floats:
+    """
+    The weighting as second-order sections [S, 6] for scipy.signal.sosfilt at a rate in Hz.
+
+    Each real pole is matched to the analog gain up to half the rate, where the bilinear transform
+    would fall to nothing.
+    Z is flat but for an offset. InputError for a weighting that is none of A, C, Z.
+    """
+    if weighting not in WEIGHTINGS:
+        raise InputError(f'weighting {weighting!r} is not one of {", ".join(WEIGHTINGS)}')
+    first = [(np.array([1.0, 0.0]), np.array([1.0, 0.0]))]
+    if weighting != 'Z':
+        first = [_low_pass(_F4, rate)] * 2
+    first += [_high_pass(corner, rate) for corner in _HIGH_PASS[weighting]]
+    rows = [
+        np.concatenate([np.convolve(b1, b2), np.convolve(a1, a2)])
+        for (b1, a1), (b2, a2) in zip(first[::2], first[1::2], strict=True)
+    ]
+    found = np.array(rows)
+    found[0, :3] /= 10.0 ** (response(found, _REFERENCE, rate) / 20.0)
+    return found
+
+
+def response(rows: Floats, frequency: Floats | float, rate: float) -> Floats:
+    """Gain of sections in dB at frequencies in Hz."""
+    z = np.exp(-2j * np.pi * np.asarray(frequency, float) / rate)
+    powers = np.stack([np.ones_like(z), z, z * z])
+    gain = np.ones_like(z)
+    for row in rows:
+        gain = gain * np.tensordot(row[:3], powers, 1) / np.tensordot(row[3:], powers, 1)
+    return np.asarray(20.0 * np.log10(np.abs(gain)))
+
+
+def reach(weighting: str, rate: float) -> float:
+    """The highest nominal frequency in Hz up to which all are within class 1 at a rate."""
+    rows, reached = sections(weighting, rate), 0.0
+    for frequency, (low, high) in LIMITS.items():
+        if frequency >= 0.5 * rate:
+            break
+        error = float(response(rows, frequency, rate) - analog(weighting, frequency))
+        if not low <= error <= high:
+            break
+        reached = frequency
+    return reached
+
+
+def _low_pass(corner: float, rate: float) -> tuple[Floats, Floats]:
+    """
+    A real pole whose squared gain is that of the analog one at 0 Hz, in between and at half rate.
+
+    With u = sin²(π f / rate) it is (1 + B u) / (1 + A u), so that A and B follow from two gains.
+    """
+    middle = min(corner, 0.25 * rate)
+    u = float(np.sin(np.pi * middle / rate) ** 2)
+    g_middle, g_half = (1.0 / (1.0 + (f / corner) ** 2) for f in (middle, 0.5 * rate))
+    a, b = np.linalg.solve([[g_middle * u, -u], [g_half, -1.0]], [1 - g_middle, 1 - g_half])
+    pole = 1.0 + 2.0 * (1.0 - np.sqrt(1.0 + a)) / a
+    total, difference = 1.0 - pole, (1.0 - pole) * np.sqrt(1.0 + b)
+    return np.array([total + difference, total - difference]) / 2.0, np.array([1.0, -pole])
+
+
+def _high_pass(corner: float, rate: float) -> tuple[Floats, Floats]:
+    pole = np.exp(-2.0 * np.pi * corner / rate)
+    at_half = (0.5 * rate / corner) / np.hypot(1.0, 0.5 * rate / corner)
+    gain = at_half * (1.0 + pole) / 2.0
+    return np.array([gain, -gain]), np.array([1.0, -pole])

@@ -1,0 +1,1 @@
+"""What every package needs: errors, commands, nodes, files, pages and plot style."""

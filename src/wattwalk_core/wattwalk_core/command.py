@@ -1,0 +1,29 @@
+"""Entry points of commands: one line on stderr and exit code 2 on bad input."""
+
+import sys
+from collections.abc import Callable, Sequence
+from functools import wraps
+
+from wattwalk_core.errors import InputError
+
+
+def command(
+    body: Callable[[Sequence[str] | None], int | None],
+) -> Callable[[Sequence[str] | None], int]:
+    """
+    Turn a function of the argument list into an entry point that returns an exit code.
+
+    InputError ends with its message on stderr and code 2, Ctrl-C with code 130.
+    """
+
+    @wraps(body)
+    def main(args: Sequence[str] | None = None) -> int:
+        try:
+            return body(args) or 0
+        except InputError as error:
+            print(f'{sys.argv[0].rsplit("/", 1)[-1]}: {error}', file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            return 130
+
+    return main

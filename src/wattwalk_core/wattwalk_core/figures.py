@@ -1,0 +1,53 @@
+"""The looks of pictures, light or dark, and how they are written."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import advice
+
+OTHERS = ('#E69F00', '#009E73', '#CC79A7', '#D55E00', '#999999')
+"""Colours beside blue that the colour-blind tell apart."""
+_LIGHT = {'figure.facecolor': '#ffffff', 'axes.facecolor': '#ffffff', 'text.color': '#1a1a1a'}
+_DARK = {'figure.facecolor': '#1c1f24', 'axes.facecolor': '#1c1f24', 'text.color': '#e8e8e8'}
+
+
+@contextmanager
+def style(dark: bool) -> Iterator[str]:
+    """Colours and lines of all pictures; gives the colour of text and measurements."""
+    colours = _DARK if dark else _LIGHT
+    ink = colours['text.color']
+    settings: Any = {
+        **colours,
+        **dict.fromkeys(('axes.labelcolor', 'xtick.color', 'ytick.color', 'axes.edgecolor'), ink),
+        'font.size': 10,
+        'axes.spines.top': False,
+        'axes.spines.right': False,
+        'axes.grid': True,
+        'axes.axisbelow': True,
+        'grid.color': ink,
+        'grid.alpha': 0.12,
+        'savefig.facecolor': colours['figure.facecolor'],
+    }
+    with mpl.rc_context(settings):
+        yield ink
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a picture whole or not at all; InputError if it cannot be written."""
+    FigureCanvasAgg(figure)
+    temporary = path.with_name(f'.part-{path.name}')
+    try:
+        figure.savefig(temporary, dpi=150)
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise InputError(f'cannot write {path}: {advice(error)}') from None
+    except ValueError as error:
+        raise InputError(f'{path}: {error}') from None

@@ -1,0 +1,1 @@
+"""Start, stop, parameters and diagnostics of ROS nodes."""

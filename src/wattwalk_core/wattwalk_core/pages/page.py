@@ -1,0 +1,121 @@
+"""The bones of a page: sections, tables, tabs, and one file that needs no network."""
+
+import html
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from plotly.offline import get_plotlyjs
+
+from wattwalk_core.files import write_whole
+from wattwalk_core.pages.plot_style import COLORS, Figure
+
+_HERE = Path(__file__).parent
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    'img-src data: blob:; font-src data:'
+)
+
+
+def escape(text: object) -> str:
+    """Text for a page."""
+    return html.escape(str(text))
+
+
+@dataclass
+class Page:
+    """A page as it grows from top to bottom."""
+
+    title: str
+    parts: list[str] = field(default_factory=list)
+    figures: dict[str, Figure] = field(default_factory=dict)
+
+    def add(self, markup: str) -> None:
+        """Markup that is escaped already."""
+        self.parts.append(markup)
+
+    def heading(self, text: str) -> None:
+        """A section begins."""
+        self.add(f'<h2>{escape(text)}</h2>')
+
+    def text(self, text: str, *, faint: bool = False) -> None:
+        """A paragraph."""
+        self.add(f'<p{" class=faint" if faint else ""}>{escape(text)}</p>')
+
+    def figure(self, figure: Figure, label: str, *, size: str = 'mid') -> str:
+        """Keep a figure and return its place in the page."""
+        name = f'figure{len(self.figures)}'
+        self.figures[name] = figure
+        words = f'role="img" aria-label="{escape(label)}"'
+        return f'<div id="{name}" class="figure {size}" {words}></div>'
+
+    def tabs(self, panels: Mapping[str, str]) -> None:
+        """One panel at a time, chosen by buttons; printed one after the other."""
+        start = len(self.parts)
+        buttons, bodies = [], []
+        for index, (label, body) in enumerate(panels.items()):
+            name = f'panel{start}_{index}'
+            on = 'true' if index == 0 else 'false'
+            buttons.append(
+                f'<button type="button" role="tab" aria-selected="{on}" data-panel="{name}">'
+                f'{escape(label)}</button>'
+            )
+            hidden = '' if index == 0 else ' hidden'
+            heading = f'<h3>{escape(label)}</h3>' if len(panels) > 1 else ''
+            bodies.append(f'<div class="panel" id="{name}"{hidden}>{heading}{body}</div>')
+        if len(panels) > 1:
+            self.add(f'<div class="tabs" role="tablist">{"".join(buttons)}</div>')
+        self.add(''.join(bodies))
+
+    def table(
+        self,
+        columns: Sequence[str],
+        rows: Sequence[Sequence[object]],
+        *,
+        numbers: Sequence[int] = (),
+        bold: Sequence[int] = (),
+    ) -> None:
+        """A table; numbers are the columns set to the right, bold the rows that stand out."""
+        head = ''.join(
+            f'<th{" class=number" if i in numbers else ""}>{escape(c)}</th>'
+            for i, c in enumerate(columns)
+        )
+        body = ''
+        for index, row in enumerate(rows):
+            cells = ''.join(
+                f'<td{" class=number" if i in numbers else ""}>{escape(cell)}</td>'
+                for i, cell in enumerate(row)
+            )
+            body += f'<tr{" class=in" if index in bold else ""}>{cells}</tr>'
+        self.add(
+            f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody>'
+            '</table></div>'
+        )
+
+    def facts(self, facts: Mapping[str, object]) -> None:
+        """Names and values."""
+        body = ''.join(f'<dt>{escape(k)}</dt><dd>{escape(v)}</dd>' for k, v in facts.items())
+        self.add(f'<dl class="facts">{body}</dl>')
+
+    def write(self, path: Path) -> None:
+        """One file, whole or not at all."""
+        colors = {stand_in: name for name, stand_in in COLORS.items()}
+        content = {'figures': self.figures, 'colors': colors}
+        data = json.dumps(content, ensure_ascii=False, allow_nan=False)
+        style = (_HERE / 'style.css').read_text(encoding='utf-8')
+        script = (_HERE / 'script.js').read_text(encoding='utf-8')
+        write_whole(
+            path,
+            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            '<meta name="color-scheme" content="light dark">'
+            f'<title>{escape(self.title)}</title><style>{style}</style></head>\n<body><main>'
+            '<noscript><p>The plots need JavaScript; text and tables do not.</p></noscript>'
+            + '\n'.join(self.parts)
+            + '</main>\n<script type="application/json" id="figures">'
+            + data.replace('</', '<\\/')
+            + f'</script>\n<script>{get_plotlyjs()}</script>\n<script>{script}</script>'
+            '</body></html>\n',
+        )
