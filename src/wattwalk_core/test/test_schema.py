@@ -1,0 +1,98 @@
+import subprocess
+import sys
+from dataclasses import field, replace
+from typing import Annotated, Literal
+
+import pytest
+from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Quantity, check, parse, read, schema
+
+
+@schema
+class Winding:
+    resistance: Annotated[float, Quantity(0.01, 10.0, 'ohm', 'at 25 °C')] = 0.5
+
+
+@schema
+class Drive:
+    kind: Literal['HAA', 'HFE', 'KFE']
+    winding: Winding = field(default_factory=Winding)
+    poles: Annotated[int, Quantity(2, 64)] = 8
+    names: tuple[str, ...] = ()
+    braked: bool = False
+    limits: dict[str, Annotated[float, Quantity(0.0, 100.0, 'N·m')]] = field(default_factory=dict)
+
+    def __post_init__(self):
+        if self.braked and self.poles == 2:
+            raise InputError('a braked drive has more than 2 poles')
+
+
+def test_content_becomes_a_frozen_dataclass_with_its_defaults():
+    drive = parse(Drive, {'kind': 'KFE', 'names': ['a', 'b'], 'limits': {'a': 3}}, 'drive x.yaml')
+    assert drive == Drive('KFE', names=('a', 'b'), limits={'a': 3.0})
+    assert isinstance(drive.limits['a'], float)
+    assert replace(drive, poles=4).poles == 4
+
+
+@pytest.mark.parametrize(
+    ('content', 'line'),
+    [
+        ({}, "'kind' is missing"),
+        ({'kind': 'XYZ'}, "kind: expected 'HAA', 'HFE' or 'KFE', there is 'XYZ'"),
+        (
+            {'kind': 'HAA', 'winding': {'resistance': 11}},
+            'winding.resistance: expected 0.01 to 10 ohm, there is 11',
+        ),
+        (
+            {'kind': 'HAA', 'winding': {'ohm': 1}},
+            "winding: unknown key 'ohm'; there can be resistance",
+        ),
+        ({'kind': 'HAA', 'winding': 3}, 'winding: expected keys with values, there is 3'),
+        ({'kind': 'HAA', 'poles': 2.5}, 'poles: expected a whole number from 2 to 64, there is 2'),
+        (
+            {'kind': 'HAA', 'poles': True},
+            'poles: expected a whole number from 2 to 64, there is T',
+        ),
+        ({'kind': 'HAA', 'names': 'a'}, "names: expected a list, there is 'a'"),
+        ({'kind': 'HAA', 'names': ['a', 1]}, 'names[1]: expected text, there is 1'),
+        ({'kind': 'HAA', 'braked': 1}, 'braked: expected true or false, there is 1'),
+        ({'kind': 'HAA', 'limits': {'a': -1}}, 'limits.a: expected 0 to 100 N·m, there is -1'),
+        ({'kind': 'HAA', 'limits': {'a': float('nan')}}, 'limits.a: expected 0 to 100 N·m'),
+        ({'kind': 'HAA', 'limits': {'a': float('inf')}}, 'limits.a: expected 0 to 100 N·m'),
+        ({'kind': 'HAA', 'braked': True, 'poles': 2}, 'a braked drive has more than 2 poles'),
+        ([], 'expected keys with values, there is []'),
+        (None, 'expected keys with values, there is None'),
+    ],
+)
+def test_an_error_is_one_line_with_file_entry_value_and_what_is_allowed(content, line):
+    with pytest.raises(InputError) as raised:
+        parse(Drive, content, 'drive x.yaml')
+    assert str(raised.value).startswith(f'drive x.yaml: {line}')
+    assert '\n' not in str(raised.value)
+
+
+def test_a_value_of_a_megabyte_is_quoted_short():
+    with pytest.raises(InputError) as raised:
+        parse(Drive, {'kind': 'x' * 1_000_000}, 'drive')
+    assert len(str(raised.value)) < 200
+
+
+def test_an_instance_made_by_code_is_checked_like_a_file():
+    check(Winding(0.01), 'winding')
+    with pytest.raises(InputError, match='winding: resistance: expected 0.01 to 10 ohm'):
+        check(Winding(0.001), 'winding')
+
+
+def test_a_file_is_read_and_named_in_errors(tmp_path):
+    path = tmp_path / 'drive.yaml'
+    path.write_text('kind: HFE\npoles: 4\n')
+    assert read(Drive, path, 'drive') == Drive('HFE', poles=4)
+    path.write_text('kind: HFE\npoles: 400\n')
+    with pytest.raises(InputError, match=f'drive {path}: poles: .* there is 400'):
+        read(Drive, path, 'drive')
+
+
+def test_importing_a_schema_does_not_import_pydantic():
+    code = 'import sys, wattwalk_core.schema; print("pydantic" in sys.modules)'
+    out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == 'False'

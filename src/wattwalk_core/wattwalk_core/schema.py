@@ -1,0 +1,198 @@
+"""
+Configuration as frozen dataclasses, checked field by field when it is read.
+
+A class decorated with `schema` is an ordinary frozen dataclass. `parse` and `read` build it from
+YAML content by its annotations (pydantic does the work and is imported only then). Errors are one
+line: file, entry, value, and what is allowed.
+
+    @schema
+    class Meter:
+        bits: Annotated[int, Quantity(6, 24, 'bit', 'of the converter')] = 16
+
+    read(Meter, Path('meter.yaml'), 'meter')
+"""
+
+import dataclasses
+import json
+import math
+import types
+import typing
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
+
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import quoted
+from wattwalk_core.yaml_file import read_yaml
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, TypeAdapter
+    from pydantic_core import CoreSchema, ErrorDetails
+
+T = TypeVar('T')
+
+_EXPECTED = {
+    'string_type': 'text',
+    'bool_type': 'true or false',
+    'int_type': 'a whole number',
+    'float_type': 'a number',
+    'finite_number': 'a finite number',
+    'list_type': 'a list',
+    'tuple_type': 'a list',
+    'dict_type': 'keys with values',
+    'dataclass_type': 'keys with values',
+    'none_required': 'nothing',
+}
+
+
+@dataclass_transform(frozen_default=True)
+def schema(cls: type[T]) -> type[T]:
+    """Make a class a frozen dataclass that `parse` reads; keys it does not have are refused."""
+    cls.__pydantic_config__ = {'extra': 'forbid', 'allow_inf_nan': False}  # type: ignore[attr-defined]
+    return dataclass(frozen=True)(cls)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """The range, unit and meaning of a number, as an annotation of its field."""
+
+    low: float
+    high: float
+    unit: str = ''
+    text: str = ''
+
+    def check(self, value: object, kind: type = float) -> float | int:
+        """Return the number; ValueError that says what is expected for anything else."""
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if kind is int and number and not float(value).is_integer():  # type: ignore[arg-type]
+            number = False
+        if not number or math.isnan(value) or not self.low <= value <= self.high:  # type: ignore[arg-type, operator]
+            whole = 'a whole number from ' if kind is int else ''
+            limits = f'{whole}{self.low:g} to {self.high:g} {self.unit}'.rstrip()
+            raise ValueError(f'expected {limits}, there is {quoted(value)}')
+        return kind(value)  # type: ignore[no-any-return]
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: 'GetCoreSchemaHandler'
+    ) -> 'CoreSchema':
+        from pydantic_core import PydanticCustomError, core_schema
+
+        kind = int if source is int else float
+
+        def check(value: object) -> float | int:
+            try:
+                return self.check(value, kind)
+            except ValueError as error:
+                raise PydanticCustomError('quantity', '{text}', {'text': str(error)}) from None
+
+        return core_schema.no_info_plain_validator_function(check)
+
+
+def parse(kind: type[T], content: object, where: str) -> T:
+    """
+    Build a schema class from the content of a file or message.
+
+    kind: a class decorated with `schema`, or a type made of such, as `dict[str, Drive]`.
+    where: what errors begin with, such as `plant lab.yaml`. Raises InputError.
+    """
+    from pydantic import ValidationError
+
+    try:
+        # JSON's strict mode takes lists for tuples, but no text for numbers nor 1 for true.
+        data = json.dumps(content)
+    except (TypeError, ValueError):
+        data = json.dumps(_plain(content))
+    try:
+        return _adapter(kind).validate_json(data, strict=True)  # type: ignore[no-any-return]
+    except ValidationError as error:
+        details = min(error.errors(), key=lambda e: e['type'] == 'missing')
+        raise InputError(f'{where}: {_describe(kind, details)}') from None
+    except InputError as error:
+        raise InputError(f'{where}: {error}') from None
+
+
+def read(kind: type[T], path: Path, what: str) -> T:
+    """Read a YAML file into a schema class; InputError that names file, entry and value."""
+    return parse(kind, read_yaml(path, what), f'{what} {path}')
+
+
+def check(item: object, where: str) -> None:
+    """Check an instance that code has made; InputError for the first field that is amiss."""
+    parse(type(item), dataclasses.asdict(item), where)  # type: ignore[call-overload]
+
+
+@lru_cache
+def _adapter(kind: Any) -> 'TypeAdapter[Any]':
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(kind)
+
+
+def _plain(value: object) -> object:
+    """Content with keys and values that JSON knows; dates and the like become text."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, Sequence | set) and not isinstance(value, str | bytes):
+        return [_plain(item) for item in value]
+    return value if isinstance(value, str | int | float | bool | None) else str(value)
+
+
+def _describe(kind: Any, error: 'ErrorDetails') -> str:
+    """One line about an error: its entry, what is expected there, and what there is."""
+    path, name = error['loc'], error['type']
+    if name in ('missing', 'unexpected_keyword_argument', 'extra_forbidden'):
+        place, key = _place(path[:-1]), path[-1]
+        if name == 'missing':
+            return f'{place}{quoted(key)} is missing'
+        known = _names(kind, path[:-1])
+        there = f'; there can be {", ".join(known)}' if known else ''
+        return f'{place}unknown key {quoted(key)}{there}'
+    place = _place(path)
+    context = error.get('ctx', {})
+    if name == 'quantity':
+        return f'{place}{error["msg"]}'
+    if name == 'value_error':
+        return f'{place}{context["error"]}'
+    value = quoted(error['input'])
+    if name in ('literal_error', 'enum'):
+        return f'{place}expected {context["expected"]}, there is {value}'
+    if name in ('union_tag_invalid', 'union_tag_not_found'):
+        expected = context.get('expected_tags', 'a known kind')
+        return f'{place}expected {context["discriminator"]} {expected}, there is {value}'
+    if name in ('too_short', 'too_long'):
+        bound = 'least' if name == 'too_short' else 'most'
+        length = context.get('min_length', context.get('max_length'))
+        return f'{place}expected at {bound} {length} values, there are {context["actual_length"]}'
+    expected = _EXPECTED.get(name)
+    if expected is None:
+        return f'{place}{error["msg"][:1].lower()}{error["msg"][1:]}, there is {value}'
+    return f'{place}expected {expected}, there is {value}'
+
+
+def _place(path: Iterable[int | str]) -> str:
+    text = ''
+    for part in path:
+        text += f'[{part}]' if isinstance(part, int) else f'.{part}' if text else str(part)
+    return f'{text}: ' if text else ''
+
+
+def _names(kind: Any, path: Sequence[int | str]) -> tuple[str, ...]:
+    """Field names of the dataclass at a place of a type, () where that is not one class."""
+    while typing.get_origin(kind) is typing.Annotated:
+        kind = typing.get_args(kind)[0]
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        kinds = [k for k in typing.get_args(kind) if k is not type(None)]
+        return _names(kinds[0], path) if len(kinds) == 1 else ()
+    if not path:
+        return tuple(f.name for f in dataclasses.fields(kind)) if _is_class(kind) else ()
+    if _is_class(kind):
+        hints = typing.get_type_hints(kind, include_extras=True)
+        return _names(hints[path[0]], path[1:]) if path[0] in hints else ()
+    arguments = [a for a in typing.get_args(kind) if a is not Ellipsis]
+    return _names(arguments[-1], path[1:]) if arguments else ()
+
+
+def _is_class(kind: Any) -> bool:
+    return isinstance(kind, type) and dataclasses.is_dataclass(kind)

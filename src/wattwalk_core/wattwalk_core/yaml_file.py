@@ -1,0 +1,117 @@
+"""
+YAML of strangers, read within limits.
+
+Only plain YAML is accepted: no tags, no aliases or merge keys (which let half a kilobyte unfold
+to gigabytes), no repeated keys, at most DEPTH levels, numbers of at most DIGITS digits, and a
+bounded size. Everything else is an InputError of one line.
+"""
+
+import stat
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable, quoted
+
+SIZE: Final = 1 << 20  # bytes
+DEPTH: Final = 32
+DIGITS: Final = 30
+
+
+class _Refused(yaml.YAMLError):
+    """YAML that is valid but beyond the limits."""
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Constructs plain values only, within the limits of this module."""
+
+    depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise _Refused(f'line {self._line()}: aliases (*name) are not allowed')
+        tag = getattr(self.peek_event(), 'tag', None)
+        if tag is not None:
+            tag = tag.replace('tag:yaml.org,2002:', '!!')
+            raise _Refused(f'line {self._line()}: tags ({printable(tag, 30)}) are not allowed')
+        self.depth += 1
+        if self.depth > DEPTH:
+            raise _Refused(f'line {self._line()}: more than {DEPTH} levels')
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+    def _line(self) -> int:
+        return int(self.peek_event().start_mark.line) + 1
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen = set()
+        for key_node, _ in node.value:
+            line = key_node.start_mark.line + 1
+            if key_node.tag == 'tag:yaml.org,2002:merge':
+                raise _Refused(f'line {line}: merge keys (<<) are not allowed')
+            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+            if not isinstance(key, Hashable):
+                raise _Refused(f'line {line}: a key is a list or a mapping')
+            if key in seen:
+                raise _Refused(f'line {line}: key {quoted(key)} is there twice')
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+    def _number(self, node: yaml.ScalarNode) -> Any:
+        if len(node.value) > DIGITS:
+            line = node.start_mark.line + 1
+            raise _Refused(f'line {line}: a number of {len(node.value)} digits')
+        if node.tag.endswith(':int'):
+            return self.construct_yaml_int(node)  # type: ignore[no-untyped-call]
+        return self.construct_yaml_float(node)  # type: ignore[no-untyped-call]
+
+
+for _tag in ('int', 'float'):
+    _PlainLoader.add_constructor(f'tag:yaml.org,2002:{_tag}', _PlainLoader._number)
+
+
+def read_text(path: Path, what: str, limit: int = SIZE) -> str:
+    """
+    Read a regular file of UTF-8 text of at most `limit` bytes.
+
+    Raises InputError, which calls the file `what`, for one that is absent, no regular file (a
+    pipe, a device), larger, or not UTF-8.
+    """
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f'{what} {path}: not a regular file')
+        with path.open('rb') as file:
+            data = file.read(limit + 1)
+        if len(data) > limit:
+            raise InputError(f'{what} {path}: larger than {limit >> 10} KiB')
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f'{what} {path}: not UTF-8 text (byte {error.start})') from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(f'cannot read {what} {path}: {reason}') from error
+
+
+def parse_yaml(text: str, where: str) -> Any:
+    """Parse plain YAML; InputError, which begins with `where`, for anything else."""
+    try:
+        return yaml.load(text, _PlainLoader)
+    except (_Refused, yaml.reader.ReaderError) as error:
+        raise InputError(f'{where}: {printable(str(error))}') from None
+    except yaml.MarkedYAMLError as error:
+        line = f'line {error.problem_mark.line + 1}: ' if error.problem_mark else ''
+        raise InputError(f'{where} is no valid YAML: {line}{printable(str(error.problem))}') from (
+            None
+        )
+    except (ValueError, RecursionError) as error:
+        raise InputError(f'{where} is no valid YAML: {printable(str(error))}') from None
+
+
+def read_yaml(path: Path, what: str, limit: int = SIZE) -> Any:
+    """Read a file of plain YAML; InputError, which calls it `what`, as of both steps."""
+    return parse_yaml(read_text(path, what, limit), f'{what} {path}')
