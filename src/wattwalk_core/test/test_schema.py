@@ -79,7 +79,7 @@ def test_a_value_of_a_megabyte_is_quoted_short():
 
 def test_an_instance_made_by_code_is_checked_like_a_file():
     check(Winding(0.01), 'winding')
-    with pytest.raises(InputError, match='winding: resistance: expected 0.01 to 10 ohm'):
+    with pytest.raises(InputError, match=r'winding: resistance: expected 0\.01 to 10 ohm'):
         check(Winding(0.001), 'winding')
 
 

