@@ -97,6 +97,9 @@ CALLS = {
     ],
     'rclpy.executors:SingleThreadedExecutor': [{}, {'context': None}],
     'rclpy.executors:SingleThreadedExecutor.add_node': [('self', 'node')],
+    'rclpy.executors:SingleThreadedExecutor.remove_node': [('self', 'node')],
+    'rclpy.executors:SingleThreadedExecutor.create_task': [('self', 'callback')],
+    'rclpy.executors:SingleThreadedExecutor.shutdown': [('self',)],
     'rclpy.executors:SingleThreadedExecutor.spin_until_future_complete': [('self', 'future')],
     'rclpy.executors:SingleThreadedExecutor.spin_once': [('self', {'timeout_sec': 0.1})],
     'rclpy.publisher:Publisher.publish': [('self', 'message')],
@@ -484,6 +487,21 @@ def test_an_executor_ends_with_a_future_that_a_callback_completes(node):
     executor.add_node(node)
     executor.spin_until_future_complete(done)
     assert done.result() == 'enough'
+    executor.shutdown()
+
+
+def test_a_task_of_another_thread_ends_a_turn_of_the_executor(node):
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    ran_in = []
+    thread = threading.Timer(
+        0.2, lambda: executor.create_task(lambda: ran_in.append(threading.current_thread()))
+    )
+    thread.start()
+    while not ran_in:
+        executor.spin_once()
+    thread.join()
+    assert ran_in == [threading.main_thread()]
     executor.shutdown()
 
 

@@ -167,6 +167,11 @@ class SingleThreadedExecutor:
         function(argument)
         return True
 
+    def create_task(self, callback: Callable[[], Any]) -> None:
+        """Call back once, in the thread that spins; any thread may ask for it."""
+        self._ready.append((_call, callback))
+        self.wake()
+
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for one callback, at most `timeout_sec` [s], and run it."""
         if not self._context.valid:
@@ -193,6 +198,10 @@ class SingleThreadedExecutor:
 
 
 Executor = SingleThreadedExecutor
+
+
+def _call(callback: Callable[[], Any]) -> None:
+    callback()
 
 
 def _call_timer(timer: Timer) -> None:

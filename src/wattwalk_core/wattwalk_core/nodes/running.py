@@ -1,65 +1,158 @@
-"""How a node of the suite spins until its end, and ends in good order."""
+"""Start, spin and end of a node: signals ask it to end and never raise into rclpy."""
 
 import signal
+import socket
+import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from types import FrameType
+from typing import Any, Final, Self
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+PATIENCE: Final = 4.0  # s for a callback, or the making of a node, to return after a signal
 
-def spin(node: Node, until: Future | None = None) -> None:
-    """
-    Run a node's callbacks until Ctrl-C, SIGTERM, a shutdown, or a future that is done.
 
-    A signal shuts the context down while a callback may be at work, whose publishing then fails:
-    errors of a context that is no longer valid are part of the end. All others are raised.
+class EndSignals:
     """
+    SIGINT and SIGTERM as a future that is done at the first of them.
+
+    An exception that a handler raises can surface inside rclpy, which turns it into a
+    RuntimeError, so the handlers do nothing: the interpreter writes each signal to a socket and
+    a thread sets the future. While the process is `busy` for more than PATIENCE s after a
+    signal, a callback hangs and is left by a KeyboardInterrupt. Later signals change nothing,
+    also after the end: launch files send SIGINT twice. Without a signal the former handlers
+    come back. To be entered in the main thread.
+    """
+
+    def __init__(self) -> None:
+        self.received: Future = Future()
+        self._idle = threading.Event()
+        self._overdue = False
+        self._thread = threading.Thread(target=self._watch, name='signals', daemon=True)
+
+    def __enter__(self) -> Self:
+        self._reader, self._writer = socket.socketpair()
+        self._writer.setblocking(False)
+        self._former_fd = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
+        self._former = {number: signal.signal(number, self._handle) for number in SIGNALS}
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.hold()
+        signal.set_wakeup_fd(self._former_fd)
+        for number, former in self._former.items():
+            signal.signal(number, signal.SIG_IGN if self.received.done() else former)
+        self._writer.close()
+        self._thread.join()
+        self._reader.close()
+
+    def hold(self) -> None:
+        """Let signals interrupt nothing from now on: the end takes the time it needs."""
+        self._idle.set()
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        if self._overdue and not self._idle.is_set():
+            self._overdue = False
+            raise KeyboardInterrupt
+
+    def _watch(self) -> None:
+        while numbers := self._reader.recv(64):
+            if not self.received.done() and set(SIGNALS) & set(numbers):
+                self.received.set_result(None)
+                if not self._idle.wait(PATIENCE):
+                    self._overdue = True
+                    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+
+def spin(node: Node, *until: Future) -> None:
+    """
+    Run a node's callbacks until a future is done or the context is shut down.
+
+    Errors of a callback are raised, but for a RuntimeError of a context that was shut down
+    while the callback was at work.
+    """
+    # Executor.spin_until_future_complete of ROS 2 Jazzy adds a callback to the future at each
+    # turn, which is a leak of some GB a day at 1 kHz.
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    over = threading.Lock()
+
+    def wake(_: Future) -> None:
+        with over:
+            if spinning:
+                executor.create_task(lambda: None)
+
+    spinning = True
     try:
-        if until is None:
-            rclpy.spin(node)
-        else:
-            rclpy.spin_until_future_complete(node, until)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        for future in until:
+            future.add_done_callback(wake)
+        while node.context.ok() and not any(future.done() for future in until):
+            executor.spin_once()
+    except ExternalShutdownException:
         return
     except RuntimeError:
         if node.context.ok():
             raise
-
-
-def run_node(make: Callable[[], Node], arguments: Sequence[str]) -> None:
-    """
-    Make a node and run it until Ctrl-C, SIGTERM or a shutdown; then stop and destroy it.
-
-    arguments: with those of ROS. A node that has to end what it began has a method `stop`.
-    """
-    rclpy.init(args=list(arguments))
-    node = None
-    try:
-        node = make()
-        spin(node)
-    except KeyboardInterrupt:
-        pass
     finally:
-        if node is not None:
-            getattr(node, 'stop', lambda: None)()
-            node.destroy_node()
-        rclpy.try_shutdown()
+        with over:
+            spinning = False
+        executor.remove_node(node)
+        executor.shutdown()
+
+
+def run_node(make: Callable[[], Any], arguments: Sequence[str]) -> int:
+    """
+    Make a node, run it until its end, stop and destroy it; return the exit code.
+
+    make: gives the node, with the context started. arguments: with those of ROS.
+    The end is SIGINT, SIGTERM, a shutdown of the context, an error of a callback, which is
+    raised, or the node's future `done`, where it has one, whose result is the exit code (None: 0).
+    Then the node's method `stop` is called, where it has one: the context is still valid, so that
+    last messages can be published, and no signal interrupts it. It has to return in bounded time;
+    a number that it returns is the exit code.
+    """
+    code: int | None = None
+    with EndSignals() as signals:
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            with suppress(KeyboardInterrupt):
+                node = make()
+                try:
+                    code = _run(node, signals)
+                finally:
+                    node.destroy_node()
+        finally:
+            signals.hold()
+            rclpy.try_shutdown()
+    return code or 0
+
+
+def _run(node: Any, signals: EndSignals) -> int | None:
+    done: Future | None = getattr(node, 'done', None)
+    stop: Callable[[], int | None] = getattr(node, 'stop', lambda: None)
+    try:
+        with suppress(KeyboardInterrupt):
+            spin(node, signals.received, *(() if done is None else (done,)))
+    finally:
+        signals.hold()
+        code = stop()
+    return done.result() if code is None and done is not None and done.done() else code
 
 
 def interrupt_on_signals() -> None:
-    """
-    Make SIGINT and SIGTERM a KeyboardInterrupt, which ends `spin`, in the context's stead.
-
-    To go with rclpy.init and SignalHandlerOptions.NO: the context stays valid, so that a node can
-    still publish what it has. A node without a timer may notice late.
-    """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    """Make SIGINT and SIGTERM a KeyboardInterrupt; to be replaced by `run_node`."""
+    for number in SIGNALS:
         signal.signal(number, signal.default_int_handler)
 
 
 def ignore_signals() -> None:
-    """Let nothing but SIGKILL cut the end off; launch files send SIGINT twice."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    """Ignore SIGINT and SIGTERM; to be replaced by `run_node`."""
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
