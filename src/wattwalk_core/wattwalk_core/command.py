@@ -27,3 +27,20 @@ def command(
             return 130
 
     return main
+
+
+def own_arguments(args: Sequence[str] | None = None) -> list[str]:
+    """
+    Return a command's own arguments: args, or the process's, without each `--ros-args … --`.
+
+    The same as rclpy.utilities.remove_ros_args, without the import of rclpy.
+    """
+    own, is_own = [], True
+    for argument in sys.argv[1:] if args is None else args:
+        if argument == '--ros-args':
+            is_own = False
+        elif is_own:
+            own.append(argument)
+        elif argument == '--':
+            is_own = True
+    return own

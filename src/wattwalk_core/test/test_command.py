@@ -1,0 +1,30 @@
+import sys
+
+import pytest
+from wattwalk_core.command import command, own_arguments
+from wattwalk_core.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ('given', 'own'),
+    [
+        ([], []),
+        (['a', '--json', 'b'], ['a', '--json', 'b']),
+        (['a', '--ros-args', '-p', 'x:=1', '--', 'b'], ['a', 'b']),
+        (['--ros-args', '-r', 'a:=b', '--', '--', 'c', '--ros-args'], ['--', 'c']),
+    ],
+)
+def test_arguments_for_ros_are_left_out_as_rclpy_does(given, own, monkeypatch):
+    utilities = pytest.importorskip('rclpy.utilities')
+    assert own_arguments(given) == own == utilities.remove_ros_args(given)
+    monkeypatch.setattr(sys, 'argv', ['program', *given])
+    assert own_arguments() == own
+
+
+def test_bad_input_ends_with_one_line_and_exit_code_2(capsys):
+    @command
+    def refuse(args):
+        raise InputError(f'{args} are bad')
+
+    assert refuse(['a']) == 2
+    assert capsys.readouterr().err.endswith(": ['a'] are bad\n")
