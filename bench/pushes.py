@@ -1,7 +1,7 @@
 """
-Who is thrown over by pushes: the scripted trot at several rates, with and without hurrying.
+Falls of the scripted trot under pushes, at several rates, with and without cadence adaptation.
 
-Robots walk on rough ground by changing commands and are pushed every 7 s by up to 1 m/s along
+Robots walk on rough ground by varying commands and are pushed every 7 s by up to 1 m/s along
 each axis, which is what `evaluate` asks of policies; what they sense is true.
 
     python bench/pushes.py --rates 1.7 1.9 2.1 2.9 [--robots 96] [--seconds 20]
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from policy_runner.policies.gait_phase import HURRY
+from policy_runner.policies.gait_phase import CADENCE_ADAPTATION
 from policy_runner.policies.trot import TROTS
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.expert_policy import Leaders
@@ -25,7 +25,7 @@ from rich.table import Table
 def falls(
     gait: str,
     rate: float,
-    hurry: tuple[float, ...],
+    adaptation: tuple[float, ...],
     *,
     robots: int = 96,
     seconds: float = 20.0,
@@ -36,7 +36,9 @@ def falls(
     trials = world(TrialConfig(robots=robots, seconds=seconds)).with_values(changes or {})
     environment = WalkingEnvironment(trials)
     environment.age[:] = 0
-    leaders = Leaders(environment, replace(TROTS[gait], frequency=rate, hurry=hurry))
+    leaders = Leaders(
+        environment, replace(TROTS[gait], frequency=rate, cadence_adaptation=adaptation)
+    )
     fallen, steps = 0, round(seconds / trials.step_time)
     for step in range(1, steps + 1):
         outcome = environment.step(leaders.actions())
@@ -56,21 +58,23 @@ def main() -> None:
     parser.add_argument('--robots', type=int, default=96)
     parser.add_argument('--seconds', type=float, default=20.0)
     options = parser.parse_args()
-    if not all(0.8 <= rate <= HURRY[0] for rate in options.rates):
-        parser.error(f'--rates are {options.rates}; each must lie in 0.8..{HURRY[0]:g} Hz')
+    if not all(0.8 <= rate <= CADENCE_ADAPTATION[0] for rate in options.rates):
+        parser.error(
+            f'--rates are {options.rates}; each must lie in 0.8..{CADENCE_ADAPTATION[0]:g} Hz'
+        )
     console = Console()
     table = Table(title=f'falls of {options.robots} robots in {options.seconds:g} s')
     table.add_column('strides per s')
-    rows: dict[str, list[str]] = {'evenly': [], 'hurrying': []}
+    rows: dict[str, list[str]] = {'steady': [], 'adaptive': []}
     with Progress(console=console, transient=True) as bar:
         for rate in options.rates:
             table.add_column(f'{rate:g}', justify='right')
-            for name, hurry in (('evenly', ()), ('hurrying', HURRY)):
+            for name, adaptation in (('steady', ()), ('adaptive', CADENCE_ADAPTATION)):
                 task = bar.add_task(f'{options.gait} at {rate:g} Hz, {name}', total=1.0)
                 count = falls(
                     options.gait,
                     rate,
-                    hurry,
+                    adaptation,
                     robots=options.robots,
                     seconds=options.seconds,
                     progress=lambda share, task=task: bar.update(task, completed=share),

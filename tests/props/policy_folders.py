@@ -1,7 +1,14 @@
 """Tiny policy folders for tests."""
 
 import numpy as np
-from policy_runner.policies.folder import Action, Contract, Network, write_folder
+from policy_runner.policies.folder import (
+    FORMAT,
+    Action,
+    Contract,
+    Gains,
+    PolicyNetwork,
+    write_folder,
+)
 from policy_runner.policies.kinematics import DEFAULT_POSE, JOINT_NAMES
 from policy_runner.policies.observations import STANDARD
 
@@ -11,15 +18,15 @@ HIDDEN = (4,)
 def contract(joints=JOINT_NAMES, name='tiny', rate=50.0, observation=STANDARD, hidden=HIDDEN):
     pose = dict(zip(JOINT_NAMES, DEFAULT_POSE, strict=True))
     return Contract(
+        FORMAT,
         name=name,
         rate=rate,
         joints=tuple(joints),
-        default_pose=tuple(float(pose[joint]) for joint in joints),
-        stiffness=(80.0,) * 12,
-        damping=(2.0,) * 12,
-        action=Action((0.5,) * 12),
+        default_pose={joint: float(pose[joint]) for joint in joints if joint in pose},
+        gains={joint: Gains(80.0, 2.0) for joint in joints},
+        action=Action(dict.fromkeys(joints, 0.5)),
         observation=observation,
-        network=Network(hidden),
+        network=PolicyNetwork(hidden),
     )
 
 

@@ -122,7 +122,7 @@ def test_reset_forgets_the_last_action(inputs):
 
 def test_a_command_is_shown_no_faster_than_the_policy_is_used_to(inputs):
     network = Recorder()
-    slow = replace(STANDARD, command_slew=(1.0, 1.0, 2.0))
+    slow = replace(STANDARD, command_rate_limit=(1.0, 1.0, 2.0))
     policy = LearnedPolicy(policy_folders.contract(observation=slow), network)
     policy.take_over()
     for step in range(40):

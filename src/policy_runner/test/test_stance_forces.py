@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from policy_runner.policies.gait import Feedback
 from policy_runner.policies.kinematics import DEFAULT_POSE, FOOT_RADIUS, forward
-from policy_runner.policies.stance import stance_torque
+from policy_runner.policies.stance_torque import stance_torque
+from policy_runner.policies.trot_gait import Feedback
 
 LEVEL = np.array([0.0, 0.0, -1.0])
 LEGS = forward(DEFAULT_POSE)

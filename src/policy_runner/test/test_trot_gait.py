@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from policy_runner.policies.gait import GaitClock
 from policy_runner.policies.kinematics import DEFAULT_POSE, LIMITS, forward, inverse
 from policy_runner.policies.trot import TARGET_LIMITS, TROTS, Feedback, ScriptedTrot, TrotConfig
+from policy_runner.policies.trot_gait import GaitCycle
 
 LEVEL = np.array([0.0, 0.0, -1.0])
 STILL = np.zeros(3)
@@ -20,17 +20,17 @@ def targets(command, seconds=6.0, gravity=LEVEL, spin=STILL, velocity=STILL, tro
     )
 
 
-def walking_clock(seconds, config=TROTS['trot']):
-    clock = GaitClock(config)
+def walking_cycle(seconds, config=TROTS['trot']):
+    cycle = GaitCycle(config)
     swinging = []
     for _ in range(round(seconds / 0.005)):
-        clock.advance(0.005, config.frequency, wanted=True, calm=True)
-        swinging.append(clock.swinging.copy())
+        cycle.advance(0.005, config.frequency, requested=True, settled=True)
+        swinging.append(cycle.swinging.copy())
     return np.array(swinging)
 
 
 def test_diagonal_feet_swing_together_and_the_pairs_take_turns():
-    swinging = walking_clock(4.0)
+    swinging = walking_cycle(4.0)
     assert np.array_equal(swinging[:, 0], swinging[:, 3])
     assert np.array_equal(swinging[:, 1], swinging[:, 2])
     assert not (swinging[:, 0] & swinging[:, 1]).any()
@@ -39,25 +39,25 @@ def test_diagonal_feet_swing_together_and_the_pairs_take_turns():
 @pytest.mark.parametrize('name', TROTS)
 def test_feet_are_on_the_ground_for_the_duty_of_the_gait(name):
     config = TROTS[name]
-    swinging = walking_clock(20.0 / config.frequency, config)
+    swinging = walking_cycle(20.0 / config.frequency, config)
     assert np.allclose(1.0 - swinging.mean(axis=0), config.duty, atol=0.02)
     lifts = (np.diff(swinging.astype(int), axis=0) > 0).sum(axis=0)
     assert np.all(np.abs(lifts - 20) <= 1)
 
 
-def test_it_stops_stepping_only_with_all_feet_down_and_everything_calm():
-    clock = GaitClock(TROTS['trot'])
+def test_it_stops_stepping_only_with_all_feet_down_and_everything_settled():
+    cycle = GaitCycle(TROTS['trot'])
     for _ in range(150):
-        clock.advance(0.005, 1.9, wanted=True, calm=True)
+        cycle.advance(0.005, 1.9, requested=True, settled=True)
     for _ in range(400):
-        clock.advance(0.005, 1.9, wanted=False, calm=False)
-    assert clock.walking
-    while clock.walking:
-        down = ~clock.swinging
-        clock.advance(0.005, 1.9, wanted=False, calm=True)
+        cycle.advance(0.005, 1.9, requested=False, settled=False)
+    assert cycle.walking
+    while cycle.walking:
+        down = ~cycle.swinging
+        cycle.advance(0.005, 1.9, requested=False, settled=True)
     assert down.sum() >= 2
-    assert not clock.swinging.any()
-    assert clock.load.min() >= 0.0
+    assert not cycle.swinging.any()
+    assert cycle.load.min() >= 0.0
 
 
 def test_forward_walking_is_the_same_on_both_sides_half_a_stride_apart():

@@ -11,9 +11,13 @@ from pathlib import Path
 from typing import Any, Final
 
 import yaml
-from policy_runner.policies.gait import TROTS
-from policy_runner.policies.gait_phase import COMMAND_SLEW, HURRY, check_hurry
+from policy_runner.policies.gait_phase import (
+    CADENCE_ADAPTATION,
+    COMMAND_RATE_LIMIT,
+    check_cadence_adaptation,
+)
 from policy_runner.policies.observations import CLOCKED
+from policy_runner.policies.trot_gait import TROTS
 from sim_bridge.plant.config_fields import bounded, check, from_mapping, read_named
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
@@ -210,8 +214,8 @@ class TrainingConfig:
     stride_frequency: float = bounded(
         CLOCKED.stride_frequency, 0.8, 3.0, 'Hz', 'of the clock of the gait'
     )
-    hurry: tuple[float, ...] = HURRY  # Hz, m/s, m/s, see pacing.stride_rate; empty: never
-    command_slew: tuple[float, ...] = COMMAND_SLEW  # m/s², m/s², rad/s²; empty: at once
+    hurry: tuple[float, ...] = CADENCE_ADAPTATION  # Hz, m/s, m/s, empty: never
+    command_slew: tuple[float, ...] = COMMAND_RATE_LIMIT  # m/s², m/s², rad/s²; empty: at once
     checkpoint_every: int = bounded(50, 1, 10**6, 'iterations', '')
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     random: RandomConfig = field(default_factory=RandomConfig)
@@ -232,7 +236,7 @@ class TrainingConfig:
             ):
                 raise InputError(f'{name} is {value!r}; it must be a list of numbers')
             object.__setattr__(self, name, tuple(value))
-        check_hurry(self.hurry, self.stride_frequency)
+        check_cadence_adaptation(self.hurry, self.stride_frequency)
         if self.ppo.hold_rate > 0.0 and not self.hurry:
             raise InputError(
                 f'ppo.hold_rate is {self.ppo.hold_rate!r} without hurry; give hurry, or 0'

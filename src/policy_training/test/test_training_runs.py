@@ -58,7 +58,7 @@ def test_a_run_does_not_go_on_from_robots_that_were_shown_something_else(tmp_pat
     assert run(tmp_path / 'second', '--from', str(tmp_path / 'first')) == 2
     assert 'stride_frequency 2.4, this one has 1.7' in capsys.readouterr().err
     assert run(tmp_path / 'first', '--resume', '--set', 'command_slew=[2.0, 2.0, 2.0]') == 2
-    assert 'command_slew [1.0, 1.0, 2.0]' in capsys.readouterr().err
+    assert 'command_rate_limit [1.0, 1.0, 2.0]' in capsys.readouterr().err
 
 
 def test_a_run_starts_from_anothers_networks_but_counts_its_own_steps(tmp_path):

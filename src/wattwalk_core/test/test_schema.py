@@ -1,7 +1,7 @@
 import subprocess
 import sys
 from dataclasses import field, replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import pytest
 from wattwalk_core.errors import InputError
@@ -75,6 +75,17 @@ def test_a_value_of_a_megabyte_is_quoted_short():
     with pytest.raises(InputError) as raised:
         parse(Drive, {'kind': 'x' * 1_000_000}, 'drive')
     assert len(str(raised.value)) < 200
+
+
+@schema
+class Gait:
+    RENAMED: ClassVar = {'hurry': 'cadence'}
+    cadence: float = 1.0
+
+
+def test_a_former_key_is_refused_with_the_present_one():
+    with pytest.raises(InputError, match=r"gaits: \[0\]: 'hurry' is now called 'cadence'"):
+        parse(tuple[Gait, ...], [{'hurry': 2.0}], 'gaits')
 
 
 def test_an_instance_made_by_code_is_checked_like_a_file():

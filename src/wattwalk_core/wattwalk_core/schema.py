@@ -49,7 +49,12 @@ _EXPECTED = {
 
 @dataclass_transform(frozen_default=True)
 def schema(cls: type[T]) -> type[T]:
-    """Make a class a frozen dataclass that `parse` reads; keys it does not have are refused."""
+    """
+    Make a class a frozen dataclass that `parse` reads; keys it does not have are refused.
+
+    A class variable RENAMED, a mapping from former keys to present ones, makes the error for a
+    former key name the present one.
+    """
     cls.__pydantic_config__ = {'extra': 'forbid', 'allow_inf_nan': False}  # type: ignore[attr-defined]
     return dataclass(frozen=True)(cls)
 
@@ -146,7 +151,11 @@ def _describe(kind: Any, error: 'ErrorDetails') -> str:
         place, key = _place(path[:-1]), path[-1]
         if name == 'missing':
             return f'{place}{quoted(key)} is missing'
-        known = _names(kind, path[:-1])
+        found = _class_at(kind, path[:-1])
+        new = getattr(found, 'RENAMED', {}).get(key)
+        if new:
+            return f'{place}{quoted(key)} is now called {quoted(new)}'
+        known = [item.name for item in dataclasses.fields(found)] if found else ()
         there = f'; there can be {", ".join(known)}' if known else ''
         return f'{place}unknown key {quoted(key)}{there}'
     place = _place(path)
@@ -178,20 +187,20 @@ def _place(path: Iterable[int | str]) -> str:
     return f'{text}: ' if text else ''
 
 
-def _names(kind: Any, path: Sequence[int | str]) -> tuple[str, ...]:
-    """Field names of the dataclass at a place of a type, () where that is not one class."""
+def _class_at(kind: Any, path: Sequence[int | str]) -> Any:
+    """The dataclass at a place of a type, None where that is not one class."""
     while typing.get_origin(kind) is typing.Annotated:
         kind = typing.get_args(kind)[0]
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         kinds = [k for k in typing.get_args(kind) if k is not type(None)]
-        return _names(kinds[0], path) if len(kinds) == 1 else ()
+        return _class_at(kinds[0], path) if len(kinds) == 1 else None
     if not path:
-        return tuple(f.name for f in dataclasses.fields(kind)) if _is_class(kind) else ()
+        return kind if _is_class(kind) else None
     if _is_class(kind):
         hints = typing.get_type_hints(kind, include_extras=True)
-        return _names(hints[path[0]], path[1:]) if path[0] in hints else ()
+        return _class_at(hints[path[0]], path[1:]) if path[0] in hints else None
     arguments = [a for a in typing.get_args(kind) if a is not Ellipsis]
-    return _names(arguments[-1], path[1:]) if arguments else ()
+    return _class_at(arguments[-1], path[1:]) if arguments else None
 
 
 def _is_class(kind: Any) -> bool:

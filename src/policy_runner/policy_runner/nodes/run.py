@@ -23,7 +23,7 @@ from policy_runner.nodes.run_options import InputError, Options, command, parse
 from policy_runner.nodes.topic_inputs import Listener
 from policy_runner.policies.by_name import Policy, load_policy
 from policy_runner.policies.kinematics import JOINT_NAMES
-from policy_runner.supervisor.loop_timing import Pace
+from policy_runner.supervisor.loop_timing import LoopTiming
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig
 from policy_runner.supervisor.supervisor import Output, State, Supervisor
 
@@ -71,7 +71,7 @@ class PolicyRunner(Node):
         self.create_service(
             Trigger, 'estop', lambda q, a: self._serve(a, self._supervisor.emergency_stop)
         )
-        self._pace = Pace(1.0 / (self._rate or policy.rate))
+        self._timing = LoopTiming(1.0 / (self._rate or policy.rate))
         self._timer = self._make_timer(policy)
         self.add_on_set_parameters_callback(self._on_parameters)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -93,7 +93,7 @@ class PolicyRunner(Node):
             self._policy = str(parameter.value)
             self.get_logger().info(f'{self._policy}: {message}')
             self.destroy_timer(self._timer)
-            self._pace.change(1.0 / (self._rate or policy.rate))
+            self._timing.change(1.0 / (self._rate or policy.rate))
             self._timer = self._make_timer(policy)
         return SetParametersResult(successful=True)
 
@@ -118,7 +118,7 @@ class PolicyRunner(Node):
 
     def _step(self) -> None:
         now = self._now()
-        self._pace.begin(now)
+        self._timing.begin(now)
         if self._start_wanted:
             started, why = self._supervisor.start(now)
             self._start_wanted = not started
@@ -127,7 +127,7 @@ class PolicyRunner(Node):
         output = self._supervisor.update(now)
         if output is not None:
             self._send(output)
-            self._pace.end(self._now())
+            self._timing.end(self._now())
         self._announce()
 
     def _send(self, output: Output) -> None:
@@ -165,7 +165,7 @@ class PolicyRunner(Node):
         figures = {
             'policy': self._policy,
             **self._supervisor.figures(self._now()),
-            **self._pace.figures(),
+            **self._timing.figures(),
         }
         fault = self._supervisor.fault
         sound = fault is None or fault.kind is FaultKind.STOP

@@ -1,4 +1,4 @@
-"""What a walker goes by: commands that come gradually, and a clock that hurries."""
+"""Command rate limiting and adaptive gait phase."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -11,70 +11,67 @@ Floats = NDArray[np.float64]
 
 DEAD_ZONE: Final = 0.1  # m/s, rad/s; norm of a velocity command below which it means standing
 
-COMMAND_SLEW: Final = (1.0, 1.0, 2.0)
-"""The fastest that walkers here are shown a velocity command to change: m/s², m/s², rad/s²."""
+COMMAND_RATE_LIMIT: Final = (1.0, 1.0, 2.0)
+"""Default rate limit of velocity commands: m/s², m/s², rad/s²."""
 
-HURRY: Final = (3.0, 0.25, 0.6)
-"""How the clock of the policies that are trained here hurries: Hz, m/s, m/s, see `haste`."""
+CADENCE_ADAPTATION: Final = (3.0, 0.25, 0.6)
+"""
+Default cadence adaptation: highest stride frequency, Hz, and the capture-point errors, m/s, at
+which the cadence begins to rise and reaches that frequency.
+"""
 
-_LEAN: Final = 2.26  # m/s, √(gravity × height of the body): a tilt is as bad as such a speed
-_SENSED: Final = 0.04  # s, time constant on velocity error and tilt that the clock hurries by
+_TILT_SPEED: Final = 2.26  # m/s, √(gravity × height of the body): speed equivalent to a tilt of 1
+_ERROR_FILTER: Final = 0.04  # s, time constant on velocity error and tilt
 
 
-def check_hurry(hurry: Sequence[float], frequency: float) -> None:
-    """InputError unless it is empty, or three numbers that `haste` can go by."""
-    if not hurry:
+def check_cadence_adaptation(adaptation: Sequence[float], frequency: float) -> None:
+    """Raise InputError unless it is empty or fits a stride frequency at rest, Hz."""
+    if not adaptation:
         return
-    if len(hurry) == 3:
-        fastest, above, full = hurry
-        if frequency <= fastest <= 5.0 and 0.0 < above < full <= 10.0:
+    if len(adaptation) == 3:
+        fastest, onset, full = adaptation
+        if frequency <= fastest <= 5.0 and 0.0 < onset < full <= 10.0:
             return
     raise InputError(
-        f'hurry is {list(hurry)}; it must be a frequency in {frequency}..5 Hz and two '
-        'speeds, the first less than the second, in 0..10 m/s'
+        f'cadence_adaptation is {list(adaptation)}; expected a frequency of '
+        f'{frequency}..5 Hz and two speeds of 0..10 m/s, the first below the second'
     )
 
 
-def off_balance(velocity_error: Floats, tilt: Floats) -> Floats:
+def capture_point_error(velocity_error: Floats, tilt: Floats) -> Floats:
     """
-    How fast bodies leave their feet, m/s [...].
+    Return the capture-point error as a speed, m/s [...].
 
-    velocity_error: against the command, m/s [..., 2]; tilt: gravity's part along the base's x
-    and y, as a unit vector [..., 2]. A tilted body falls as one that has √(g × height) × tilt of
-    speed (the capture point of a linear inverted pendulum). Both are taken for the worst, as if
-    at right angles: that a body leans against its speed does not count in its favour. So a robot
-    that stands on a slope of 0.11 (6°) is taken for one that falls.
+    velocity_error: against the command, m/s [..., 2]; tilt: x and y of the unit vector of gravity
+    in the base's frame [..., 2]. A linear inverted pendulum tilted by a small angle falls as one
+    that moves at √(g × height) × tilt. The two are added in squares, so that a tilt against the
+    velocity error does not compensate it: a robot that stands on a slope of 0.11 (6°) counts as
+    one that falls.
     """
-    squares = np.square(velocity_error).sum(axis=-1) + np.square(_LEAN * tilt).sum(axis=-1)
+    squares = np.square(velocity_error).sum(axis=-1) + np.square(_TILT_SPEED * tilt).sum(axis=-1)
     return np.asarray(np.sqrt(squares))
 
 
-def haste(hurry: Sequence[float], away: Floats) -> Floats:
+def urgency(adaptation: Sequence[float], error: Floats) -> Floats:
+    """Return the share of the cadence adaptation, 0..1 [...], at capture-point errors, m/s."""
+    _, onset, full = adaptation
+    return np.asarray(np.clip((error - onset) / (full - onset), 0.0, 1.0))
+
+
+def stride_frequency(frequency: float, adaptation: Sequence[float], error: Floats) -> Floats:
     """
-    How much robots hurry that are out of balance by so much, m/s [...]: 0 not at all, 1 fully.
+    Return stride frequencies, Hz [...], at capture-point errors, m/s [...].
 
-    hurry: the fastest rate of strides, Hz; how much from which on strides get faster, m/s; and
-    at how much they are as fast as that, m/s.
+    A body falls away from its feet exponentially, so an earlier foothold helps most.
     """
-    _, above, full = hurry
-    return np.asarray(np.clip((away - above) / (full - above), 0.0, 1.0))
+    return np.asarray(frequency + urgency(adaptation, error) * (adaptation[0] - frequency))
 
 
-def stride_rate(frequency: float, hurry: Sequence[float], away: Floats) -> Floats:
+class CommandRateLimiter:
     """
-    Strides per second of robots that are out of balance by so much, m/s [...], see `haste`.
+    Rate-limited velocity commands of N robots.
 
-    A body falls away from its feet exponentially, so what helps most is to put the next foot
-    down sooner.
-    """
-    return np.asarray(frequency + haste(hurry, away) * (hurry[0] - frequency))
-
-
-class CommandSlew:
-    """
-    Velocity commands as N robots are shown them: changing no faster than `command_slew` says.
-
-    A command that jumps from 1 m/s one way to 1 m/s the other asks for what no legs can do.
+    limits: m/s², m/s², rad/s²; empty for none. `values` holds the limited commands [N, 3].
     """
 
     def __init__(self, limits: Sequence[float], count: int = 1) -> None:
@@ -82,7 +79,7 @@ class CommandSlew:
         self.values = np.zeros((count, 3))  # m/s, m/s, rad/s
 
     def advance(self, seconds: float, commands: Floats) -> Floats:
-        """Go towards commands [N, 3] for a time; what is shown then [N, 3]."""
+        """Move towards commands [N, 3] for a time; return the limited commands [N, 3]."""
         if np.isfinite(self._limits).all():
             most = self._limits * seconds
             self.values = self.values + np.clip(commands - self.values, -most, most)
@@ -93,49 +90,50 @@ class CommandSlew:
 
 class GaitPhase:
     """
-    The phase of N robots' strides, which a policy's own steps go by.
+    Gait phase of N robots, an input of learned policies.
 
-    It runs while a velocity command asks for motion and, with `hurry`, while a robot that is to
-    stand is out of balance; it begins anew at 0. Without it, a policy may come to rest in a pose
-    from which it never takes a step.
+    It advances while a velocity command asks for motion and, with cadence adaptation, while a
+    standing robot has a capture-point error; it restarts at 0. Without a phase, a policy may come
+    to rest in a pose from which it never takes a step.
     """
 
-    def __init__(self, frequency: float, hurry: Sequence[float] = (), count: int = 1) -> None:
+    def __init__(self, frequency: float, adaptation: Sequence[float] = (), count: int = 1) -> None:
         self._frequency = frequency
-        self._hurry = tuple(hurry)
+        self._adaptation = tuple(adaptation)
         self._error = np.zeros((count, 4))  # of the velocity, m/s, and tilt
         self.phase = np.zeros(count)  # share of a stride [N]
         self.walking = np.zeros(count, bool)
 
     def start(self, ids: NDArray[np.intp]) -> None:
-        """Forget the past of some robots."""
+        """Reset the robots of these indices."""
         self._error[ids] = 0.0
         self.walking[ids] = False
 
     def advance(
-        self, seconds: float, shown: Floats, commands: Floats, velocity: Floats, gravity: Floats
+        self, seconds: float, limited: Floats, commands: Floats, velocity: Floats, gravity: Floats
     ) -> None:
         """
-        Go on, under commands in m/s, m/s and rad/s [N, 3], as they are shown and as they are.
+        Advance the phases.
 
-        velocity: of the bases, m/s, and gravity: unit vector, both as they are sensed, in the
-        base's frame [N, 3]. A command that crosses zero on its way from one side to the other
-        asks for motion all the time.
+        limited, commands: velocity commands after and before rate limiting, m/s, m/s and rad/s
+        [N, 3]; a command that reverses crosses zero only in the limited one, so both count.
+        velocity: of the bases, m/s, and gravity: unit vector, as measured, in the base's frame
+        [N, 3].
         """
-        asked = np.linalg.norm(shown, axis=1) >= DEAD_ZONE
+        asked = np.linalg.norm(limited, axis=1) >= DEAD_ZONE
         asked |= np.linalg.norm(commands, axis=1) >= DEAD_ZONE
-        rate = np.full(len(asked), self._frequency)
-        if self._hurry:
-            error = np.concatenate([shown[:, :2] - velocity[:, :2], gravity[:, :2]], axis=1)
-            self._error = self._error + min(1.0, seconds / _SENSED) * (error - self._error)
-            away = off_balance(self._error[:, :2], self._error[:, 2:])
-            rate = stride_rate(self._frequency, self._hurry, away)
-            asked |= away > np.where(self.walking, 0.5, 1.0) * self._hurry[1]
+        frequency = np.full(len(asked), self._frequency)
+        if self._adaptation:
+            error = np.concatenate([limited[:, :2] - velocity[:, :2], gravity[:, :2]], axis=1)
+            self._error = self._error + min(1.0, seconds / _ERROR_FILTER) * (error - self._error)
+            away = capture_point_error(self._error[:, :2], self._error[:, 2:])
+            frequency = stride_frequency(self._frequency, self._adaptation, away)
+            asked |= away > np.where(self.walking, 0.5, 1.0) * self._adaptation[1]
         on = asked & self.walking
-        self.phase = np.where(on, (self.phase + rate * seconds) % 1.0, 0.0)
+        self.phase = np.where(on, (self.phase + frequency * seconds) % 1.0, 0.0)
         self.walking = asked
 
     def values(self) -> Floats:
-        """Sine and cosine of the phase, zeros for who is to stand [N, 2]."""
+        """Return sine and cosine of the phase [N, 2], zeros for robots that stand."""
         angle = 2.0 * np.pi * self.phase
         return np.column_stack([np.sin(angle), np.cos(angle)]) * self.walking[:, None]

@@ -1,4 +1,4 @@
-"""A learned policy on the robot: from measurements to joint targets, by the policy's contract."""
+"""Learned policies on the robot: from measurements to joint targets, by contract."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +10,7 @@ from wattwalk_core.errors import InputError
 
 from policy_runner.policies.base_velocity import BaseVelocity
 from policy_runner.policies.folder import Contract, read_folder
-from policy_runner.policies.gait_phase import CommandSlew, GaitPhase
+from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.kinematics import JOINT_NAMES
 from policy_runner.policies.perceptron import Perceptron
@@ -21,23 +21,22 @@ Network = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 DRIVE_GAINS: Final = (80.0, 2.0)
 """Stiffness in N·m/rad and damping in N·m·s/rad that the drives have in position mode."""
 _STAND_UP: Final = 1.5  # s
-_LONGEST_STEP: Final = 0.1  # s that command and clock go on in one step
+_LONGEST_STEP: Final = 0.1  # s by which command and gait phase advance in one step
 _EARLY: Final = 0.25  # share of a period by which a step may come early
 
 
 class LearnedPolicy:
     """
-    Stands up in the policy's default pose, then acts at the policy's own rate.
+    A policy by its contract: it stands up in the default pose, then acts at the contract's rate.
 
-    Asked more often than that, it holds its targets. Where the velocity of the base is not
-    measured, it is estimated from legs and IMU.
+    Called more often than that, it holds its targets. A base velocity that is not measured is
+    estimated from legs and IMU.
     """
 
     def __init__(self, contract: Contract, network: Network) -> None:
         """network: observation [size] to action [12]. InputError for gains the drives lack."""
-        for joint, *gains in zip(
-            contract.joints, contract.stiffness, contract.damping, strict=True
-        ):
+        for joint in contract.joints:
+            gains = [contract.gains[joint].stiffness, contract.gains[joint].damping]
             if not np.allclose(gains, DRIVE_GAINS, rtol=0.01):
                 raise InputError(
                     f'policy {contract.name!r} was made for gains {gains} of {joint}; '
@@ -48,19 +47,19 @@ class LearnedPolicy:
         self.ramp = _STAND_UP
         self._network = network
         self._order = np.array([JOINT_NAMES.index(joint) for joint in contract.joints])
-        self._pose = np.array(contract.default_pose)
-        self._scale = np.array(contract.action.scale)
+        self._pose = contract.ordered(contract.default_pose)
+        self._scale = contract.ordered(contract.action.scale)
         self._velocity = BaseVelocity()
         self.reset()
 
     @classmethod
     def load(cls, path: Path) -> 'LearnedPolicy':
-        """From a folder; InputError says what is wrong with it."""
+        """Load a folder; InputError says what is wrong with it."""
         contract, tensors = read_folder(path)
         return cls(contract, Perceptron(tensors, contract.network.activation))
 
     def reset(self) -> None:
-        """Forget the past; the next step starts to stand up from where the joints are."""
+        """Reset; the next step begins to stand up from the measured pose."""
         self._began: float | None = None
         self._first: Floats | None = None
         self._due = -np.inf
@@ -68,13 +67,13 @@ class LearnedPolicy:
         self._targets = np.zeros(12)
         self._action = np.zeros(12)
         seen = self.contract.observation
-        self._slew = CommandSlew(seen.command_slew)
-        self._phase = GaitPhase(seen.stride_frequency, seen.hurry)
+        self._limiter = CommandRateLimiter(seen.command_rate_limit)
+        self._phase = GaitPhase(seen.stride_frequency, seen.cadence_adaptation)
         self._velocity.reset()
         self._standing_up = True
 
     def take_over(self) -> float:
-        """Forget the past; the next step acts at once, on a robot that stands or walks."""
+        """Reset; the next step acts at once, on a robot that stands or walks."""
         self.reset()
         self._standing_up = False
         return 0.0
@@ -82,7 +81,7 @@ class LearnedPolicy:
     def step(
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
     ) -> Floats:
-        """Joint targets, rad [12]; command: m/s, m/s, rad/s [3]; velocity None if not known."""
+        """Return joint targets, rad [12]; command: m/s, m/s, rad/s [3]."""
         estimate = self._velocity.update(
             time,
             inputs.position,
@@ -108,14 +107,14 @@ class LearnedPolicy:
 
     def _act(self, command: Floats, inputs: Inputs, velocity: Floats, seconds: float) -> Floats:
         asked = np.asarray(command, np.float64)[None]
-        shown = self._slew.advance(seconds, asked)
-        self._phase.advance(seconds, shown, asked, velocity[None], inputs.gravity[None])
+        limited = self._limiter.advance(seconds, asked)
+        self._phase.advance(seconds, limited, asked, velocity[None], inputs.gravity[None])
         observation = self.contract.observation.assemble(
             {
                 'base_velocity': velocity,
                 'angular_velocity': inputs.spin,
                 'gravity': inputs.gravity,
-                'command': shown[0],
+                'command': limited[0],
                 'joint_position': inputs.position[self._order] - self._pose,
                 'joint_velocity': inputs.velocity[self._order],
                 'last_action': self._action,

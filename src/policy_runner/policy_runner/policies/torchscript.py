@@ -1,12 +1,13 @@
-"""Policies as TorchScript files, whose contract is a YAML file beside them."""
+"""TorchScript policies, each with its contract in a YAML file beside it."""
 
 import warnings
 from pathlib import Path
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
+from wattwalk_core.schema import parse
+from wattwalk_core.yaml_file import read_yaml
 
 from policy_runner.policies.folder import CARD, Contract
 from policy_runner.policies.learned import LearnedPolicy
@@ -16,27 +17,20 @@ SUFFIXES = ('.pt', '.pth', '.jit', '.ts')
 
 def load_torchscript(file: Path) -> LearnedPolicy:
     """
-    A scripted or traced module from observation [1, size] to action [1, 12].
+    Load a scripted or traced module from observation [1, size] to action [1, 12].
 
     NAME.yaml or policy.yaml beside NAME.pt holds the contract as in a policy folder, without
-    `network`. InputError says what is missing or wrong.
+    `network`. Raises InputError, which names the file and the entry.
     """
     beside = [file.with_suffix('.yaml'), file.with_name(CARD)]
     card = next((path for path in beside if path.is_file()), None)
     if card is None:
         raise InputError(f'policy {file}: its contract {beside[0].name} is missing beside it')
-    try:
-        content = yaml.safe_load(card.read_text(encoding='utf-8'))
-        if isinstance(content, dict):
-            content.setdefault('network', {'hidden': []})
-        contract = Contract.parse(content)
-        network = _TorchNetwork(file, contract)
-    except InputError as error:
-        raise InputError(f'policy {file}: {error}') from None
-    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
-        line = ' '.join(str(error).split())
-        raise InputError(f'policy {file}: {card.name} cannot be read: {line}') from error
-    return LearnedPolicy(contract, network)
+    content = read_yaml(card, 'policy')
+    if isinstance(content, dict):
+        content.setdefault('network', {'hidden': []})
+    contract = parse(Contract, content, f'policy {card}')
+    return LearnedPolicy(contract, _TorchNetwork(file, contract))
 
 
 class _TorchNetwork:
@@ -51,10 +45,13 @@ class _TorchNetwork:
             answer = module.eval()(torch.zeros(1, contract.observation.size))
         except (RuntimeError, ValueError) as error:
             line = str(error).strip().split('\n')[-1]
-            raise InputError(f'is no TorchScript that takes this observation: {line}') from error
+            raise InputError(
+                f'policy {file}: no TorchScript module that takes this observation: {line}'
+            ) from error
         if tuple(answer.shape) != (1, 12) or not bool(torch.isfinite(answer).all()):
             raise InputError(
-                f'its output has shape {list(answer.shape)}; it must be [1, 12] and finite'
+                f'policy {file}: its output has shape {list(answer.shape)}; expected [1, 12] and '
+                'finite'
             )
         self._module, self._torch = module, torch
 

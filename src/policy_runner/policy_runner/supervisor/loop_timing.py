@@ -1,4 +1,4 @@
-"""Whether steps come when they should, and how long each takes."""
+"""Loop timing: missed periods and duration of the steps of a control loop."""
 
 from collections import deque
 from typing import Final
@@ -9,42 +9,42 @@ _KEPT: Final = 3000  # steps; a minute at 50 Hz
 _LATE: Final = 1.5  # periods
 
 
-class Pace:
+class LoopTiming:
     """
-    Counts periods in which no step came, and keeps what recent steps took.
+    Counter of missed periods, with the durations of recent steps.
 
-    period: s between steps. A step that comes more than 1.5 periods after the one before has
-    missed the periods between.
+    period: s between steps. A step that begins over 1.5 periods after the last one has missed the
+    periods between.
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
-        self._taken: deque[float] = deque(maxlen=_KEPT)
+        self._durations: deque[float] = deque(maxlen=_KEPT)
         self._last: float | None = None
         self.missed = 0
         self.steps = 0
 
     def begin(self, now: float) -> None:
-        """A step begins at a time, s."""
+        """Record the beginning of a step, s."""
         if self._last is not None and now - self._last > _LATE * self._period:
             self.missed += round((now - self._last) / self._period) - 1
         self._last = now
 
     def end(self, now: float) -> None:
-        """Its command is sent."""
+        """Record the end of a step, s: its command is sent."""
         if self._last is not None:
-            self._taken.append(now - self._last)
+            self._durations.append(now - self._last)
             self.steps += 1
 
     def change(self, period: float) -> None:
-        """Steps come at another rate from here on."""
+        """Set another period, s."""
         self._period, self._last = period, None
 
     def figures(self) -> dict[str, str]:
-        """For diagnostics."""
-        if not self._taken:
+        """Return values for diagnostics, by name."""
+        if not self._durations:
             return {'steps': '0'}
-        median, high = 1e3 * np.quantile(self._taken, [0.5, 0.99])
+        median, high = 1e3 * np.quantile(self._durations, [0.5, 0.99])
         return {
             'steps': str(self.steps),
             'periods missed': str(self.missed),

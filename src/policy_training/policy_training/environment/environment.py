@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.policies.gait_phase import CommandSlew, GaitPhase
+from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.observations import CLOCKED, Observation
 from sim_bridge.plant.robot import DEFAULT_POSE
 
@@ -40,8 +40,8 @@ class WalkingEnvironment:
 
     power: predicts watts per drive for the power term, or None. The weights of the power term
     and the range of commands follow `steps`, the number of policy steps done so far.
-    observation: what robots see; else CLOCKED with the config's clock, hurry and slew. Velocity is
-    judged by the commands that robots are shown, which come gradually (`shown`).
+    observation: what robots see; else CLOCKED with the config's gait phase and rate limit.
+    Velocity is judged by the commands that robots are shown, which come gradually (`shown`).
     """
 
     def __init__(
@@ -56,8 +56,8 @@ class WalkingEnvironment:
             observation = replace(
                 CLOCKED,
                 stride_frequency=config.stride_frequency,
-                hurry=config.hurry,
-                command_slew=config.command_slew,
+                cadence_adaptation=config.hurry,
+                command_rate_limit=config.command_slew,
             )
         self.observation = observation
         self.steps = 0
@@ -70,8 +70,8 @@ class WalkingEnvironment:
         self.watts = np.zeros((count, 12), np.float32)
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
-        self.shown = CommandSlew(observation.command_slew, count)
-        self.clock = GaitPhase(observation.stride_frequency, observation.hurry, count)
+        self.shown = CommandRateLimiter(observation.command_rate_limit, count)
+        self.clock = GaitPhase(observation.stride_frequency, observation.cadence_adaptation, count)
         self._last_action = np.zeros((count, 12))
         self._last_velocity = np.zeros((count, 12))
         self.age = np.zeros(count, np.int64)

@@ -124,18 +124,18 @@ def world(config: TrialConfig, threads: int = 0) -> TrainingConfig:
 
 
 def _scale_of(contract: Contract) -> float:
-    scale = contract.action.scale[0]
+    scale, *others = contract.ordered(contract.action.scale).tolist()
     same = (
         contract.joints == JOINT_NAMES
-        and np.allclose(contract.default_pose, DEFAULT_POSE, atol=1e-4)
-        and np.allclose(contract.action.scale, scale)
+        and np.allclose(contract.ordered(contract.default_pose), DEFAULT_POSE, atol=1e-4)
+        and np.allclose(others, scale)
     )
     if not same or abs(contract.rate * TrainingConfig().step_time - 1.0) > 1e-6:
         raise InputError(
             f'policy {contract.name!r}: trials need the order of joints, the default pose and '
             'the rate of training'
         )
-    return scale
+    return float(scale)
 
 
 def _judge(

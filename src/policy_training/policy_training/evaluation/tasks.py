@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.policies.gait_phase import COMMAND_SLEW
+from policy_runner.policies.gait_phase import COMMAND_RATE_LIMIT
 from wattwalk_core.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Task:
 
     def __call__(self, time: float) -> Floats:
         """Command at a time, s since the start [3]."""
-        most = np.array(COMMAND_SLEW) * max(time - SETTLE, 0.0)
+        most = np.array(COMMAND_RATE_LIMIT) * max(time - SETTLE, 0.0)
         return np.clip(self.command, -most, most)
 
 

@@ -5,7 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from policy_runner.policies.folder import Action, Contract, Network, write_folder
+from policy_runner.policies.folder import (
+    FORMAT,
+    Action,
+    Contract,
+    Gains,
+    PolicyNetwork,
+    write_folder,
+)
 from policy_runner.policies.observations import Observation
 from sim_bridge.plant.drive import POSITION_GAIN, VELOCITY_GAIN
 from sim_bridge.plant.robot import DEFAULT_POSE, JOINT_NAMES
@@ -29,18 +36,18 @@ def export_policy(
     layers: weight [out, in] and bias [out] of each layer, as trained on this observation.
     training: where the policy comes from, for people.
     """
-    count = len(JOINT_NAMES)
+    pose = (round(float(q), 6) + 0.0 for q in DEFAULT_POSE)
     contract = Contract(
+        FORMAT,
         name=config.name,
         rate=1.0 / config.step_time,
         joints=JOINT_NAMES,
-        default_pose=tuple(round(float(q), 6) + 0.0 for q in DEFAULT_POSE),
-        stiffness=(POSITION_GAIN,) * count,
-        damping=(VELOCITY_GAIN,) * count,
-        action=Action((config.action_scale,) * count, ACTION_CLIP),
+        default_pose=dict(zip(JOINT_NAMES, pose, strict=True)),
+        gains=dict.fromkeys(JOINT_NAMES, Gains(POSITION_GAIN, VELOCITY_GAIN)),
+        action=Action(dict.fromkeys(JOINT_NAMES, config.action_scale), ACTION_CLIP),
         observation=observation,
-        network=Network(tuple(len(bias) for _, bias in layers[:-1])),
-        training=training,
+        network=PolicyNetwork(tuple(len(bias) for _, bias in layers[:-1])),
+        training=dict(training),
     )
     tensors = {}
     for index, (weight, bias) in enumerate(layers):

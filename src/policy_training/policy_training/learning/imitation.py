@@ -69,7 +69,7 @@ class _Teacher:
         gait = replace(
             TROTS[plan.gait],
             frequency=config.stride_frequency,
-            hurry=config.hurry,
+            cadence_adaptation=config.hurry,
             max_forward=min(asked.forward, 1.5),
             max_lateral=min(asked.lateral, 1.0),
             max_yaw=min(asked.yaw, 2.0),

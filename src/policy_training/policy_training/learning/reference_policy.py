@@ -10,7 +10,7 @@ import copy
 from typing import Any, Final
 
 import torch
-from policy_runner.policies.gait_phase import haste, off_balance
+from policy_runner.policies.gait_phase import capture_point_error, urgency
 from policy_runner.policies.observations import Observation
 from torch import nn
 
@@ -21,9 +21,10 @@ class FirstGait:
     """
     Holds a network (observations [n, size] → actions [n, 12]) to what it is now.
 
-    It does so where robots are out of balance, the more the faster strides `observation.hurry`
-    asks for there: by how they really are, where their clocks go by what sensors say. within: how
-    far actions may be from what they were, in their own units. rate: of learning.
+    It does so where robots are out of balance, in proportion to the urgency that
+    `observation.cadence_adaptation` gives there: by how they really are, where their gait phases
+    go by what sensors say. within: how far actions may be from what they were, in their own
+    units. rate: of learning.
     """
 
     def __init__(
@@ -85,5 +86,5 @@ class FirstGait:
             start = seen.part(name).start
             return values[:, start : start + 2]
 
-        away = off_balance(plane('command') - plane('base_velocity'), plane('gravity'))
-        return haste(seen.hurry, away)
+        away = capture_point_error(plane('command') - plane('base_velocity'), plane('gravity'))
+        return urgency(seen.cadence_adaptation, away)

@@ -1,4 +1,4 @@
-"""Shape, feedback and timing of the scripted trot."""
+"""Configuration and gait cycle of the scripted trot."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -52,26 +52,26 @@ class Feedback:
 @dataclass(frozen=True)
 class TrotConfig:
     """
-    Shape of the gait and what it knows of the drives; ValueError for a value out of bounds.
+    Shape of the gait and gains of the drives; ValueError for a value out of bounds.
 
-    frequency: strides per s. hurry: how much faster they get out of balance, see
-    `pacing.stride_rate`; empty: not. pace: velocity of stance feet over the command. duty: share
-    of a stride that a foot is on the ground. height: base over ground, m. swing_height: m, and
-    hurried_height, where strides are as fast as they get. foot_x, foot_y: feet from the base's
-    centre, m. max_forward, max_lateral, max_yaw: what commands are clipped to, m/s and rad/s.
-    ramp: s from the present pose to standing. stiffness: position gain of the drives, N·m/rad.
-    damping and friction: what targets make up for of their velocity gain with viscous gear
-    friction, N·m·s/rad, and of Coulomb friction, N·m; less than there is, for too much of it
-    shakes.
+    frequency: stride frequency at rest, Hz. cadence_adaptation: see
+    `gait_phase.CADENCE_ADAPTATION`; empty for none. stance_speed: velocity of stance feet over the
+    command. duty: share of a stride that a foot is on the ground. height: base over ground, m.
+    swing_height, urgent_swing_height: m, at rest and at full urgency. foot_x, foot_y: feet from
+    the base's centre, m. max_forward, max_lateral, max_yaw: limits of commands, m/s and rad/s.
+    ramp: s from the measured pose to standing. stiffness: position gain of the drives, N·m/rad.
+    damping: their velocity gain and viscous gear friction that targets compensate, N·m·s/rad.
+    friction: Coulomb friction that they compensate, N·m. Both are below the drives' own, since
+    overcompensation makes the joints oscillate.
     """
 
     frequency: float = 1.9
-    hurry: tuple[float, ...] = ()
-    pace: float = 1.0
+    cadence_adaptation: tuple[float, ...] = ()
+    stance_speed: float = 1.0
     duty: float = 0.58
     height: float = 0.52
     swing_height: float = 0.07
-    hurried_height: float = 0.07
+    urgent_swing_height: float = 0.07
     foot_x: float = 0.40
     foot_y: float = 0.28
     max_forward: float = 0.8
@@ -88,11 +88,11 @@ class TrotConfig:
             self,
             {
                 'frequency': (0.8, 3.0),
-                'pace': (0.5, 1.5),
+                'stance_speed': (0.5, 1.5),
                 'duty': (0.5, 0.85),
                 'height': (0.40, 0.58),
                 'swing_height': (0.02, 0.2),
-                'hurried_height': (0.02, 0.2),
+                'urgent_swing_height': (0.02, 0.2),
                 'foot_x': (0.25, 0.5),
                 'foot_y': (0.2, 0.36),
                 'max_forward': (0.0, 1.5),
@@ -107,7 +107,7 @@ class TrotConfig:
 
     @property
     def footholds(self) -> Floats:
-        """Feet under a body at rest, m [4, 3], in the base's frame."""
+        """Feet of a standing robot in the base's frame, m [4, 3]."""
         depth = np.full(4, FOOT_RADIUS - self.height)
         return np.column_stack([self.foot_x * FRONT, self.foot_y * LEFT, depth])
 
@@ -120,22 +120,22 @@ TROTS: Final[Mapping[str, TrotConfig]] = MappingProxyType(
         'trot_high': TrotConfig(frequency=2.0, height=0.55, swing_height=0.10, foot_y=0.30),
         'trot_even': TrotConfig(
             frequency=1.7,
-            pace=0.75,
+            stance_speed=0.75,
             height=0.56,
             swing_height=0.05,
-            hurried_height=0.10,
+            urgent_swing_height=0.10,
             feedback=Feedback(trim=0.0),
         ),
     }
 )
 """
-Gaits by name: three controllers that load the drives differently, and one for policies to copy,
-which keeps to its command without an integrator that a network could not see.
+Gaits by name: three that load the drives differently, and one that policies imitate. That one
+tracks its command without an integrator, whose state is no input of a network.
 """
 
 
-class GaitClock:
-    """Decides when to walk and which feet swing: diagonal pairs, half a stride apart."""
+class GaitCycle:
+    """Gait cycle of the trot: when to walk, and the phase of each foot, diagonal pairs in turn."""
 
     def __init__(self, config: TrotConfig) -> None:
         self._config = config
@@ -146,13 +146,13 @@ class GaitClock:
         self.walking = False
         self.phase = np.zeros(4)  # share of the stride since touchdown
         self.swinging = np.zeros(4, dtype=bool)
-        self.load = np.ones(4)  # how much of the weight a foot may bear, 0..1
+        self.load = np.ones(4)  # share of the weight that a foot may bear, 0..1
         self._stride = 0.0
-        self._calm_time = 0.0
+        self._settled_time = 0.0
 
     @property
     def stride(self) -> float:
-        """Phase of the first pair of legs, 0..1; that of the second is half a stride on."""
+        """Phase of the first pair of legs, 0..1; the second pair is half a stride ahead."""
         return self._stride
 
     @property
@@ -161,19 +161,19 @@ class GaitClock:
         duty = self._config.duty
         return (self.phase - duty) / (1.0 - duty)
 
-    def advance(self, dt: float, rate: float, *, wanted: bool, calm: bool) -> None:
+    def advance(self, dt: float, frequency: float, *, requested: bool, settled: bool) -> None:
         """
-        Move on by dt s at a rate of strides, Hz.
+        Advance by dt s at a stride frequency, Hz.
 
-        wanted: a command or a disturbance asks for steps. calm: body and feet are where they
+        requested: a command or a disturbance asks for steps. settled: body and feet are where they
         should be, so that standing is safe. Walking ends with all feet down, after half a
-        stride of calm.
+        settled stride.
         """
         if self.walking:
-            self._stride_on(dt, rate, calm and not wanted)
-        elif wanted:
+            self._advance_stride(dt, frequency, settled and not requested)
+        elif requested:
             self.walking = True
-            self._stride = self._calm_time = 0.0
+            self._stride = self._settled_time = 0.0
         if self.walking:
             self.phase = (self._stride + _OFFSETS) % 1.0
             self.swinging = self.phase >= self._config.duty
@@ -186,10 +186,10 @@ class GaitClock:
         self.load = self.load + min(1.0, dt / 0.015) * (load - self.load)
         self.load[self.swinging] = 0.0
 
-    def _stride_on(self, dt: float, rate: float, calm: bool) -> None:
+    def _advance_stride(self, dt: float, frequency: float, settled: bool) -> None:
         before = self._stride
-        self._stride = (self._stride + rate * dt) % 1.0
-        self._calm_time = self._calm_time + dt if calm else 0.0
+        self._stride = (self._stride + frequency * dt) % 1.0
+        self._settled_time = self._settled_time + dt if settled else 0.0
         touchdown = self._stride % 0.5 < before % 0.5
-        if touchdown and self._calm_time > 0.5 / self._config.frequency:
+        if touchdown and self._settled_time > 0.5 / self._config.frequency:
             self.walking = False

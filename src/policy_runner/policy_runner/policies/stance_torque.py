@@ -1,18 +1,18 @@
-"""Forces of the feet on the ground that carry, level and steer the body."""
+"""Stance forces that carry, level and steer the body, as joint torques."""
 
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from policy_runner.policies.gait import Feedback
 from policy_runner.policies.kinematics import FOOT_RADIUS, GRAVITY, LegState
+from policy_runner.policies.trot_gait import Feedback
 
 Floats = NDArray[np.float64]
 
 ROBOT_MASS: Final = 52.135  # kg
-_MOST_FORCE: Final = 500.0  # N, of one foot
-_MOST_PUSH: Final = 120.0  # N, horizontal, of all feet
+_FOOT_FORCE_LIMIT: Final = 500.0  # N, normal, of one foot
+_PUSH_LIMIT: Final = 120.0  # N, horizontal, of all feet
 
 
 def stance_torque(
@@ -26,12 +26,13 @@ def stance_torque(
     velocity_error: Floats,
 ) -> Floats:
     """
-    Joint torques of the stance legs, N·m [4, 3].
+    Return joint torques of the stance legs, N·m [4, 3].
 
-    Normal forces are the smallest that give weight, height and levelling together; horizontal
-    ones follow their shares. load: share of the weight that each foot may bear [4].
-    height: wanted, m. gravity: its direction in the base's frame [3]. spin: rad/s [3].
-    velocity_error: wanted minus reached vx, vy, yaw rate [3].
+    Normal forces are the least-squares ones that give weight, height and levelling together;
+    horizontal ones are in proportion to them. load: share of the weight that
+    each foot may bear [4].
+    height: commanded, m. gravity: unit vector in the base's frame [3]. spin: rad/s [3].
+    velocity_error: commanded minus measured vx, vy, yaw rate [3].
     """
     feet = legs.feet
     x, y = feet[:, 0], feet[:, 1]
@@ -51,11 +52,11 @@ def stance_torque(
     gram = loaded @ arms.T
     gram.flat[::4] += 1e-3
     normal = loaded.T @ np.linalg.solve(gram, wrench)
-    normal = np.minimum(np.maximum(normal, 0.0), _MOST_FORCE)
+    normal = np.minimum(np.maximum(normal, 0.0), _FOOT_FORCE_LIMIT)
 
     part = normal / max(float(normal.sum()), 50.0)
-    push_x = min(max(feedback.velocity * velocity_error[0], -_MOST_PUSH), _MOST_PUSH)
-    push_y = min(max(feedback.velocity * velocity_error[1], -_MOST_PUSH), _MOST_PUSH)
+    push_x = min(max(feedback.velocity * velocity_error[0], -_PUSH_LIMIT), _PUSH_LIMIT)
+    push_y = min(max(feedback.velocity * velocity_error[1], -_PUSH_LIMIT), _PUSH_LIMIT)
     twist = feedback.yaw * velocity_error[2] / (float(part @ (x * x + y * y)) + 1e-3)
     force = np.empty((4, 3))
     force[:, 0] = part * (push_x - twist * y) - gravity[0] * normal
