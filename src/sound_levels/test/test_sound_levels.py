@@ -361,7 +361,6 @@ def test_files_of_a_policy_are_pooled_and_compared(tmp_path, capsys):
     assert difference['interval_by'] == 'files'
     assert '2 files tell little' in ' '.join(out.split())
     assert content['unit'] == 'dBFS(A)'
-    assert not content['simulated_microphone']
     assert picture.stat().st_size > 10_000
     assert 'pmp is 6.0 dB quieter than baseline' in page.read_text()
 

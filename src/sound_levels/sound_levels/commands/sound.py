@@ -17,7 +17,6 @@ from wattwalk_core.files import write_whole
 
 from sound_levels.levels.alignment import METHODS
 from sound_levels.levels.analysis import (
-    SIMULATED,
     Analysis,
     Entry,
     Settings,
@@ -180,8 +179,6 @@ def _show(analysis: Analysis) -> None:
             console.print(f'{take.path.name}: {warning}', style='yellow', soft_wrap=True)
     for warning in analysis.warnings:
         console.print(warning, style='yellow', soft_wrap=True)
-    if analysis.simulated:
-        console.print(SIMULATED, style='yellow')
 
 
 def _say_next(options: argparse.Namespace, analysis: Analysis) -> None:

@@ -28,7 +28,6 @@ from sound_levels.levels.weighting import reach
 
 Floats = NDArray[np.float64]
 
-SIMULATED = 'Simulated microphone: these levels say nothing about real robots.'
 _LEAST = 2.0  # s that must be left to count
 _PAUSE = 1.0  # s
 _EXPECTED_REACH = 8000.0  # Hz
@@ -78,7 +77,6 @@ class Take:
     alignment: Alignment | None = None
     events: Events | None = None
     recording: Path | None = None
-    simulated: bool = False
 
     @property
     def mean_level(self) -> Floats:
@@ -123,11 +121,6 @@ class Analysis:
     def policies(self) -> tuple[str, ...]:
         """Names in the order in which they were given."""
         return tuple(dict.fromkeys(take.policy for take in self.takes))
-
-    @property
-    def simulated(self) -> bool:
-        """Whether a file says of itself that its microphone was simulated."""
-        return any(take.simulated for take in self.takes)
 
     def of(self, policy: str) -> list[Take]:
         """The takes of a policy."""
@@ -247,7 +240,6 @@ def _take(entry: Entry, settings: Settings, tone: Tone | None) -> Take:
         alignment=alignment,
         events=events,
         recording=entry.recording,
-        simulated='simulated' in file.comment.lower(),
     )
 
 
@@ -307,7 +299,6 @@ def summary(analysis: Analysis) -> dict[str, Any]:
         'unit': analysis.unit,
         'weighting': settings.weighting,
         'time_weighting': settings.time,
-        'simulated_microphone': analysis.simulated,
         'calibration': None if tone is None else asdict(tone),
         'files': [
             {

@@ -42,7 +42,6 @@ class SoundFile:
                 self.subtype = str(file.subtype)
                 self.promised = int(file.frames)
                 said = str(file.extra_info)
-                self.comment = ' '.join(file.copy_metadata().values())
         except soundfile.LibsndfileError as error:
             raise InputError(
                 f'{path} is no sound file that can be read ({error.error_string.rstrip(".")}); '

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from wattwalk_core.figures import OTHERS, save_figure, style
 
-from sound_levels.levels.analysis import SIMULATED, Analysis, Take
+from sound_levels.levels.analysis import Analysis, Take
 from sound_levels.levels.comparison import Levels, decibels
 
 Floats = NDArray[np.float64]
@@ -21,7 +21,7 @@ _POINTS = 20.0  # Hz
 
 def draw_sound(path: Path, analysis: Analysis) -> None:
     """One curve a policy over time, with its Leq, and third-octave spectra (PNG, SVG, PDF)."""
-    with style(False) as ink:
+    with style(False):
         figure = Figure(figsize=(9, 6.4), layout='constrained')
         above, below = figure.subplots(2, 1, height_ratios=(3, 2))
         for index, name in enumerate(analysis.policies):
@@ -51,8 +51,6 @@ def draw_sound(path: Path, analysis: Analysis) -> None:
         above.set_ylim(low, high + 0.2 * (high - low))
         above.legend(loc='upper right', ncols=2, frameon=False, fontsize=8)
         _spectrum_axis(below, analysis)
-        if analysis.simulated:
-            figure.supxlabel(SIMULATED, fontsize=9, color=ink, style='italic')
         save_figure(figure, path)
 
 

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 from wattwalk_core.pages.page import Page
 from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
-from sound_levels.levels.analysis import SIMULATED, Analysis, Take, sentences
+from sound_levels.levels.analysis import Analysis, Take, sentences
 from sound_levels.report.figure import curve
 
 _LINES = (COLORS['better'], COLORS['base'], COLORS['third'], COLORS['faint'])
@@ -20,8 +20,6 @@ def write_report(path: Path, analysis: Analysis) -> None:
     settings = analysis.settings
     page = Page('How loud the policies are')
     page.add('<h1>How loud the policies are</h1>')
-    if analysis.simulated:
-        page.add(f'<p class="kind ambiguous">{SIMULATED}</p>')
     for sentence in sentences(analysis):
         page.text(sentence)
     tone = analysis.tone
