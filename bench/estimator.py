@@ -55,7 +55,7 @@ def row(label: str, reached: str, target: str, ratio: float | None = None) -> No
 def bench_training(epochs: int) -> None:
     """One fold of 30 min of one drive type, on one thread."""
     import torch
-    from power_estimator.network.trainer import Tracks, Trainer, TrainingConfig
+    from power_estimator.training.trainer import Tracks, Trainer, TrainerConfig
 
     torch.set_num_threads(1)
     random = np.random.default_rng(1)
@@ -72,7 +72,7 @@ def bench_training(epochs: int) -> None:
         hidden=HIDDEN,
         warm_up=15,
         block=4,
-        config=TrainingConfig(epochs=epochs, patience=epochs),
+        config=TrainerConfig(epochs=epochs, patience=epochs),
     )
     wall, cpu = time.perf_counter(), time.process_time()
     while not trainer.done:
@@ -121,7 +121,7 @@ def bench_batch() -> None:
 
 def bench_long(spec: str, bags: list[Path]) -> None:
     """State carried through all bags as if they were one: against 64 bit, and begun anew."""
-    from power_estimator.model import load_model
+    from power_estimator.loader import load_model
 
     from power_estimator import recordings
 

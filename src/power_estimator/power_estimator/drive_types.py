@@ -31,7 +31,7 @@ class DriveType:
 
 def infer_types(drives: Sequence[str]) -> tuple[DriveType, ...]:
     """
-    Group drives by name: `LF_HAA` and `RH_HAA` are of type HAA, `arm_1` is a type of its own.
+    DriveGroup drives by name: `LF_HAA` and `RH_HAA` are of type HAA, `arm_1` is a type of its own.
 
     What follows a leg's prefix (LF, RH, FL, left, …) is the type; so is an ending that several
     drives share (`a_hip`, `b_hip`). Every other drive is its own type.

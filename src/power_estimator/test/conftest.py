@@ -8,9 +8,9 @@ import pytest
 import torch
 from power_estimator.drive_types import infer_types
 from power_estimator.network.checkpoint import Checkpoint, NetworkConfig
-from power_estimator.network.cross_validation import CrossValidation
-from power_estimator.network.protocol import Protocol
-from power_estimator.network.trainer import TrainingConfig
+from power_estimator.training.cross_validation import CrossValidation
+from power_estimator.training.protocol import Protocol
+from power_estimator.training.trainer import TrainerConfig
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.messages import cdr
 from power_recordings.writing.writer import BagWriter
@@ -177,7 +177,7 @@ def checkpoint() -> Checkpoint:
         data,
         infer_types(data.names),
         network=NetworkConfig(hidden=24),
-        training=TrainingConfig(epochs=10, batch=8, chunk=50),
+        training=TrainerConfig(epochs=10, batch=8, chunk=50),
         protocol=Protocol(folds=1),
     )
     trainers = {job: validation.trainer(job) for job in validation.jobs}

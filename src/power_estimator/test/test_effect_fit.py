@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
-from power_estimator.effects.fit.candidate_screener import Bank
+from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.design import Active, DesignBuilder, Structure, evaluate
 from power_estimator.effects.fit.fitter import (
     Blocks,
@@ -208,7 +208,7 @@ def test_the_bank_agrees_with_a_fit_about_what_a_candidate_is_worth():
     fitter = Fitter(prepare(moving()))
     base = fitter.fit(structure('shaft', 'copper_loss', 'viscous_friction', 'idle'), iterations=4)
     candidates = [Active.of(CATALOGUE[n]) for n in ('coulomb_friction', 'rotor_inertia', 'spring')]
-    bank = Bank(fitter, Folds.of(fitter.blocks), base, candidates)
+    bank = CandidateScreener(fitter, Folds.of(fitter.blocks), base, candidates)
     errors = {c.name: bank.screen([c]).training_error for c in candidates}
     both = bank.screen(candidates[:2])
     none = bank.screen()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from power_estimator.model import load_model
+from power_estimator.loader import load_model
 from power_estimator.network.checkpoint import Checkpoint, NetworkConfig, TrainingRecording
 from safetensors import safe_open
 from safetensors.numpy import save

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from power_estimator.network.out_of_distribution import Guard, Likeness
+from power_estimator.network.out_of_distribution import Guard, OutOfDistributionScore
 from wattwalk_core.errors import InputError
 
 
@@ -25,7 +25,7 @@ def alarms(likeness, x):
 
 @pytest.fixture(scope='module')
 def likeness():
-    return Likeness.fit(blocks(motion()), mirror=True)
+    return OutOfDistributionScore.fit(blocks(motion()), mirror=True)
 
 
 def test_the_same_motion_at_another_time_raises_no_alarm(likeness):
@@ -64,13 +64,13 @@ def test_each_drive_is_compared_with_its_own_and_unknown_ones_never(likeness):
 
 
 def test_few_or_constant_blocks_give_nothing_to_compare_with():
-    assert Likeness.fit(blocks(motion(400)), mirror=True) is None
-    assert Likeness.fit(np.ones((500, 4, 3), np.float32), mirror=False) is None
+    assert OutOfDistributionScore.fit(blocks(motion(400)), mirror=True) is None
+    assert OutOfDistributionScore.fit(np.ones((500, 4, 3), np.float32), mirror=False) is None
 
 
 def test_a_card_gives_back_the_same_and_nonsense_is_refused(likeness):
-    assert Likeness.of(likeness.content()) == likeness
+    assert OutOfDistributionScore.of(likeness.content()) == likeness
     with pytest.raises(InputError, match='likeness of shapes'):
-        Likeness.of({**likeness.content(), 'mean': [0.0]})
+        OutOfDistributionScore.of({**likeness.content(), 'mean': [0.0]})
     with pytest.raises(InputError, match='limit -1'):
-        Likeness.of({**likeness.content(), 'limit': -1})
+        OutOfDistributionScore.of({**likeness.content(), 'limit': -1})

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from power_estimator.network.protocol import Part, Protocol, runs
+from power_estimator.training.protocol import Part, Protocol, runs
 from wattwalk_core.errors import InputError
 
 layouts = st.tuples(

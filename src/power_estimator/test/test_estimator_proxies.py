@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_estimator.model import load_model
+from power_estimator.loader import load_model
 from power_estimator.proxies import PROXIES, Proxy
 from wattwalk_core.errors import InputError
 

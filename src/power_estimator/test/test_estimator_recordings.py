@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_estimator.live.estimator import LiveEstimator, Sample
+from power_estimator.live.estimator import LiveEstimator, LiveSample
 from power_estimator.network.features import features
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_recordings.reading.reader import Recording
@@ -14,7 +14,7 @@ from power_estimator import recordings
 def test_the_features_trained_on_are_those_that_the_live_node_forms(bag, checkpoint, monkeypatch):
     data = recordings.load([bag], [])
     trained = recordings.live_features([bag], data)
-    seen: list[Sample] = []
+    seen: list[LiveSample] = []
     advance = LiveEstimator._advance
     monkeypatch.setattr(
         LiveEstimator, '_advance', lambda self, s: (seen.append(s), advance(self, s))[1]

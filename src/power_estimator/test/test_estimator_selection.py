@@ -6,12 +6,12 @@ from power_estimator.commands import distil as distil_command
 from power_estimator.commands import sweep as sweep_command
 from power_estimator.commands import train as train_command
 from power_estimator.drive_types import infer_types
-from power_estimator.model import load_model
+from power_estimator.loader import load_model
 from power_estimator.network.cost import policy_step_cost, sample_cost
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.network.sweep import Point, Sweep, points
-from power_estimator.network.trainer import TrainingConfig
 from power_estimator.recordings import TrainingSet
+from power_estimator.training.sweep import Sweep, SweepPoint, points
+from power_estimator.training.trainer import TrainerConfig
 from wattwalk_core.errors import InputError
 
 SWEEP = ['--hidden', '4', '--history', '0.05', '--epochs', '2', '--drives', 'LF_HAA']
@@ -26,7 +26,7 @@ def swept(bag, tmp_path_factory):
 
 def test_a_sweep_always_holds_the_papers_choice():
     found = points([8], [0.1])
-    assert found == (Point(8), Point(100), Point(100, 20), Point(100, 60))
+    assert found == (SweepPoint(8), SweepPoint(100), SweepPoint(100, 20), SweepPoint(100, 60))
     with pytest.raises(InputError, match='hidden = 0 is not within'):
         points([0], [0.1])
     with pytest.raises(InputError, match='history = 2 is not within'):
@@ -34,13 +34,13 @@ def test_a_sweep_always_holds_the_papers_choice():
 
 
 def test_windows_are_trained_on_as_they_are_used():
-    base = TrainingConfig()
-    assert Point(100).training(base) == base
-    short, long = (Point(100, n).training(base) for n in (10, 100))
+    base = TrainerConfig()
+    assert SweepPoint(100).training(base) == base
+    short, long = (SweepPoint(100, n).training(base) for n in (10, 100))
     assert short.reset_probability == long.reset_probability == 1.0
     assert (short.chunk, long.chunk) == (20, 100)
     assert short.chunk * short.batch == pytest.approx(long.chunk * long.batch, rel=0.05)
-    assert Point(100, 10).network().warm_up < 10
+    assert SweepPoint(100, 10).network().warm_up < 10
 
 
 def test_a_sweep_leaves_table_picture_and_costs(swept, capsys):
@@ -88,10 +88,10 @@ def test_all_points_are_judged_on_the_same_samples(drives, monkeypatch):
     data = drives(60.0, ('LF_HAA',))
     given = TrainingSet(data, np.zeros((*data.power.shape, 3), np.float32), ())
     wanted = points([4], [0.05])
-    sweep = Sweep(given, infer_types(data.names), wanted, TrainingConfig(epochs=1))
+    sweep = Sweep(given, infer_types(data.names), wanted, TrainerConfig(epochs=1))
     counts = []
     monkeypatch.setattr(
-        'power_estimator.network.sweep.r2',
+        'power_estimator.training.sweep.r2',
         lambda y, f: counts.append((len(y), np.isfinite(f).sum())) or 0.0,
     )
     for point in wanted:

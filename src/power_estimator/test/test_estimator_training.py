@@ -6,17 +6,17 @@ from power_estimator.drive_types import infer_types
 from power_estimator.evaluation.comparison import table
 from power_estimator.evaluation.scores import r2
 from power_estimator.network.checkpoint import NetworkConfig
-from power_estimator.network.cross_validation import CrossValidation
 from power_estimator.network.features import features
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.network.protocol import Part, Protocol
-from power_estimator.network.run_folder import RunFolder
-from power_estimator.network.trainer import Tracks, TrainingConfig, plan
 from power_estimator.proxies import PROXIES
+from power_estimator.training.cross_validation import CrossValidation
+from power_estimator.training.protocol import Part, Protocol
+from power_estimator.training.run_folder import NetworkRunFolder
+from power_estimator.training.trainer import Tracks, TrainerConfig, plan
 from wattwalk_core.errors import InputError
 
 SMALL = NetworkConfig(hidden=12)
-QUICK = TrainingConfig(epochs=3, batch=4, chunk=40)
+QUICK = TrainerConfig(epochs=3, batch=4, chunk=40)
 
 
 def cross_validation(data, *, config=SMALL, training=QUICK, folds=1, others=()):
@@ -34,9 +34,9 @@ def test_the_network_beats_every_proxy_on_drives_with_memory(drives, tmp_path):
     validation = cross_validation(
         drives(120.0),
         config=NetworkConfig(hidden=24),
-        training=TrainingConfig(epochs=10, batch=8, chunk=50),
+        training=TrainerConfig(epochs=10, batch=8, chunk=50),
     )
-    folder = RunFolder(tmp_path / 'run')
+    folder = NetworkRunFolder(tmp_path / 'run')
     folder.start({}, [])
     checkpoint = validation.checkpoint(0, validation.run(folder))
     scores, _ = validation.test(0, checkpoint)
@@ -50,7 +50,7 @@ def test_the_network_beats_every_proxy_on_drives_with_memory(drives, tmp_path):
 
 def test_an_arm_of_three_joints_trains_by_the_same_code(drives, tmp_path):
     validation = cross_validation(drives(40.0, ('joint_1', 'joint_2', 'wrist')))
-    folder = RunFolder(tmp_path / 'run')
+    folder = NetworkRunFolder(tmp_path / 'run')
     folder.start({}, [])
     checkpoint = validation.checkpoint(0, validation.run(folder))
     scores, _ = validation.test(0, checkpoint)
@@ -73,7 +73,7 @@ def test_a_network_trained_on_one_leg_knows_the_legs_that_are_its_mirror_image(d
     data = drives(90.0, ('LF_HAA',))
     lean = np.float32(25.0)  # the torque of the left leg is mostly positive, as when it stands
     data = replace(data, torque=data.torque + lean)
-    network, training = NetworkConfig(hidden=24), TrainingConfig(epochs=8, batch=8, chunk=50)
+    network, training = NetworkConfig(hidden=24), TrainerConfig(epochs=8, batch=8, chunk=50)
     found = {}
     for mirror in (True, False):
         config = replace(training, mirror=mirror)
@@ -110,7 +110,7 @@ def test_the_same_seed_gives_the_same_network_and_another_seed_another(drives):
 def test_a_resumed_training_ends_where_an_unbroken_one_does(drives, tmp_path):
     validation = cross_validation(drives(40.0, ('LF_HAA',)))
     unbroken = train(validation, 3)
-    folder = RunFolder(tmp_path / 'run')
+    folder = NetworkRunFolder(tmp_path / 'run')
     folder.start({}, [])
     folder.save_state('HAA-0', train(validation, 1).state())
     resumed = validation.trainer(validation.jobs[0])
@@ -123,7 +123,7 @@ def test_a_resumed_training_ends_where_an_unbroken_one_does(drives, tmp_path):
 
 def test_a_finished_job_is_not_trained_again(drives, tmp_path):
     validation = cross_validation(drives(40.0, ('LF_HAA',)))
-    folder = RunFolder(tmp_path / 'run')
+    folder = NetworkRunFolder(tmp_path / 'run')
     folder.start({}, [])
     first = validation.run(folder)
     seen = []
@@ -135,7 +135,7 @@ def test_a_finished_job_is_not_trained_again(drives, tmp_path):
 
 def test_state_of_another_network_is_refused(drives, tmp_path):
     data = drives(40.0, ('LF_HAA',))
-    folder = RunFolder(tmp_path / 'run')
+    folder = NetworkRunFolder(tmp_path / 'run')
     folder.start({}, [])
     folder.save_state('HAA-0', train(cross_validation(data), 1).state())
     with pytest.raises(InputError, match='state of HAA-0 does not fit'):
@@ -143,7 +143,7 @@ def test_state_of_another_network_is_refused(drives, tmp_path):
 
 
 def test_damaged_state_is_refused_by_name(tmp_path):
-    folder = RunFolder(tmp_path / 'run')
+    folder = NetworkRunFolder(tmp_path / 'run')
     folder.start({}, [])
     (tmp_path / 'run' / 'state' / 'HAA-0.safetensors').write_bytes(b'\x00' * 20)
     with pytest.raises(InputError, match=r'HAA-0.safetensors is damaged'):
@@ -151,7 +151,7 @@ def test_damaged_state_is_refused_by_name(tmp_path):
 
 
 def test_a_run_is_not_overwritten_and_resumes_only_as_it_was_started(tmp_path):
-    folder = RunFolder(tmp_path / 'run')
+    folder = NetworkRunFolder(tmp_path / 'run')
     folder.start({'hidden': 100}, [{'name': 'walk', 'sha256': 'a'}])
     with pytest.raises(InputError, match='exists already: give --resume'):
         folder.start({'hidden': 100}, [])
@@ -161,7 +161,7 @@ def test_a_run_is_not_overwritten_and_resumes_only_as_it_was_started(tmp_path):
     with pytest.raises(InputError, match='was started on other recordings'):
         folder.resume({'hidden': 100}, [{'name': 'walk', 'sha256': 'b'}])
     with pytest.raises(InputError, match='is no run to resume'):
-        RunFolder(tmp_path / 'none').resume({}, [])
+        NetworkRunFolder(tmp_path / 'none').resume({}, [])
 
 
 def test_training_stops_early_when_validation_no_longer_improves(drives):
@@ -190,7 +190,7 @@ def test_the_best_weights_are_kept_not_the_last(drives):
 
 def test_sequences_follow_on_unless_the_state_is_dropped():
     edges = np.array([0, 1000, 1030, 2500])
-    config = TrainingConfig(batch=3, chunk=50, reset_probability=0.2)
+    config = TrainerConfig(batch=3, chunk=50, reset_probability=0.2)
     starts, fresh = plan(edges, config, np.random.default_rng(0))
     assert fresh[0].all()
     follows = starts[1:] == starts[:-1] + config.chunk
@@ -276,7 +276,7 @@ def test_units_that_cannot_be_si_are_refused_by_recording_drive_and_field(drives
 def test_a_training_configuration_out_of_range_is_refused(bad):
     ((name, value),) = bad.items()
     with pytest.raises(InputError, match=f'{name} = {value} is not within'):
-        TrainingConfig(**bad)
+        TrainerConfig(**bad)
 
 
 def test_a_table_holds_mean_and_spread_over_folds(drives):

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.training import LEAST_SECONDS
-from power_estimator.model import PowerModel, load_model
+from power_estimator.loader import load_model
+from power_estimator.model import PowerModel
 from power_estimator.network.checkpoint import TrainingRecording
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import describe, held_out

@@ -9,6 +9,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.model_file.yaml_file import write_model
 from power_estimator.network.checkpoint import (
     Checkpoint,
     Network,
@@ -71,7 +72,7 @@ def saved(loaded, tmp_path_factory):
         actives = KNOWN[2:] if base else KNOWN
         model, _ = fit_model(name, own, actives, CATALOGUE, base=base, fitted_on=fitted_on)
         path = tmp_path_factory.mktemp('models') / f'{name}.yaml'
-        model.save(path)
+        write_model(model, path)
         return str(path)
 
     return write

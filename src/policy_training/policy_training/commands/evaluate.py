@@ -11,7 +11,8 @@ from policy_runner.policies.folder import read_folder
 from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.perceptron import Perceptron
 from power_estimator.evaluation.tables import terminal
-from power_estimator.model import PowerModel, load_model
+from power_estimator.loader import load_model
+from power_estimator.model import PowerModel
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

@@ -13,11 +13,12 @@ from wattwalk_core.errors import InputError
 from power_estimator.batch.effects import EffectBatch, ProxyBatch
 from power_estimator.drive_types import assign
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.model import PowerModel, load_model
+from power_estimator.loader import load_model
+from power_estimator.model import PowerModel
 from power_estimator.network.checkpoint import Network
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.network.trainer import PowerLstm
 from power_estimator.proxies import Proxy
+from power_estimator.training.trainer import PowerLstm
 
 Array = NDArray[np.float32] | Tensor
 

@@ -17,17 +17,17 @@ from power_estimator import recordings
 from power_estimator.evaluation.comparison import table
 from power_estimator.evaluation.tables import TrainingBars, terminal
 from power_estimator.network.cost import policy_step_cost
-from power_estimator.network.cross_validation import Job
-from power_estimator.network.distillation import (
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.training.cross_validation import Job
+from power_estimator.training.distillation import (
     STUDENT,
     TEACHER,
     Distillation,
     Judgement,
     in_order_of,
 )
-from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.network.run_folder import CURVES, TABLE, RunFolder
-from power_estimator.network.trainer import Trainer, TrainingConfig
+from power_estimator.training.run_folder import CURVES, TABLE, NetworkRunFolder
+from power_estimator.training.trainer import Trainer, TrainerConfig
 
 
 @command
@@ -36,12 +36,12 @@ def main(args: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(args)
     progress = Console(stderr=True)
     teacher = PowerPredictionNetwork.load(options.teacher)
-    training = TrainingConfig(epochs=options.epochs, seed=options.seed)
+    training = TrainerConfig(epochs=options.epochs, seed=options.seed)
     with progress.status('reading and aligning'):
         given = recordings.training_set(in_order_of(teacher, options.bags), options.drives)
         distillation = Distillation(teacher, given, hidden=options.hidden, training=training)
     validation = distillation.validation
-    folder = RunFolder(options.output)
+    folder = NetworkRunFolder(options.output)
     about: dict[str, Any] = {
         'teacher': str(options.teacher),
         'types': {t.name: list(t.patterns) for t in validation.types},
@@ -144,7 +144,7 @@ def _parser() -> argparse.ArgumentParser:
     add('-o', '--output', type=Path, required=True, metavar='SMALL', help='new run folder')
     add('--hidden', type=int, default=32, help='hidden units of the small network (32)')
     add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
-    add('--epochs', type=int, default=TrainingConfig.epochs, help='at most, per network')
+    add('--epochs', type=int, default=TrainerConfig.epochs, help='at most, per network')
     add(
         '--robots', nargs='+', type=int, default=(64, 512, 4096), help='side by side, for the cost'
     )

@@ -14,7 +14,7 @@ from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
 
 from power_estimator.live.replay import estimates, messages
-from power_estimator.model import load_model
+from power_estimator.loader import load_model
 
 
 @command

@@ -13,12 +13,12 @@ from wattwalk_core.command import command
 
 from power_estimator import recordings
 from power_estimator.drive_types import infer_types, parse_types
-from power_estimator.evaluation.sweep_figure import draw_sweep
 from power_estimator.evaluation.tables import TrainingBars, terminal
-from power_estimator.network.cross_validation import Job
-from power_estimator.network.run_folder import TABLE, RunFolder
-from power_estimator.network.sweep import CHOSEN, Point, Result, Sweep, points
-from power_estimator.network.trainer import Trainer, TrainingConfig
+from power_estimator.training.cross_validation import Job
+from power_estimator.training.run_folder import TABLE, NetworkRunFolder
+from power_estimator.training.sweep import CHOSEN, Result, Sweep, SweepPoint, points
+from power_estimator.training.sweep_figure import draw_sweep
+from power_estimator.training.trainer import Trainer, TrainerConfig
 
 PICTURE = 'sweep.png'
 HIDDEN = (8, 16, 32, 64, 100, 150)
@@ -31,14 +31,14 @@ def main(args: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(args)
     progress = Console(stderr=True)
     wanted = points(options.hidden, options.history)
-    training = TrainingConfig(epochs=options.epochs, seed=options.seed)
+    training = TrainerConfig(epochs=options.epochs, seed=options.seed)
     with progress.status('reading and aligning'):
         given = recordings.training_set(options.bags, options.drives)
     types = parse_types(options.type) if options.type else infer_types(given.data.names)
     sweep = Sweep(given, types, wanted, training, folds=options.folds, segments=options.segments)
     networks = [job.name for job in sweep.validation(wanted[0]).jobs]
     jobs = [f'{point.name} {name}' for point in wanted for name in networks]
-    folder = RunFolder(options.output)
+    folder = NetworkRunFolder(options.output)
     about: dict[str, Any] = {
         'types': {t.name: list(t.patterns) for t in types},
         'training': asdict(training),
@@ -51,7 +51,7 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         with TrainingBars(progress, jobs, training.epochs) as bars:
 
-            def show(point: Point, job: Job, trainer: Trainer) -> None:
+            def show(point: SweepPoint, job: Job, trainer: Trainer) -> None:
                 last = trainer.history[-1]
                 name = f'{point.name} {job.name}'
                 bars.show(name, last.number, last.loss, last.r2, trainer.done)

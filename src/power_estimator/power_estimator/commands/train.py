@@ -17,10 +17,10 @@ from power_estimator.evaluation import figure
 from power_estimator.evaluation.comparison import table
 from power_estimator.evaluation.tables import TrainingBars, print_table, terminal
 from power_estimator.network.checkpoint import NetworkConfig
-from power_estimator.network.cross_validation import CrossValidation
-from power_estimator.network.protocol import Protocol
-from power_estimator.network.run_folder import CURVES, TABLE, RunFolder
-from power_estimator.network.trainer import TrainingConfig
+from power_estimator.training.cross_validation import CrossValidation
+from power_estimator.training.protocol import Protocol
+from power_estimator.training.run_folder import CURVES, TABLE, NetworkRunFolder
+from power_estimator.training.trainer import TrainerConfig
 
 TRACES = 'traces.png'
 BARS = 'r2.png'
@@ -32,13 +32,13 @@ def main(args: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(args)
     console, progress = terminal(), Console(stderr=True)
     config = NetworkConfig(hidden=options.hidden, history=round(options.history * 200))
-    training = TrainingConfig(epochs=options.epochs, seed=options.seed)
+    training = TrainerConfig(epochs=options.epochs, seed=options.seed)
     protocol = Protocol(options.segments, options.folds, config.history)
     with progress.status('reading and aligning'):
         validation = _prepare(options, config, training, protocol)
     for note in validation.data.notes:
         progress.print(note, highlight=False)
-    folder = RunFolder(options.output)
+    folder = NetworkRunFolder(options.output)
     about: dict[str, Any] = {
         'types': {t.name: list(t.patterns) for t in validation.types},
         'drives': list(validation.data.names),
@@ -95,7 +95,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _prepare(
     options: argparse.Namespace,
     config: NetworkConfig,
-    training: TrainingConfig,
+    training: TrainerConfig,
     protocol: Protocol,
 ) -> CrossValidation:
     given = recordings.training_set(options.bags, options.drives)
@@ -136,7 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     add('--segments', type=int, default=6, help='segments that are each split 80/10/10 (6)')
     add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
     add('--type', action='append', metavar='NAME=PATTERN', help='a drive type; default by name')
-    add('--epochs', type=int, default=TrainingConfig.epochs, help='at most, per network')
+    add('--epochs', type=int, default=TrainerConfig.epochs, help='at most, per network')
     add('--hidden', type=int, default=NetworkConfig.hidden, help='hidden units (100)')
     add('--history', type=float, default=0.3, help='seconds of the windowed form (0.3)')
     add('--seed', type=int, default=0, help='the same seed gives the same networks')

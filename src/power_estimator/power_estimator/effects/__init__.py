@@ -6,14 +6,14 @@ from power_estimator.effects.catalogue import (
     load_catalogue,
 )
 from power_estimator.effects.effect import Effect, Excitation, Shape, Term, smooth_sign
-from power_estimator.effects.library.model_discrepancy import Bend
+from power_estimator.effects.library.model_discrepancy import ModelDiscrepancy
 from power_estimator.effects.signals.state import Signals
 
 __all__ = [
-    'Bend',
     'Catalogue',
     'Effect',
     'Excitation',
+    'ModelDiscrepancy',
     'Shape',
     'Signals',
     'Term',

@@ -63,7 +63,7 @@ class Effect(ABC):
     terms: ClassVar[tuple[Term, ...]]
     excitation: ClassVar[Excitation]
     acts_on: ClassVar[Literal['power', 'torque', 'speed']] = 'power'
-    kind: ClassVar[Literal['physics', 'measurement', 'bend']] = 'physics'
+    kind: ClassVar[Literal['physics', 'measurement', 'discrepancy']] = 'physics'
     ties: ClassVar[tuple[str, ...]] = ()  # cannot be told apart in any recording
     near: ClassVar[tuple[str, ...]] = ()  # told apart by its excitation only
     shapes: ClassVar[tuple[Shape, ...]] = ({},)
@@ -88,10 +88,10 @@ class Effect(ABC):
         """Derivative of this effect's power by the power drawn without it [T, D]."""
         return None
 
-    bend_limit: ClassVar[float] = 0.0
+    discrepancy_limit: ClassVar[float] = 0.0
     """How far the true shape may depart from the formula, as a share of the first coefficient."""
 
-    def bend(self, signals: Signals, **shape: float) -> Floats | None:
+    def discrepancy(self, signals: Signals, **shape: float) -> Floats | None:
         """
         How real drives depart from the formula, [T, D] in the regressors' unit.
 

@@ -1,1 +1,1 @@
-"""Comparison of power models on held-out data."""
+"""PowerComparison of power models on held-out data."""

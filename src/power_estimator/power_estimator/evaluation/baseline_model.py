@@ -15,12 +15,12 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.model_file.model import EffectModel
 
-PLAIN: Final = 'plain'
+BASELINE: Final = 'plain'
 EFFECTS: Final = ('shaft', 'copper_loss', 'idle')
 
 
 @dataclass(frozen=True)
-class PlainModel:
+class BaselineModel:
     """
     Mechanical power, a loss by torque² and a constant draw, fitted per drive type.
 
@@ -28,10 +28,10 @@ class PlainModel:
     fitted here on the training part that networks and proxies have.
     """
 
-    name: str = PLAIN
+    name: str = BASELINE
     models: tuple[EffectModel, ...] = ()  # one a drive type
 
-    def fit(self, data: AlignedDataset, types: Sequence[DriveType]) -> 'PlainModel':
+    def fit(self, data: AlignedDataset, types: Sequence[DriveType]) -> 'BaselineModel':
         """The same fitted to data; InputError if a measured type moves too little or too short."""
         catalogue = builtin_catalogue()
         active = [Active.of(catalogue[name]) for name in EFFECTS]
@@ -42,10 +42,10 @@ class PlainModel:
                 continue
             measured = np.isfinite(data.power[:, known]).any(axis=1)
             rows = data.drives([data.names[c] for c in known]).rows(measured)
-            models.append(fit_model(PLAIN, material(rows), active, catalogue)[0])
+            models.append(fit_model(BASELINE, material(rows), active, catalogue)[0])
         if not models:
-            raise InputError(f'{PLAIN}: no drive has measured power to be fitted to')
-        return PlainModel(self.name, tuple(models))
+            raise InputError(f'{BASELINE}: no drive has measured power to be fitted to')
+        return BaselineModel(self.name, tuple(models))
 
     def predict(self, data: AlignedDataset) -> NDArray[np.float32]:
         """Electrical power in W [T, D]; NaN for drives that it was not fitted to."""

@@ -12,10 +12,10 @@ from wattwalk_core.errors import InputError
 
 from power_estimator import recordings
 from power_estimator.drive_types import DriveType, assign, infer_types
-from power_estimator.evaluation.baseline_model import PLAIN, PlainModel
+from power_estimator.evaluation.baseline_model import BASELINE, BaselineModel
 from power_estimator.evaluation.comparison import (
-    Comparison,
     Evaluation,
+    PowerComparison,
     compare,
     evaluate,
     rows_of,
@@ -25,11 +25,12 @@ from power_estimator.evaluation.coverage import with_coverage
 from power_estimator.evaluation.recorded_estimate import RECORDED, RecordedEstimate
 from power_estimator.evaluation.traces import Traces, traces
 from power_estimator.evaluation.whole_robot import whole_robot
-from power_estimator.model import PowerModel, load_model
+from power_estimator.loader import load_model
+from power_estimator.model import PowerModel
 from power_estimator.network.checkpoint import TrainingRecording
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.network.protocol import Part
 from power_estimator.proxies import Proxy
+from power_estimator.training.protocol import Part
 
 SPREAD = 6  # stretches whose R² gives the spread, as many as the protocol has segments
 SHORTEST = 10.0  # s of a stretch; R² of less, perhaps of standing still, says nothing
@@ -87,7 +88,8 @@ def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) 
     scaled_on = rest if len(rest.time) > len(test.time) / 10 else test
     ready: list[PowerModel] = [
         NamedModel(
-            spec, model.fit(scaled_on, types) if isinstance(model, Proxy | PlainModel) else model
+            spec,
+            model.fit(scaled_on, types) if isinstance(model, Proxy | BaselineModel) else model,
         )
         for spec, model in zip(specs, models, strict=True)
     ]
@@ -114,7 +116,7 @@ def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) 
 def _open(spec: str, bags: Sequence[Path]) -> PowerModel:
     if spec == RECORDED:
         return RecordedEstimate(bags)
-    return PlainModel() if spec == PLAIN else load_model(spec)
+    return BaselineModel() if spec == BASELINE else load_model(spec)
 
 
 def _judged(
@@ -143,7 +145,7 @@ def _require(scores: dict[str, Evaluation], specs: Sequence[str], bags: Sequence
 
 
 def _add_spread(
-    result: dict[str, Any], comparison: Comparison, types: Sequence[DriveType]
+    result: dict[str, Any], comparison: PowerComparison, types: Sequence[DriveType]
 ) -> None:
     pieces = np.array_split(np.arange(len(comparison.time)), SPREAD)
     parts = [

@@ -12,14 +12,14 @@ from power_recordings.alignment.dataset import AlignedDataset
 from power_estimator.drive_types import DriveType, assign
 from power_estimator.evaluation.scores import Score, block_means, score
 from power_estimator.model import PowerModel
-from power_estimator.network.protocol import Part, runs
+from power_estimator.training.protocol import Part, runs
 
 Floats = NDArray[np.float32]
 RATE = 50.0  # Hz at which estimates are compared (Section II-A)
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PowerComparison:
     """Measured and estimated power on one grid of 50 Hz; NaN where any model cannot tell."""
 
     names: tuple[str, ...]  # D drives
@@ -51,7 +51,7 @@ def rows_of(
     return chosen
 
 
-def compare(models: Sequence[PowerModel], data: AlignedDataset) -> Comparison:
+def compare(models: Sequence[PowerModel], data: AlignedDataset) -> PowerComparison:
     """Run all models on the data and bring them and the measurement to 50 Hz."""
     block = max(1, round(data.rate / RATE))
     stretches = list(data.segments())
@@ -71,10 +71,10 @@ def compare(models: Sequence[PowerModel], data: AlignedDataset) -> Comparison:
     middles = np.concatenate([t.reshape(-1, block).mean(axis=1) for t in time] or [np.empty(0)])
     counts = [(s.stop - s.start) // block for s in stretches]
     segment = np.repeat(np.arange(len(stretches)), counts)
-    return Comparison(data.names, middles, segment, measured, estimated)
+    return PowerComparison(data.names, middles, segment, measured, estimated)
 
 
-def evaluate(comparison: Comparison, types: Sequence[DriveType]) -> dict[str, Evaluation]:
+def evaluate(comparison: PowerComparison, types: Sequence[DriveType]) -> dict[str, Evaluation]:
     """Scores of each model per drive, per drive type and for the sum of the drives."""
     measured, names = comparison.measured, comparison.names
     there = [c for c in range(len(names)) if np.isfinite(measured[:, c]).any()]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_estimator.drive_types import DriveType, assign
-from power_estimator.evaluation.comparison import Comparison, Evaluation
+from power_estimator.evaluation.comparison import Evaluation, PowerComparison
 from power_estimator.evaluation.scores import Score
 from power_estimator.network.ppn import PowerPredictionNetwork
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float32]
 
 def with_coverage(
     evaluation: Evaluation,
-    comparison: Comparison,
+    comparison: PowerComparison,
     name: str,
     network: PowerPredictionNetwork,
     types: Sequence[DriveType],

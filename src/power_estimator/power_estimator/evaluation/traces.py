@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from power_estimator.evaluation.comparison import RATE, Comparison
+from power_estimator.evaluation.comparison import RATE, PowerComparison
 from power_estimator.evaluation.whole_robot import WholeRobot
 
 Floats = NDArray[np.float32]
@@ -33,7 +33,7 @@ class Traces:
 
 
 def traces(
-    comparison: Comparison,
+    comparison: PowerComparison,
     r2: Mapping[str, float],
     robot: WholeRobot | None = None,
     model: str = 'ppn',

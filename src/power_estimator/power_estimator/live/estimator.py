@@ -51,7 +51,7 @@ class LiveConfig:
 
 
 @dataclass(frozen=True)
-class Sample:
+class LiveSample:
     """Signals of D drives at the model's rate."""
 
     stamp: int  # ns, of the newest joint state in it
@@ -131,15 +131,15 @@ class CausalSampler:
         yield self._stamp, mean, fresh
 
 
-class Stream(Protocol):
+class EstimateStream(Protocol):
     """A power model that is fed block by block."""
 
     warm_up: int  # samples after a fresh one without an estimate
 
-    def advance(self, samples: Sequence[Sample]) -> Floats:
+    def advance(self, samples: Sequence[LiveSample]) -> Floats:
         """Power in W [n, D] at the next n samples; NaN for drives that are not known."""
 
-    def outside(self, samples: Sequence[Sample], margin: float) -> bool:
+    def outside(self, samples: Sequence[LiveSample], margin: float) -> bool:
         """Whether a drive moves as it never did in the training data."""
 
 
@@ -152,12 +152,12 @@ class NetworkStream:
         self._low, self._high = model.range_of(drives)
         self._guard = model.guard(drives)
 
-    def advance(self, samples: Sequence[Sample]) -> Floats:
+    def advance(self, samples: Sequence[LiveSample]) -> Floats:
         """Power in W [n, D]."""
         fresh = np.array([[s.fresh] * len(s.position) for s in samples])
         return self._bank.run(_features(samples), fresh)
 
-    def outside(self, samples: Sequence[Sample], margin: float) -> bool:
+    def outside(self, samples: Sequence[LiveSample], margin: float) -> bool:
         """
         Whether the samples leave the training data.
 
@@ -179,9 +179,9 @@ class WindowStream:
         self._model = model
         self._drives = tuple(drives)
         self._rate = config.rate
-        self._window: deque[Sample] = deque(maxlen=max(config.block, round(config.rate / 2)))
+        self._window: deque[LiveSample] = deque(maxlen=max(config.block, round(config.rate / 2)))
 
-    def advance(self, samples: Sequence[Sample]) -> Floats:
+    def advance(self, samples: Sequence[LiveSample]) -> Floats:
         """Power in W [n, D]."""
         for sample in samples:
             if sample.fresh:
@@ -189,7 +189,7 @@ class WindowStream:
             self._window.append(sample)
         return self._model.predict(self._dataset())[-len(samples) :]
 
-    def outside(self, samples: Sequence[Sample], margin: float) -> bool:
+    def outside(self, samples: Sequence[LiveSample], margin: float) -> bool:
         """Never: such models carry no training data."""
         return False
 
@@ -235,7 +235,7 @@ class LiveEstimator:
         self.drives = tuple(drives)
         self.refused = 0
         self._config = config
-        self._stream: Stream = (
+        self._stream: EstimateStream = (
             NetworkStream(model, drives)
             if isinstance(model, PowerPredictionNetwork)
             else WindowStream(model, drives, config)
@@ -243,7 +243,7 @@ class LiveEstimator:
         self._sampler = CausalSampler(config)
         self._waiting: deque[tuple[int, Doubles]] = deque(maxlen=1000)
         self._command: tuple[int, Doubles] | None = None
-        self._block: list[Sample] = []
+        self._block: list[LiveSample] = []
         self._since_fresh = 0
 
     def command(self, stamp: int, position: Doubles) -> None:
@@ -266,10 +266,10 @@ class LiveEstimator:
             return None
         result = None
         for when, row, fresh in self._sampler.add(stamp, signals):
-            result = self._advance(Sample(when, row[0], row[1], row[2], row[3], fresh)) or result
+            result = self._advance(LiveSample(when, *row, fresh)) or result
         return result
 
-    def _advance(self, sample: Sample) -> Estimate | None:
+    def _advance(self, sample: LiveSample) -> Estimate | None:
         if sample.fresh:
             self._block.clear()
             self._since_fresh = 0
@@ -291,7 +291,7 @@ class LiveEstimator:
         return Status.OUTSIDE_TRAINING_DATA if outside else Status.OK
 
 
-def _features(samples: Sequence[Sample]) -> Floats:
+def _features(samples: Sequence[LiveSample]) -> Floats:
     return np.array(
         [np.stack([s.command - s.position, s.torque, s.velocity], axis=1) for s in samples],
         np.float32,

@@ -23,7 +23,7 @@ from wattwalk_core.nodes.running import run_node
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
 from power_estimator.live.estimator import Estimate, LiveConfig
 from power_estimator.live.session import LiveSession, Vector
-from power_estimator.model import load_model
+from power_estimator.loader import load_model
 
 _RELIABLE = ReliabilityPolicy.RELIABLE
 _EXAMPLE = """

@@ -17,7 +17,7 @@ from power_estimator.drive_types import DriveType
 from power_estimator.network.features import FEATURES, Scaling
 from power_estimator.network.intervals import Intervals
 from power_estimator.network.lstm import Weights
-from power_estimator.network.out_of_distribution import Likeness
+from power_estimator.network.out_of_distribution import OutOfDistributionScore
 
 Floats = NDArray[np.float32]
 FILE = 'model.safetensors'
@@ -63,7 +63,7 @@ class Network:
     high: tuple[float, float, float]
     weights: Weights
     intervals: Intervals | None = None  # older files have neither
-    likeness: Likeness | None = None
+    likeness: OutOfDistributionScore | None = None
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def _checkpoint(tensors: dict[str, Floats], card: dict[str, Any]) -> Checkpoint:
         )
         kind = DriveType(str(name), tuple(str(p) for p in entry['patterns']))
         intervals = Intervals.of(entry['intervals']) if 'intervals' in entry else None
-        likeness = Likeness.of(entry['likeness']) if 'likeness' in entry else None
+        likeness = OutOfDistributionScore.of(entry['likeness']) if 'likeness' in entry else None
         low, high = _three(entry['low']), _three(entry['high'])
         networks.append(Network(kind, scaling, low, high, weights, intervals, likeness))
     if not networks:

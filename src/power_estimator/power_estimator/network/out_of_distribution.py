@@ -18,7 +18,7 @@ _FEWEST = 20 * SIZE  # blocks
 
 
 @dataclass(frozen=True)
-class Likeness:
+class OutOfDistributionScore:
     """
     Mahalanobis distance of an estimate's block of samples from those of the training data.
 
@@ -41,7 +41,7 @@ class Likeness:
             raise InputError(f'likeness has mean {self.mean} and limit {self.limit}')
 
     @classmethod
-    def fit(cls, blocks: Floats, mirror: bool) -> 'Likeness | None':
+    def fit(cls, blocks: Floats, mirror: bool) -> 'OutOfDistributionScore | None':
         """From blocks [N, S, 3] of training data; None if they are few or always the same."""
         values = describe(blocks).astype(float)
         if len(values) < _FEWEST:
@@ -65,7 +65,7 @@ class Likeness:
         return {'mean': list(self.mean), 'inverse': rows, 'limit': self.limit}
 
     @classmethod
-    def of(cls, content: Mapping[str, Any]) -> 'Likeness':
+    def of(cls, content: Mapping[str, Any]) -> 'OutOfDistributionScore':
         """From `content`; KeyError, TypeError, ValueError or InputError for anything else."""
         inverse = tuple(tuple(float(v) for v in row) for row in content['inverse'])
         return cls(tuple(float(v) for v in content['mean']), inverse, float(content['limit']))
@@ -74,7 +74,7 @@ class Likeness:
 class Guard:
     """Tells for D drives at once whether a block of samples is unlike the training data."""
 
-    def __init__(self, known: Iterable[Likeness | None]) -> None:
+    def __init__(self, known: Iterable[OutOfDistributionScore | None]) -> None:
         """known: what each drive is compared with; None says nothing about a drive."""
         drives = list(known)
         self._mean = np.zeros((len(drives), SIZE))

@@ -13,7 +13,7 @@ from power_estimator.evaluation.scores import block_means
 from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.features import FEATURES, features
 from power_estimator.network.lstm import LstmBank
-from power_estimator.network.out_of_distribution import Guard, Likeness
+from power_estimator.network.out_of_distribution import Guard, OutOfDistributionScore
 
 Floats = NDArray[np.float32]
 
@@ -59,7 +59,7 @@ class PowerPredictionNetwork:
 
     def guard(self, drives: Sequence[str]) -> Guard:
         """What tells whether drives move unlike their training data; never for unknown ones."""
-        known: list[Likeness | None] = [None] * len(drives)
+        known: list[OutOfDistributionScore | None] = [None] * len(drives)
         columns = assign(drives, self.types)
         for network in self.checkpoint.networks:
             for column in columns[network.type.name]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from power_estimator.effects.model_file.model import EffectModel, Group
+from power_estimator.effects.model_file.model import DriveGroup, EffectModel
 from sim_bridge.plant.parameters import DriveParameters, Plant
 from wattwalk_core.errors import InputError
 
@@ -53,6 +53,6 @@ def to_plant(model: EffectModel, plant: Plant) -> tuple[Plant, dict[str, float]]
     return plant.with_effects(**changes), strengths
 
 
-def _strength(name: str, group: Group, plant: Plant) -> float:
+def _strength(name: str, group: DriveGroup, plant: Plant) -> float:
     values = tuple(value.value for value in group.coefficients[name])
     return float(_STRENGTHS[name](values, plant.parameters(group.type.name)))

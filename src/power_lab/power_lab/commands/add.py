@@ -10,6 +10,7 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.training import Material, fit_model, material
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.model_file.yaml_file import read_model, write_model
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
 
@@ -40,7 +41,7 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
     common.require_suffix(options.output, '.yaml', '-o')
     catalogue = common.catalogue_of(options)
-    model = EffectModel.load(options.to, catalogue)
+    model = read_model(options.to, catalogue)
     new = common.parse_effects(options.effects, catalogue)
     for active in new:
         if active.name in model.effects:
@@ -55,7 +56,7 @@ def main(args: Sequence[str] | None = None) -> int:
         better, _ = add_effects(
             model, new, own, catalogue, options.output.stem, loaded.identities, options.seed
         )
-    better.save(options.output)
+    write_model(better, options.output)
     print_model(common.console(), better)
     _print_staircase(better)
     print(f'wrote {options.output}')

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from power_estimator.effects.fit.training import fit_model, material
+from power_estimator.effects.model_file.yaml_file import write_model
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
 
@@ -58,7 +59,7 @@ def main(args: Sequence[str] | None = None) -> int:
         }
         entry = {'step': 'fit', 'effects': list(model.effects), 'rmse_w': rmse}
         model = model.with_history(entry)
-    model.save(options.output)
+    write_model(model, options.output)
     print_model(common.console(), model)
     print(f'wrote {options.output}; error in the fit: ' + _errors(rmse))
     common.write_json(options.json, {'model': str(options.output), **entry})

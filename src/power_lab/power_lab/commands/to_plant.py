@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.model_file.yaml_file import read_model
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.command import command
 
@@ -27,7 +27,7 @@ def main(args: Sequence[str] | None = None) -> int:
     common.add_outputs(parser, report=False)
     options = parser.parse_args(args)
     common.require_suffix(options.output, '.yaml', '-o')
-    model = EffectModel.load(options.model, common.catalogue_of(options))
+    model = read_model(options.model, common.catalogue_of(options))
     plant, strengths = to_plant(model, Plant.load(options.plant))
     plant.save(options.output)
     for name, value in strengths.items():

@@ -13,9 +13,11 @@ from power_estimator.effects.fit.fitter import Blocks, measurement_terms
 from power_estimator.effects.fit.folds import FOLDS, Folds
 from power_estimator.effects.fit.training import Material, material
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.model_file.yaml_file import read_model
 from power_estimator.effects.signals.prepared import REDUCED_RATE, Prepared
 from power_estimator.evaluation.scores import score
-from power_estimator.model import PowerModel, load_model
+from power_estimator.loader import load_model
+from power_estimator.model import PowerModel
 from power_estimator.proxies import Proxy
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
@@ -137,7 +139,7 @@ def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Compa
 def open_model(spec: str, catalogue: Catalogue) -> PowerModel:
     """A power model, whose file may name effects of the catalogue."""
     if spec.endswith(('.yaml', '.yml')):
-        return EffectModel.load(Path(spec), catalogue)
+        return read_model(Path(spec), catalogue)
     return load_model(spec)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue, Effect, Signals, Term
-from power_estimator.effects.fit.candidate_screener import Bank, Screened
+from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter
 
@@ -42,7 +42,7 @@ def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Ac
     ]
 
 
-def best_shapes(bank: Bank) -> dict[str, Screened]:
+def best_shapes(bank: CandidateScreener) -> dict[str, Screened]:
     """For each effect the screening of its best shape."""
     best: dict[str, Screened] = {}
     for active in bank.candidates:

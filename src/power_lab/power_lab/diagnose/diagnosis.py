@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
-from power_estimator.effects.fit.candidate_screener import Bank, Screened, shaped
+from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened, shaped
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.signals.prepared import Prepared
@@ -118,13 +118,13 @@ class Diagnoser:
     def run(self) -> Diagnosis:
         """All of it."""
         none = self._base()
-        bank = Bank(self.fitter, self.examiner.folds, none.fit, self.candidates)
+        bank = CandidateScreener(self.fitter, self.examiner.folds, none.fit, self.candidates)
         found = best_shapes(bank)
         events = self._events(none, bank, found)
         if events.any():
             self.fitter.leave_out(events)
             none = self.examiner.examine(self.fitter.fit(self.base, none.fit, iterations=2))
-            bank = Bank(self.fitter, self.examiner.folds, none.fit, self.candidates)
+            bank = CandidateScreener(self.fitter, self.examiner.folds, none.fit, self.candidates)
             found = best_shapes(bank)
         usual = self.stranger_floor
         sampled = unseen(self.fitter.prepared, none.fit)
@@ -146,10 +146,12 @@ class Diagnoser:
     def _base(self) -> Evidence:
         """The base alone, its shapes chosen, bent as real drives are."""
         self.structure = shaped(self.fitter, self.examiner.folds, self.structure)
-        self.base = self.structure.bent()
+        self.base = self.structure.with_discrepancies()
         return self.examiner.examine(self.fitter.fit(self.base, iterations=4))
 
-    def _events(self, none: Evidence, bank: Bank, found: dict[str, Screened]) -> NDArray[np.bool_]:
+    def _events(
+        self, none: Evidence, bank: CandidateScreener, found: dict[str, Screened]
+    ) -> NDArray[np.bool_]:
         """
         Blocks [B, D] that not even all candidates together follow: stumbles, pushes.
 
@@ -163,7 +165,7 @@ class Diagnoser:
         return np.nan_to_num(best) > limit
 
     def _singles(
-        self, none: Evidence, bank: Bank, found: dict[str, Screened]
+        self, none: Evidence, bank: CandidateScreener, found: dict[str, Screened]
     ) -> tuple[Candidate, ...]:
         order = sorted(found.values(), key=lambda screened: screened.loss)
         out = []
@@ -176,11 +178,11 @@ class Diagnoser:
     def added(self, start: Fit, actives: Sequence[Active], iterations: int = 3) -> Evidence:
         """The base with effects added, all fitted anew from a start."""
         structure = self.base.plus(*actives)
-        fit = self.fitter.fit(structure.bent(), start, iterations=iterations)
+        fit = self.fitter.fit(structure.with_discrepancies(), start, iterations=iterations)
         return self.examiner.examine(fit, [active.name for active in actives])
 
     def _next(
-        self, none: Evidence, best: Evidence, bank: Bank, found: dict[str, Screened]
+        self, none: Evidence, best: Evidence, bank: CandidateScreener, found: dict[str, Screened]
     ) -> tuple[Step, Evidence | None]:
         """The best set with one effect more, if it is worth it."""
         chosen = best.names
@@ -250,7 +252,7 @@ class Diagnoser:
         return evidence
 
     def _rivals(
-        self, best: Evidence, bank: Bank, found: dict[str, Screened]
+        self, best: Evidence, bank: CandidateScreener, found: dict[str, Screened]
     ) -> list[tuple[Active, ...]]:
         """Sets of one effect more that come into question, by screening."""
         if not best.names:
@@ -258,7 +260,7 @@ class Diagnoser:
             return [screened.actives for screened in order[:_FINALISTS]]
         own = best.actives
         others = [active for active in self.candidates if active.name not in best.names]
-        beside = Bank(self.fitter, self.examiner.folds, best.fit, others)
+        beside = CandidateScreener(self.fitter, self.examiner.folds, best.fit, others)
         extras = sorted(best_shapes(beside).values(), key=lambda screened: screened.loss)
         sets = [(*own, *screened.actives) for screened in extras[:_EXTRAS]]
         names, size = list(found), len(own) + 1

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects.fit.candidate_screener import Bank
+from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.fitter import Fit
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
@@ -62,7 +62,12 @@ class Term:
 
 
 def check_measurement(
-    diagnosis: Diagnosis, bank: Bank, model: EffectModel, *, other_recording: bool, seed: int = 0
+    diagnosis: Diagnosis,
+    bank: CandidateScreener,
+    model: EffectModel,
+    *,
+    other_recording: bool,
+    seed: int = 0,
 ) -> dict[str, Term]:
     """
     The terms of the best fit with 95 % intervals, by name.
@@ -151,7 +156,7 @@ def _against_idle(
     return values, bounds
 
 
-def _delays(bank: Bank, seed: int) -> Floats:
+def _delays(bank: CandidateScreener, seed: int) -> Floats:
     random = np.random.default_rng(seed)
     count = len(bank.fitter.blocks.starts)
     size = min(5, count)

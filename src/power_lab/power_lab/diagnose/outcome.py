@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
-from power_estimator.effects.fit.candidate_screener import Bank
+from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.folds import Folds
@@ -170,7 +170,7 @@ def diagnose(
     before = examiner.residual(diagnosis.base)
     known = {entry.get('sha256') for entry in model.fitted_on}
     other = not seen and not any(entry['sha256'] in known for entry in loaded.identities)
-    bank = Bank(fitter, Folds.of(fitter.blocks), diagnosis.best.fit, ())
+    bank = CandidateScreener(fitter, Folds.of(fitter.blocks), diagnosis.best.fit, ())
     rows = _rows(diagnosis, diagnoser, seed)
     return Outcome(
         model=model,

@@ -38,7 +38,7 @@ class Screened:
         return np.nanmean(self.mse, axis=0)
 
 
-class Bank:
+class CandidateScreener:
     """Screens subsets of candidates by their normal equations alone."""
 
     def __init__(
@@ -217,7 +217,7 @@ def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
     plain = structure
     for name in options:
         plain = plain.without(name)
-    bank = Bank(
+    bank = CandidateScreener(
         fitter, folds, fitter.fit(plain, iterations=3), list(itertools.chain(*options.values()))
     )
     chosen = {name: shapes[0] for name, shapes in options.items()}

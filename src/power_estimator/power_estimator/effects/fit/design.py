@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from power_estimator.effects import Bend, Effect, Shape, Signals
+from power_estimator.effects import Effect, ModelDiscrepancy, Shape, Signals
 from power_estimator.effects.catalogue import regressors_of
 from power_estimator.effects.signals.prepared import Prepared, rate_of
 
@@ -79,11 +79,11 @@ class Structure:
         lower = np.tile([term.lower for term in terms], (len(coefficients), 1))
         upper = np.tile([term.upper for term in terms], (len(coefficients), 1))
         for active in self.free:
-            if isinstance(active.effect, Bend):
+            if isinstance(active.effect, ModelDiscrepancy):
                 column = self.columns_of(active.name)[0]
                 parents = self.columns_of(active.effect.of.name)
                 size = np.abs(coefficients[:, parents]).sum(axis=1) if parents else 0.0
-                upper[:, column] = active.effect.bend_limit * size
+                upper[:, column] = active.effect.discrepancy_limit * size
                 lower[:, column] = -upper[:, column]
         return lower, upper
 
@@ -91,13 +91,13 @@ class Structure:
         """Spread known beforehand of each column [m], infinite where nothing is known."""
         return np.array([term.prior for active in self.free for term in active.effect.terms])
 
-    def bent(self) -> 'Structure':
+    def with_discrepancies(self) -> 'Structure':
         """With a bend beside every effect that has one."""
         bends = [
-            Active(Bend(active.effect, active.parameters))
+            Active(ModelDiscrepancy(active.effect, active.parameters))
             for active in self.actives
             if active.effect.kind == 'physics'
-            and active.effect.bend_limit > 0
+            and active.effect.discrepancy_limit > 0
             and f'{active.name}~' not in self.names
         ]
         return self.plus(*bends)
@@ -131,7 +131,7 @@ class Design:
 
 
 @dataclass(frozen=True)
-class Underlay:
+class BasePower:
     """The power of a model that effects are added to."""
 
     power: Floats  # W [T, D]
@@ -139,7 +139,7 @@ class Underlay:
 
 
 @dataclass(frozen=True)
-class Point:
+class Linearisation:
     """Where a structure is linearised, with the model's own estimates there."""
 
     structure: Structure
@@ -152,13 +152,13 @@ class Point:
 class DesignBuilder:
     """Builds designs on prepared signals; keeps what no estimate moves."""
 
-    def __init__(self, prepared: Prepared, base: Underlay | None = None) -> None:
+    def __init__(self, prepared: Prepared, base: BasePower | None = None) -> None:
         self.prepared = prepared
         self.base = base
         self._reduced: dict[tuple[object, ...], Floats] = {}
         self._instant: dict[tuple[object, ...], Floats] = {}
 
-    def point(self, structure: Structure, coefficients: Floats) -> Point:
+    def point(self, structure: Structure, coefficients: Floats) -> Linearisation:
         """The model's own estimates at coefficients [D, m]."""
         signals = self.prepared.signals
         signals = estimates(structure, coefficients, signals, self.base, self._columns)
@@ -171,7 +171,7 @@ class DesignBuilder:
             slope = active.effect.drawn_slope(signals, own[None], **active.parameters)
             if slope is not None:
                 passed = (1.0 if passed is None else passed) + slope
-        return Point(structure, coefficients, signals, power, passed)
+        return Linearisation(structure, coefficients, signals, power, passed)
 
     def build(self, structure: Structure, coefficients: Floats) -> Design:
         """Linearise about coefficients [D, m]."""
@@ -182,7 +182,7 @@ class DesignBuilder:
         constant = self.constant(point, joined)
         return Design(structure, joined, constant, *structure.bounds(coefficients))
 
-    def columns(self, active: Active, point: Point) -> Floats:
+    def columns(self, active: Active, point: Linearisation) -> Floats:
         """Reduced derivatives of the power by one effect's coefficients, [N, D, n]."""
         signals, effect = point.signals, active.effect
         if effect.acts_on == 'speed':
@@ -198,11 +198,11 @@ class DesignBuilder:
             power = power * point.passed[..., None]
         return self.prepared.reduced(power)
 
-    def constant(self, point: Point, columns: Floats) -> Floats:
+    def constant(self, point: Linearisation, columns: Floats) -> Floats:
         """What is left of the model's power at the point beside its columns, W [N, D]."""
         return self.prepared.reduced(point.power) - _weighted(columns, point.coefficients)
 
-    def _by_speed(self, active: Active, point: Point) -> Floats:
+    def _by_speed(self, active: Active, point: Linearisation) -> Floats:
         """Derivatives by coefficients that move the motor's speed, W per unit [T, D, n]."""
         place = point.structure.columns_of(active.name)
         structure, coefficients = point.structure, point.coefficients
@@ -246,7 +246,7 @@ def estimates(
     structure: Structure,
     coefficients: Floats,
     signals: Signals,
-    base: Underlay | None = None,
+    base: BasePower | None = None,
     source: Source = _fresh,
 ) -> Signals:
     """
@@ -292,7 +292,7 @@ def estimates(
 
 
 def evaluate(
-    structure: Structure, coefficients: Floats, signals: Signals, base: Underlay | None = None
+    structure: Structure, coefficients: Floats, signals: Signals, base: BasePower | None = None
 ) -> Floats:
     """Power of the model in W [T, D] at the rate of the signals."""
     signals = estimates(structure, coefficients, signals, base)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
-from power_estimator.effects.fit.design import Active, Design, DesignBuilder, Structure, Underlay
+from power_estimator.effects.fit.design import Active, BasePower, Design, DesignBuilder, Structure
 from power_estimator.effects.signals.prepared import REDUCED_RATE, Prepared
 
 Floats = NDArray[np.float64]
@@ -137,7 +137,7 @@ class Fitter:
         prepared: Prepared,
         *,
         groups: Sequence[Sequence[int]] | None = None,
-        base: Underlay | None = None,
+        base: BasePower | None = None,
     ) -> None:
         """groups: drives that share coefficients, by index; base: a model underneath."""
         self.prepared = prepared

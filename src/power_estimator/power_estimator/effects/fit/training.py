@@ -11,10 +11,10 @@ from wattwalk_core.errors import InputError
 from power_estimator.drive_types import DriveType, assign, infer_types
 from power_estimator.effects import Catalogue, builtin_catalogue
 from power_estimator.effects.fit.candidate_screener import shaped
-from power_estimator.effects.fit.design import Active, Structure, Underlay
+from power_estimator.effects.fit.design import Active, BasePower, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
 from power_estimator.effects.fit.folds import Folds
-from power_estimator.effects.model_file.model import EffectModel, Group, Value
+from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
 from power_estimator.effects.signals.prepared import Prepared, prepare
 
 Floats = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Material:
 
     prepared: Prepared
     types: tuple[DriveType, ...]
-    underlay: Underlay | None = None
+    underlay: BasePower | None = None
 
     def fitter(self, *, per_drive: bool = False) -> Fitter:
         """With drives of a type sharing coefficients unless per_drive."""
@@ -66,7 +66,7 @@ def material(
         power = np.nan_to_num(np.asarray(base[:, columns], dtype=np.float64))
         if len(power) != len(prepared.signals.time):
             raise InputError('the recording has samples without position, velocity or torque')
-        underlay = Underlay(power, _copper(prepared, catalogue))
+        underlay = BasePower(power, _copper(prepared, catalogue))
     return Material(prepared, types, underlay)
 
 
@@ -102,7 +102,7 @@ def fit_model(
     return model, fit
 
 
-def _groups(material: Material, fit: Fit, intervals: Floats) -> tuple[Group, ...]:
+def _groups(material: Material, fit: Fit, intervals: Floats) -> tuple[DriveGroup, ...]:
     prepared = material.prepared
     voltage = np.median(prepared.signals.voltage, axis=0)
     groups = []
@@ -111,11 +111,11 @@ def _groups(material: Material, fit: Fit, intervals: Floats) -> tuple[Group, ...
         if not own:
             continue
         first = own[0]
-        coefficients: dict[str, tuple[Value, ...]] = {}
-        measurement: dict[str, Value] = {}
+        coefficients: dict[str, tuple[FittedValue, ...]] = {}
+        measurement: dict[str, FittedValue] = {}
         for active in fit.structure.free:
             values = tuple(
-                Value(
+                FittedValue(
                     float(fit.coefficients[first, column]),
                     (float(intervals[first, column, 0]), float(intervals[first, column, 1])),
                 )
@@ -125,10 +125,10 @@ def _groups(material: Material, fit: Fit, intervals: Floats) -> tuple[Group, ...
                 coefficients[active.name] = values
             elif active.effect.kind == 'measurement':
                 measurement[active.name] = values[0]
-        measurement['time_offset'] = Value(fit.delay, (fit.delay, fit.delay))
+        measurement['time_offset'] = FittedValue(fit.delay, (fit.delay, fit.delay))
         copper = 0.0 if material.underlay is None else float(material.underlay.copper[first])
         groups.append(
-            Group(
+            DriveGroup(
                 type=kind,
                 coefficients=coefficients,
                 measurement=measurement,

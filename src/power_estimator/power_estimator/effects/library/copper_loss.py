@@ -16,7 +16,7 @@ class CopperLoss(Effect):
     terms = (Term('k', 'W/(N·m)²', 0.0, 1.0),)
     ties = ('inverter_resistance',)
     near = ('line_resistance', 'winding_heating')
-    bend_limit = 0.12
+    discrepancy_limit = 0.12
     excitation = Excitation(
         'static loads at standstill',
         mode='torque',
@@ -32,6 +32,6 @@ class CopperLoss(Effect):
         """2·k·motor_torque."""
         return 2.0 * coefficients[..., 0] * signals.motor_torque
 
-    def bend(self, signals: Signals, **shape: float) -> Floats:
+    def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """A torque constant that saturates under load."""
         return np.square(signals.motor_torque) * np.square(share_of_top(signals.motor_torque))

@@ -13,7 +13,7 @@ class CoulombFriction(Effect):
     terms = (Term('Tc', 'N·m', 0.0, 80.0),)
     acts_on = 'torque'
     near = ('viscous_friction', 'iron_loss', 'stribeck_friction')
-    bend_limit = 0.12
+    discrepancy_limit = 0.12
     excitation = Excitation(
         'a ladder of constant speeds in both directions, unloaded and loaded',
         speeds=(0.3, 0.8, 1.5, 2.5, 4.0, -0.3, -0.8, -1.5, -2.5, -4.0),
@@ -24,6 +24,6 @@ class CoulombFriction(Effect):
         """The sign of the speed."""
         return smooth_sign(signals.motor_velocity)[..., None]
 
-    def bend(self, signals: Signals, **shape: float) -> Floats:
+    def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """A slow rise or fall with speed."""
         return smooth_sign(signals.motor_velocity) * log_speed(signals.motor_velocity)

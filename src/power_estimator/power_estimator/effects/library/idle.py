@@ -17,7 +17,7 @@ class Idle(Effect):
     formula = 'P0'
     terms = (Term('P0', 'W', 0.0, 500.0),)
     near = ('current_offset',)
-    bend_limit = 1.0
+    discrepancy_limit = 1.0
     excitation = Excitation(
         'rest without load, at two bus voltages',
         mode='torque',
@@ -30,6 +30,6 @@ class Idle(Effect):
         """One."""
         return np.ones_like(signals.torque)[..., None]
 
-    def bend(self, signals: Signals, **shape: float) -> Floats:
+    def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """Electronics that draw a constant current rather than a constant power."""
         return signals.voltage / NOMINAL - 1.0

@@ -18,7 +18,7 @@ class InverterLoss(Effect):
     follows = frozenset({'motor_torque'})
     terms = (Term('a', 'W/(N·m)', 0.0, 5.0), Term('s', 'W/(N·m)', 0.0, 5.0))
     near = ('copper_loss',)
-    bend_limit = 0.2
+    discrepancy_limit = 0.2
     excitation = Excitation(
         'static loads at standstill from small to large',
         mode='torque',
@@ -36,6 +36,6 @@ class InverterLoss(Effect):
         both = coefficients[..., 0] + coefficients[..., 1] * signals.voltage / NOMINAL
         return both * np.tanh(signals.motor_torque / 0.5)
 
-    def bend(self, signals: Signals, **shape: float) -> Floats:
+    def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """Switches that drop more under load."""
         return np.abs(signals.motor_torque) * share_of_top(signals.motor_torque)

@@ -29,7 +29,7 @@ class IronLoss(Effect):
     terms = (Term('h', 'W·s/rad', 0.0, 1.0), Term('e', 'W·s²/rad²', 0.0, 0.4))
     near = ('viscous_friction', 'coulomb_friction')
     shapes = ({'carried': 0.0}, {'carried': 1.0})
-    bend_limit = 0.3
+    discrepancy_limit = 0.3
     excitation = Excitation(
         'a ladder of constant speeds, unloaded and loaded: friction grows dearer under load, '
         'iron loss need not',
@@ -49,6 +49,6 @@ class IronLoss(Effect):
             axis=-1,
         )
 
-    def bend(self, signals: Signals, **shape: float) -> Floats:
+    def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """Exponents between 1 and 2."""
         return np.abs(signals.motor_velocity) * log_speed(signals.motor_velocity)

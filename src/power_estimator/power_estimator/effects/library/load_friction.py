@@ -17,7 +17,7 @@ class LoadFriction(Effect):
     follows = frozenset({'motor_torque'})
     shapes = ({'motor': 0.0}, {'motor': 1.0})
     near = ('regeneration_efficiency', 'shaft')
-    bend_limit = 0.2
+    discrepancy_limit = 0.2
     excitation = Excitation(
         'three loads, driving and back-driving, at two speeds',
         speeds=(1.0, 3.0, -1.0, -3.0),
@@ -29,6 +29,6 @@ class LoadFriction(Effect):
         load = signals.torque + motor * (signals.motor_torque - signals.torque)
         return (np.abs(load) * smooth_sign(signals.motor_velocity))[..., None]
 
-    def bend(self, signals: Signals, **shape: float) -> Floats:
+    def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """Worse when driving than when driven, or the other way round."""
         return signals.torque

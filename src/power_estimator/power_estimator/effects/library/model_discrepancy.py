@@ -4,10 +4,10 @@ from power_estimator.effects.effect import Effect, Excitation, Floats, Shape, Te
 from power_estimator.effects.signals.state import Signals
 
 
-class Bend(Effect):
+class ModelDiscrepancy(Effect):
     """How a real drive departs from the formula of one effect."""
 
-    kind = 'bend'
+    kind = 'discrepancy'
     physics = 'the effect as real drives have it, not quite the formula'
     formula = 'see the effect'
     terms = (Term('share', '1', -10.0, 10.0),)
@@ -18,12 +18,12 @@ class Bend(Effect):
         self.name = f'{of.name}~'  # type: ignore[misc]
         self.acts_on = of.acts_on  # type: ignore[misc]
         self.follows = of.follows  # type: ignore[misc]
-        self.bend_limit = of.bend_limit  # type: ignore[misc]
+        self.discrepancy_limit = of.discrepancy_limit  # type: ignore[misc]
         self._shape = dict(shape)
 
     def regressors(self, signals: Signals, **_: float) -> Floats:
         """The parent's bend."""
-        values = self.of.bend(signals, **self._shape)
+        values = self.of.discrepancy(signals, **self._shape)
         if values is None:
-            raise ValueError(f'effect {self.of.name!r} has a bend_limit but no bend')
+            raise ValueError(f'effect {self.of.name!r} has a discrepancy_limit but no bend')
         return values[..., None]

@@ -13,7 +13,7 @@ class ViscousFriction(Effect):
     terms = (Term('B', 'N·m·s/rad', 0.0, 100.0),)
     acts_on = 'torque'
     near = ('iron_loss', 'coulomb_friction')
-    bend_limit = 0.12
+    discrepancy_limit = 0.12
     excitation = Excitation(
         'a ladder of constant speeds in both directions, unloaded and loaded',
         speeds=(0.3, 0.8, 1.5, 2.5, 4.0, -0.3, -0.8, -1.5, -2.5, -4.0),
@@ -24,6 +24,6 @@ class ViscousFriction(Effect):
         """The speed."""
         return signals.motor_velocity[..., None]
 
-    def bend(self, signals: Signals, **shape: float) -> Floats:
+    def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """An exponent that is not quite 1: grease thins."""
         return signals.motor_velocity * log_speed(signals.motor_velocity)

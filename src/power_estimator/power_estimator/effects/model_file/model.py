@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,16 +10,18 @@ from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign
-from power_estimator.effects import Catalogue, load_catalogue
-from power_estimator.effects.fit.design import Structure, Underlay, evaluate
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import BasePower, Structure, evaluate
+from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.signals.prepared import signals_of
+from power_estimator.model import PowerModel
 
 Floats = NDArray[np.float64]
 NOMINAL_VOLTAGE = 48.0
 
 
 @dataclass(frozen=True)
-class Value:
+class FittedValue:
     """A fitted number with its 95 % interval."""
 
     value: float
@@ -28,12 +29,12 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Group:
+class DriveGroup:
     """Drives that share coefficients."""
 
     type: DriveType
-    coefficients: Mapping[str, tuple[Value, ...]]  # by effect, one per term
-    measurement: Mapping[str, Value]  # of the recordings it was fitted on
+    coefficients: Mapping[str, tuple[FittedValue, ...]]  # by effect, one per term
+    measurement: Mapping[str, FittedValue]  # of the recordings it was fitted on
     velocity_lag: float = 0.0  # s, of the velocity's filter
     voltage: float = NOMINAL_VOLTAGE  # V, where none is measured
     copper: float = 0.0  # W/(N·m)², what torque costs in a base model that does not say
@@ -50,10 +51,11 @@ class EffectModel:
 
     name: str
     structure: Structure
-    groups: tuple[Group, ...] = ()
+    groups: tuple[DriveGroup, ...] = ()
     base: str | None = None
     fitted_on: tuple[Mapping[str, str], ...] = ()  # name and sha256
-    history: tuple[Mapping[str, Any], ...] = field(default=())
+    history: tuple[Mapping[str, Any], ...] = ()
+    base_model: PowerModel | None = field(default=None, compare=False)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -81,7 +83,10 @@ class EffectModel:
                 'power_lab fit)'
             )
         columns = assign(data.names, [group.type for group in self.groups])
-        under = self._base_power(data) if base is None else base
+        if base is None and self.base is not None:
+            if self.base_model is None:
+                raise InputError(f'{self.name}: its base model {self.base} is not loaded')
+            base = self.base_model.predict(data)
         result = np.full(data.torque.shape, np.nan, np.float32)
         known = [(g, columns[g.type.name]) for g in self.groups if columns[g.type.name]]
         if not known:
@@ -92,37 +97,28 @@ class EffectModel:
         lag = np.array([group.velocity_lag for group in members])
         signals = signals_of(used, lag)
         layer = None
-        if under is not None:
+        if base is not None:
             copper = np.array([group.copper for group in members])
-            layer = Underlay(np.asarray(under[:, order], dtype=np.float64), copper)
+            layer = BasePower(np.asarray(base[:, order], dtype=np.float64), copper)
         structure, coefficients = self._coefficients(members, as_measured=as_measured)
         power = evaluate(structure, coefficients, signals, layer)
         result[:, order] = power
         return result
 
-    def value(self, group: Group, effect: str) -> tuple[Value, ...]:
+    def value(self, group: DriveGroup, effect: str) -> tuple[FittedValue, ...]:
         """Coefficients of an effect; fixed ones have an interval of no width."""
         found = next(active for active in self.structure.actives if active.name == effect)
         if found.effect.fixed is not None:
-            return (Value(found.effect.fixed, (found.effect.fixed, found.effect.fixed)),)
+            return (FittedValue(found.effect.fixed, (found.effect.fixed, found.effect.fixed)),)
         return group.coefficients[effect]
 
-    def _base_power(self, data: AlignedDataset) -> NDArray[np.float32] | None:
-        if self.base is None:
-            return None
-        from power_estimator.model import load_model
-
-        return load_model(self.base).predict(data)
-
     def _coefficients(
-        self, members: Sequence[Group], *, as_measured: bool
+        self, members: Sequence[DriveGroup], *, as_measured: bool
     ) -> tuple[Structure, Floats]:
         structure = self.structure
         names = {name for group in members for name in group.measurement}
         if as_measured and names:
-            from power_estimator.effects.fit.fitter import measurement_terms
-
-            terms = measurement_terms(load_catalogue(), shaft='shaft' in self.effects)
+            terms = measurement_terms(builtin_catalogue(), shaft='shaft' in self.effects)
             structure = structure.plus(*(term for term in terms if term.name in names))
         rows = []
         for group in members:
@@ -143,25 +139,8 @@ class EffectModel:
         """The same with these entries as its history."""
         return replace(self, history=tuple(entries))
 
-    def save(self, path: Path) -> None:
-        """Write it as YAML that `load` reads back."""
-        from power_estimator.effects.model_file.yaml_file import write_model
 
-        write_model(self, path)
-
-    @classmethod
-    def load(cls, path: Path, catalogue: Catalogue | None = None) -> 'EffectModel':
-        """
-        Read a model file; InputError names unknown effects, other units and nonsense numbers.
-
-        Effects of one's own must be in the catalogue (load_catalogue).
-        """
-        from power_estimator.effects.model_file.yaml_file import read_model
-
-        return read_model(path, catalogue or load_catalogue())
-
-
-def _with_voltage(data: AlignedDataset, members: Sequence[Group]) -> AlignedDataset:
+def _with_voltage(data: AlignedDataset, members: Sequence[DriveGroup]) -> AlignedDataset:
     nominal = np.array([group.voltage for group in members], dtype=np.float32)
     voltage = np.asarray(data.voltage, dtype=np.float32)
     return replace(data, voltage=np.where(np.isfinite(voltage), voltage, nominal))

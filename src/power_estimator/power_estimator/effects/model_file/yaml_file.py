@@ -12,7 +12,12 @@ from wattwalk_core.files import write_whole
 from power_estimator.drive_types import DriveType
 from power_estimator.effects import Catalogue, Effect, Term
 from power_estimator.effects.fit.design import Active, Structure
-from power_estimator.effects.model_file.model import NOMINAL_VOLTAGE, EffectModel, Group, Value
+from power_estimator.effects.model_file.model import (
+    NOMINAL_VOLTAGE,
+    DriveGroup,
+    EffectModel,
+    FittedValue,
+)
 
 FORMAT = 'power_model/1'
 _KEYS = {'format', 'name', 'base', 'effects', 'drives', 'fitted_on', 'history'}
@@ -39,7 +44,7 @@ def write_model(model: EffectModel, path: Path) -> None:
     write_whole(path, text)
 
 
-def _group_content(group: Group, structure: Structure) -> dict[str, Any]:
+def _group_content(group: DriveGroup, structure: Structure) -> dict[str, Any]:
     content: dict[str, Any] = {
         'patterns': list(group.type.patterns),
         'velocity_lag': _number_out(group.velocity_lag),
@@ -63,7 +68,7 @@ def _group_content(group: Group, structure: Structure) -> dict[str, Any]:
     return content
 
 
-def _value_content(value: Value) -> dict[str, Any]:
+def _value_content(value: FittedValue) -> dict[str, Any]:
     return {
         'value': _number_out(value.value),
         'interval': [_number_out(bound) for bound in value.interval],
@@ -140,7 +145,7 @@ def _shape(effect: Effect, shape: object, where: str) -> dict[str, float]:
 
 def _groups(
     drives: object, structure: Structure, catalogue: Catalogue, where: str
-) -> tuple[Group, ...]:
+) -> tuple[DriveGroup, ...]:
     if drives is None:
         return ()
     if not isinstance(drives, Mapping):
@@ -155,7 +160,7 @@ def _groups(
 
 def _group(
     name: str, content: Mapping[str, Any], structure: Structure, catalogue: Catalogue, where: str
-) -> Group:
+) -> DriveGroup:
     patterns = content.get('patterns', [f'*_{name}', name])
     if not isinstance(patterns, list) or not all(isinstance(p, str) for p in patterns):
         raise InputError(f'{where}: patterns must be a list of names, not {patterns!r}')
@@ -179,7 +184,7 @@ def _group(
     for term, value in measurement.items():
         catalogue.get_known(str(term), where)
         checked[str(term)] = _value(value, catalogue[str(term)].terms[0], f'{where}: {term}')
-    return Group(
+    return DriveGroup(
         type=DriveType(name, tuple(patterns)),
         coefficients=coefficients,
         measurement=checked,
@@ -189,7 +194,7 @@ def _group(
     )
 
 
-def _values(effect: Effect, given: object, where: str) -> tuple[Value, ...]:
+def _values(effect: Effect, given: object, where: str) -> tuple[FittedValue, ...]:
     count = len(effect.terms)
     if not isinstance(given, list) or len(given) != count:
         raise InputError(
@@ -202,7 +207,7 @@ def _values(effect: Effect, given: object, where: str) -> tuple[Value, ...]:
     )
 
 
-def _value(given: object, term: Term, where: str) -> Value:
+def _value(given: object, term: Term, where: str) -> FittedValue:
     if not isinstance(given, Mapping):
         given = {'value': given}
     unit = given.get('unit', term.unit)
@@ -220,7 +225,7 @@ def _value(given: object, term: Term, where: str) -> Value:
     low, high = (_finite(bound, f'{where} interval') for bound in interval)
     if low > high:
         raise InputError(f'{where}: interval {low:g} … {high:g} runs backwards')
-    return Value(value, (low, high))
+    return FittedValue(value, (low, high))
 
 
 def _finite(value: object, where: str) -> float:

@@ -19,7 +19,7 @@ Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class TrainingConfig:
+class TrainerConfig:
     """How a network is trained; the defaults were chosen on walking data (docs/ppn.md)."""
 
     epochs: int = 20
@@ -147,7 +147,7 @@ class Trainer:
         hidden: int,
         warm_up: int,
         block: int,
-        config: TrainingConfig,
+        config: TrainerConfig,
     ) -> None:
         self.config = config
         self._warm_up = warm_up
@@ -303,7 +303,7 @@ class Trainer:
 
 
 def plan(
-    edges: NDArray[np.intp], config: TrainingConfig, rng: np.random.Generator
+    edges: NDArray[np.intp], config: TrainerConfig, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """
     Which chunk each sequence sees at each step of an epoch.

@@ -17,12 +17,12 @@ from power_estimator.evaluation.comparison import rows_of
 from power_estimator.evaluation.scores import block_means, r2
 from power_estimator.network.checkpoint import Checkpoint, NetworkConfig
 from power_estimator.network.cost import sample_cost
-from power_estimator.network.cross_validation import CrossValidation, Job
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.network.protocol import Part, Protocol
-from power_estimator.network.run_folder import RunFolder
-from power_estimator.network.trainer import Trainer, TrainingConfig
 from power_estimator.recordings import TrainingSet
+from power_estimator.training.cross_validation import CrossValidation, Job
+from power_estimator.training.protocol import Part, Protocol
+from power_estimator.training.run_folder import NetworkRunFolder
+from power_estimator.training.trainer import Trainer, TrainerConfig
 
 Floats = NDArray[np.float32]
 RESULT = 'point.json'
@@ -32,7 +32,7 @@ _SHORTEST_CHUNK = 20
 
 
 @dataclass(frozen=True)
-class Point:
+class SweepPoint:
     """A network to be tried: its units, and the history it sees; None carries the state."""
 
     hidden: int
@@ -50,7 +50,7 @@ class Point:
         warm_up = min(CHOSEN.warm_up, self.history // 2)
         return replace(CHOSEN, hidden=self.hidden, history=self.history, warm_up=warm_up)
 
-    def training(self, base: TrainingConfig) -> TrainingConfig:
+    def training(self, base: TrainerConfig) -> TrainerConfig:
         """
         Trained as it is used: statefully, or from a state of zero in windows of the history.
 
@@ -63,7 +63,7 @@ class Point:
         return replace(base, chunk=chunk, batch=batch, reset_probability=1.0)
 
 
-def points(hidden: Sequence[int], history: Sequence[float]) -> tuple[Point, ...]:
+def points(hidden: Sequence[int], history: Sequence[float]) -> tuple[SweepPoint, ...]:
     """
     The points of a sweep: units with carried state, and histories (s) at 100 units.
 
@@ -71,7 +71,7 @@ def points(hidden: Sequence[int], history: Sequence[float]) -> tuple[Point, ...]
     """
     units = sorted({*hidden, CHOSEN.hidden})
     samples = sorted({*(round(h * CHOSEN.rate) for h in history), CHOSEN.history})
-    found = [Point(n) for n in units] + [Point(CHOSEN.hidden, n) for n in samples]
+    found = [SweepPoint(n) for n in units] + [SweepPoint(CHOSEN.hidden, n) for n in samples]
     for point in found:
         point.network()
     return tuple(found)
@@ -81,7 +81,7 @@ def points(hidden: Sequence[int], history: Sequence[float]) -> tuple[Point, ...]
 class Result:
     """What a point reached on held-out data, and what it costs."""
 
-    point: Point
+    point: SweepPoint
     r2: Mapping[str, tuple[float, float]]  # mean and spread over folds, by drive type
     us_per_sample: float  # of twelve drives
     epochs: float = field(default=0.0)  # in the mean
@@ -99,7 +99,7 @@ class Result:
         }
 
     @classmethod
-    def load(cls, file: Path, point: Point) -> 'Result':
+    def load(cls, file: Path, point: SweepPoint) -> 'Result':
         """From `content`; InputError names a damaged file."""
         try:
             found = json.loads(file.read_text(encoding='utf-8'))
@@ -120,8 +120,8 @@ class Sweep:
         self,
         given: TrainingSet,
         types: Sequence[DriveType],
-        wanted: Sequence[Point],
-        training: TrainingConfig,
+        wanted: Sequence[SweepPoint],
+        training: TrainerConfig,
         *,
         folds: int = 1,
         segments: int = 6,
@@ -137,12 +137,12 @@ class Sweep:
     def run(
         self,
         path: Path,
-        progress: Callable[[Point, Job, Trainer], None],
+        progress: Callable[[SweepPoint, Job, Trainer], None],
         workers: int = 1,
     ) -> Iterator[Result]:
         """Results as they are reached; Ctrl-C keeps what the present point has learned."""
         for point in self._wanted:
-            folder = RunFolder(path / 'points' / point.name)
+            folder = NetworkRunFolder(path / 'points' / point.name)
             file = folder.path / RESULT
             if file.exists():
                 yield Result.load(file, point)
@@ -150,7 +150,7 @@ class Sweep:
             (folder.resume if folder.path.exists() else folder.start)({}, [])
             validation = self.validation(point)
 
-            def show(job: Job, trainer: Trainer, point: Point = point) -> None:
+            def show(job: Job, trainer: Trainer, point: SweepPoint = point) -> None:
                 progress(point, job, trainer)
 
             trainers = validation.run(folder, show, workers)
@@ -159,7 +159,7 @@ class Sweep:
             write_whole(file, json.dumps(result.content(), indent=1) + '\n')
             yield result
 
-    def validation(self, point: Point) -> CrossValidation:
+    def validation(self, point: SweepPoint) -> CrossValidation:
         """What trains the point."""
         return CrossValidation(
             self._given.data,
@@ -172,7 +172,7 @@ class Sweep:
         )
 
     def _judge(
-        self, point: Point, validation: CrossValidation, trainers: Mapping[Job, Trainer]
+        self, point: SweepPoint, validation: CrossValidation, trainers: Mapping[Job, Trainer]
     ) -> Result:
         scores: dict[str, list[float]] = {}
         for fold in range(self._protocol.folds):
@@ -189,7 +189,7 @@ class Sweep:
         )
 
     def _score(
-        self, point: Point, validation: CrossValidation, checkpoint: Checkpoint, job: Job
+        self, point: SweepPoint, validation: CrossValidation, checkpoint: Checkpoint, job: Job
     ) -> float:
         ppn = PowerPredictionNetwork(checkpoint)
         data = validation.data

@@ -21,7 +21,7 @@ TABLE = 'table.json'
 CURVES = 'curves.json'
 
 
-class RunFolder:
+class NetworkRunFolder:
     """
     config.yaml, recordings.yaml (cards and hashes), curves.json, table.json, model.safetensors.
 

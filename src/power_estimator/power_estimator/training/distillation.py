@@ -10,19 +10,19 @@ from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
 from power_estimator.evaluation.comparison import (
-    Comparison,
     Evaluation,
+    PowerComparison,
     compare,
     evaluate,
     merge,
     rows_of,
 )
 from power_estimator.network.checkpoint import Checkpoint
-from power_estimator.network.cross_validation import CrossValidation, Job
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.network.protocol import Part, Protocol
-from power_estimator.network.trainer import Trainer, TrainingConfig
 from power_estimator.recordings import TrainingSet, describe, held_out
+from power_estimator.training.cross_validation import CrossValidation, Job
+from power_estimator.training.protocol import Part, Protocol
+from power_estimator.training.trainer import Trainer, TrainerConfig
 
 TEACHER, STUDENT = 'teacher', 'student'
 
@@ -50,7 +50,7 @@ class Distillation:
         given: TrainingSet,
         *,
         hidden: int,
-        training: TrainingConfig,
+        training: TrainerConfig,
     ) -> None:
         """InputError if the recordings are too short or the teacher does not know the drives."""
         config = teacher.checkpoint.config
@@ -92,7 +92,7 @@ class Distillation:
 
     def _compare(
         self, models: Sequence[PowerPredictionNetwork], data: AlignedDataset, job: Job
-    ) -> Comparison:
+    ) -> PowerComparison:
         names = [name for name in data.names if job.type.matches(name)]
         return compare(models, rows_of(data.drives(names), self._unseen(job), Part.TEST))
 

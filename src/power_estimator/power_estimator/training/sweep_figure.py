@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from wattwalk_core.figures import OTHERS, save_figure, style
 
-from power_estimator.network.sweep import CHOSEN, Result
+from power_estimator.training.sweep import CHOSEN, Result
 
 
 def draw_sweep(path: Path, results: Sequence[Result], *, dark: bool = False) -> None:

@@ -15,10 +15,10 @@ from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign
-from power_estimator.evaluation.baseline_model import PlainModel
+from power_estimator.evaluation.baseline_model import BaselineModel
 from power_estimator.evaluation.comparison import (
-    Comparison,
     Evaluation,
+    PowerComparison,
     compare,
     evaluate,
     merge,
@@ -37,12 +37,12 @@ from power_estimator.network.checkpoint import (
 )
 from power_estimator.network.features import features
 from power_estimator.network.intervals import Intervals
-from power_estimator.network.out_of_distribution import Likeness
+from power_estimator.network.out_of_distribution import OutOfDistributionScore
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.network.protocol import Part, Protocol, runs
-from power_estimator.network.run_folder import RunFolder
-from power_estimator.network.trainer import Tracks, Trainer, TrainingConfig
 from power_estimator.proxies import PROXIES, Proxy
+from power_estimator.training.protocol import Part, Protocol, runs
+from power_estimator.training.run_folder import NetworkRunFolder
+from power_estimator.training.trainer import Tracks, Trainer, TrainerConfig
 
 Floats = NDArray[np.float32]
 
@@ -75,7 +75,7 @@ class CrossValidation:
         types: Sequence[DriveType],
         *,
         network: NetworkConfig | None = None,
-        training: TrainingConfig | None = None,
+        training: TrainerConfig | None = None,
         protocol: Protocol | None = None,
         others: Sequence[Floats] = (),
         recordings: Sequence[TrainingRecording] = (),
@@ -92,7 +92,7 @@ class CrossValidation:
         self.data = data
         self._targets = data.power if targets is None else targets
         self.config = network
-        self._training = training or TrainingConfig()
+        self._training = training or TrainerConfig()
         self._protocol = protocol
         self._views = np.stack([features(data), *others])
         self.recordings = recordings
@@ -137,7 +137,7 @@ class CrossValidation:
 
     def run(
         self,
-        folder: RunFolder,
+        folder: NetworkRunFolder,
         progress: Callable[[Job, Trainer], None] = lambda job, trainer: None,
         workers: int = 2,
     ) -> dict[Job, Trainer]:
@@ -240,13 +240,13 @@ class CrossValidation:
 
     def _compare(
         self, ppn: PowerModel, labels: NDArray[np.int8], columns: Sequence[int]
-    ) -> tuple[Comparison, list[PowerModel]]:
+    ) -> tuple[PowerComparison, list[PowerModel]]:
         drives = self.data.drives([self.data.names[c] for c in columns])
         training = rows_of(drives, labels, Part.TRAIN)
         models: list[PowerModel] = [ppn]
         models += [Proxy(name).fit(training, self.types) for name in PROXIES]
         with suppress(InputError):
-            models.append(PlainModel().fit(training, self.types))
+            models.append(BaselineModel().fit(training, self.types))
         return compare(models, rows_of(drives, labels, Part.TEST)), models
 
     def _intervals(self, network: Network, labels: NDArray[np.int8]) -> Intervals | None:
@@ -255,13 +255,17 @@ class CrossValidation:
         found = compare([ppn], rows_of(self.data.drives(names), labels, Part.VALIDATION))
         return Intervals.fit(found.measured, found.estimated[ppn.name])
 
-    def _likeness(self, job: Job, labels: NDArray[np.int8]) -> Likeness | None:
+    def _likeness(self, job: Job, labels: NDArray[np.int8]) -> OutOfDistributionScore | None:
         block = self.config.block
         found = []
         for x, _ in self._stretches(job, labels, Part.TRAIN, block):
             count = x.shape[1] // block
             found.append(x[:, : count * block].reshape(-1, block, x.shape[2]))
-        return Likeness.fit(np.concatenate(found), self._training.mirror) if found else None
+        return (
+            OutOfDistributionScore.fit(np.concatenate(found), self._training.mirror)
+            if found
+            else None
+        )
 
     def _where(self, kind: str) -> str:
         rows = self._segments[kind] >= 0

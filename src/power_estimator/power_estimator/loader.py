@@ -1,0 +1,45 @@
+"""Power models found by name or file."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from wattwalk_core.errors import InputError
+
+from power_estimator.effects.catalogue import Catalogue, builtin_catalogue
+from power_estimator.effects.model_file.yaml_file import read_model
+from power_estimator.model import PowerModel
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.proxies import PROXIES, Proxy
+
+
+def load_model(spec: str, catalogue: Catalogue | None = None) -> PowerModel:
+    """
+    Find a power model: `ppn:FILE_OR_RUN`, a proxy (`torque_squared`) or a `*.yaml` of effects.
+
+    catalogue: the effects that a file may name, by default those that are shipped. InputError
+    names what is missing or wrong.
+    """
+    kind, colon, rest = spec.partition(':')
+    if colon and kind == 'ppn':
+        if not rest:
+            raise InputError(f'model {spec!r}: give a run folder or a file, ppn:runs/first')
+        return PowerPredictionNetwork.load(Path(rest))
+    if spec in PROXIES:
+        return Proxy(spec)
+    if spec.endswith(('.yaml', '.yml')):
+        path = Path(spec)
+        if not path.is_file():
+            raise InputError(f'model {spec!r}: there is no such file')
+        model = read_model(path, catalogue or builtin_catalogue())
+        return replace(model, base_model=load_base(model.base)) if model.base else model
+    raise InputError(
+        f'model {spec!r} is not known; give ppn:RUN, a file that ends in .yaml, or one of '
+        f'{", ".join(PROXIES)}'
+    )
+
+
+def load_base(spec: str) -> PowerModel:
+    """Find the base model of a model of effects: a network or a proxy, not another model file."""
+    if spec.endswith(('.yaml', '.yml')):
+        raise InputError(f'base {spec!r}: a base model is ppn:RUN or a proxy, not a model file')
+    return load_model(spec)

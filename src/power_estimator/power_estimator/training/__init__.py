@@ -1,0 +1,1 @@
+"""Training and cross-validation of networks, sweeps of their size, and distillation."""
