@@ -41,6 +41,8 @@ def refused(path, *words, columns=''):
         {'delimiter': ' ', 'head': '# time voltage current'},
         {'head': 'Analyser X\nrange,60 V\n\n"Time (s)","Urms (V)","Irms (A)"'},
         {'head': 'Time/s,U/V,I/A'},
+        {'head': 'time_s,voltage_V,current_A'},
+        {'head': 'timestamp_s,u_v,i_a'},
     ],
 )
 def test_every_dialect_gives_the_same_numbers(tmp_path, how):
@@ -72,15 +74,22 @@ def test_times_are_seconds_dates_times_of_day_and_epochs(tmp_path, stamp, start)
     np.testing.assert_allclose(log.time, TIME, atol=1e-6)
 
 
-def test_units_in_the_heads_and_scales_in_the_mapping_are_applied(tmp_path):
-    path = write(tmp_path / 'a.csv', head='Time [ms],U [mV],I [kA]')
+@pytest.mark.parametrize('head', ['Time [ms],U [mV],I [kA]', 'time_ms,U_mV,current_kA'])
+def test_units_in_the_heads_and_scales_in_the_mapping_are_applied(tmp_path, head):
+    path = write(tmp_path / 'a.csv', head=head)
     log = Log.read(path)
     np.testing.assert_allclose(log.time, TIME / 1e3, atol=1e-9)
     np.testing.assert_allclose(log.voltage, VOLTS / 1e3, atol=1e-5)
     np.testing.assert_allclose(log.current, AMPS * 1e3, atol=1e-2)
-    log = Log.read(path, 'time=1*1, voltage=U [mV]*1, current=3*-2')
+    log = Log.read(path, f'time=1*1, voltage={head.split(",")[1]}*1, current=3*-2')
     np.testing.assert_allclose(log.current, -2 * AMPS, atol=1e-4)
     assert log.duration == pytest.approx(TIME[-1])
+
+
+def test_a_word_behind_an_underscore_that_is_no_unit_belongs_to_the_name(tmp_path):
+    log = Log.read(write(tmp_path / 'a.csv', head='time_s,U_rms,I_rms'))
+    np.testing.assert_allclose(log.voltage, VOLTS, atol=1e-5)
+    refused(write(tmp_path / 'b.csv', head='time_s,voltage_left,current_left'), '--columns')
 
 
 def test_columns_without_heads_are_named_by_numbers(tmp_path):

@@ -32,6 +32,7 @@ _SCALES: Mapping[str, Mapping[str, float]] = {
     'current': {'a': 1.0, 'ma': 1e-3, 'ka': 1e3},
     'power': {'w': 1.0, 'mw': 1e-3, 'kw': 1e3},
 }
+_UNITS = {unit for scales in _SCALES.values() for unit in scales}
 _EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 
 
@@ -144,16 +145,20 @@ def _columns(path: Path, dialect: Dialect, given: str) -> tuple[dict[str, int], 
 
 
 def _head(text: str) -> tuple[str, str]:
-    """Name and unit of a column's head, both in small letters: `U1 [mV]` is u, mv."""
-    unit = re.search(r'[\[(/]\s*([^\])]*)[\])]?\s*$', text)
-    name = text[: unit.start()] if unit else text
-    letters = re.sub(r'[^a-zäöüµ]', '', name.lower())
-    return letters, unit[1].strip().lower() if unit else ''
+    """Return name and unit of a column's head in small letters: `U [mV]` and `u_mV` are u, mv."""
+    text = text.strip().lower().replace('μ', 'µ')
+    bracket = re.search(r'[\[(/]\s*([^\])]*)[\])]?$', text)
+    name, _, unit = text.rpartition('_')
+    if bracket:
+        name, unit = text[: bracket.start()], bracket[1].strip()
+    elif unit not in _UNITS:
+        name, unit = text, ''
+    return re.sub(r'[^a-zäöüµ]', '', name), unit
 
 
 def _unit(heads: Sequence[tuple[str, str]], place: int, key: str) -> float:
     unit = heads[place][1] if place < len(heads) else ''
-    return _SCALES[key].get(unit.replace('μ', 'µ'), 1.0)
+    return _SCALES[key].get(unit, 1.0)
 
 
 def _factor(part: str, factor: str) -> float:
