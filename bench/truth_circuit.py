@@ -242,23 +242,18 @@ def _measure(
         picked = values[:: int(RATE / 400)][: len(times)]
         return (picked + rng.normal(0, noise, picked.shape)).astype(np.float32)
 
-    count = len(times)
-    return AlignedDataset(
-        rate=400.0,
-        names=NAMES,
-        time=times + 100.0,
-        segment=np.zeros(count, dtype=np.int32),
+    return AlignedDataset.blank(
+        400.0,
+        NAMES,
+        times + 100.0,
+        f'{truth.motion}_{truth.seed}',
         position=sample(q, 2e-4),
         velocity=sample(velocity, 0.01),
         torque=sample(bent + faults.torque_bias, 0.12),
         command=sample(q, 0.0),
-        power=taken.astype(np.float32),
+        power=taken,
         voltage=sample(voltage, 0.005),
-        current=(taken / 48.0).astype(np.float32),
-        temperature=np.full((count, 3), np.nan, dtype=np.float32),
-        supply=np.full(count, np.nan, dtype=np.float32),
-        recordings=(f'{truth.motion}_{truth.seed}',),
-        recording=np.zeros(count, dtype=np.int32),
+        current=taken / 48.0,
     )
 
 

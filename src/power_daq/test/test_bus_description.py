@@ -265,7 +265,7 @@ def break_empty(m):
         (break_shared, ["'hip_mA'", "current of 'hip'", "current of 'toe'"]),
         (break_same_frame, ['frames[3]', "'DRIVES_B' is there twice"]),
         (break_mux, ['frames[0]', 'multiplexed']),
-        (break_unit, ['temperature', 'expected a list', '[]']),
+        (break_unit, ['temperature', 'drives', 'expected at least 1 values']),
         (break_rate, ['rate', '-3', '0.1 to 10000 Hz']),
         (break_clock, ["'hip_mA'", 'unsigned integer']),
         (break_empty, ['maps nothing']),
@@ -289,7 +289,8 @@ def test_a_wrong_mapping_is_refused_with_file_entry_and_what_is_there(tmp_path, 
         ('- 1\n', 'expected keys'),
         ('', 'expected keys'),
         ('electrical: 3\n', 'expected keys'),
-        ('device: [x]\nelectrical: {rate: 1, frames: [1]}\n', 'expected keys'),
+        ('device: [x]\nelectrical: {rate: 1}\n', r"expected text, there is \['x'\]"),
+        ('electrical: {rate: 1, frames: [1]}\n', 'expected keys'),
     ],
 )
 def test_a_mapping_that_is_no_mapping_is_refused(tmp_path, text, words):

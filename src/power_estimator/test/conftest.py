@@ -1,6 +1,7 @@
 """A drive made of formulas, for tests that need aligned signals without a recording."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,26 +53,24 @@ def make_drives(
     power = low_passed(np.maximum(electrical, 0), 5.0) + 0.3 * rng.standard_normal(torque.shape)
     position = np.cumsum(velocity, axis=0) / RATE
 
-    def f(x: np.ndarray) -> np.ndarray:
-        return x.astype(np.float32)
-
-    voltage = np.full(torque.shape, 48.0)
-    return AlignedDataset(
-        rate=RATE,
-        names=names,
-        time=start + np.arange(samples) / RATE,
+    data = AlignedDataset.blank(
+        RATE,
+        names,
+        start + np.arange(samples) / RATE,
+        recording,
+        position=position,
+        velocity=velocity,
+        torque=torque,
+        command=position + error,
+        power=power,
+        voltage=48.0,
+        current=power / 48.0,
+        temperature=40.0,
+    )
+    return replace(
+        data,
         segment=(np.arange(samples) * segments // samples).astype(np.int32),
-        position=f(position),
-        velocity=f(velocity),
-        torque=f(torque),
-        command=f(position + error),
-        power=f(power),
-        voltage=f(voltage),
-        current=f(power / voltage),
-        temperature=f(np.full(torque.shape, 40.0)),
-        supply=f(power.sum(axis=1) + 100),
-        recordings=(recording,),
-        recording=np.zeros(samples, np.int32),
+        supply=(power.sum(axis=1) + 100).astype(np.float32),
     )
 
 

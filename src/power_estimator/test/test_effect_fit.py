@@ -43,33 +43,22 @@ def moving(seconds=60.0, *, seed=1, delay=0.0, noise=0.3, effects=None):
     position = (0.25 / lines * np.sin(waves + phases[0])).sum(axis=1)
     velocity = (0.5 * np.pi * np.cos(waves + phases[0])).sum(axis=1)
     torque = 6.0 + (3.0 * np.sin(0.8 * waves + phases[1])).sum(axis=1)
-    nothing = np.full(torque.shape, np.nan, np.float32)
-
-    def short(values):
-        return np.asarray(values, np.float32)
-
-    data = AlignedDataset(
-        rate=RATE,
-        names=('LF_HFE', 'LF_KFE'),
-        time=time,
-        segment=np.zeros(len(time), np.int32),
-        position=short(position),
-        velocity=short(velocity),
-        torque=short(torque),
-        command=short(position),
-        power=nothing,
-        voltage=np.full(torque.shape, 48.0, np.float32),
-        current=nothing,
-        temperature=nothing,
-        supply=nothing[:, 0],
-        recordings=('made',),
-        recording=np.zeros(len(time), np.int32),
+    data = AlignedDataset.blank(
+        RATE,
+        ('LF_HFE', 'LF_KFE'),
+        time,
+        'made',
+        position=position,
+        velocity=velocity,
+        torque=torque,
+        command=position,
+        voltage=48.0,
     )
     model = structure(*effects)
     row = [value for active in model.free for value in effects[active.name]]
     power = evaluate(model, np.array([row, row], dtype=float), signals_of(data))
     late = np.stack([np.interp(time - delay, time, column) for column in power.T], axis=1)
-    return replace(data, power=short(late + random.normal(0, noise, late.shape)))
+    return replace(data, power=np.float32(late + random.normal(0, noise, late.shape)))
 
 
 def test_coefficients_and_delay_are_found_again():

@@ -16,28 +16,9 @@ CATALOGUE = builtin_catalogue()
 
 
 def data(names=('LF_KFE', 'RH_KFE', 'LF_HAA'), *, torque=10.0, velocity=2.0, voltage=np.nan):
-    shape = (200, len(names))
-
-    def full(value):
-        return np.full(shape, value, np.float32)
-
-    return AlignedDataset(
-        rate=200.0,
-        names=tuple(names),
-        time=np.arange(200) / 200.0,
-        segment=np.zeros(200, np.int32),
-        position=full(0.3),
-        velocity=full(velocity),
-        torque=full(torque),
-        command=full(0.3),
-        power=full(np.nan),
-        voltage=full(voltage),
-        current=full(np.nan),
-        temperature=full(np.nan),
-        supply=np.full(200, np.nan, np.float32),
-        recordings=('made',),
-        recording=np.zeros(200, np.int32),
-    )
+    signals = {'torque': torque, 'velocity': velocity, 'voltage': voltage}
+    time = np.arange(200) / 200.0
+    return AlignedDataset.blank(200.0, names, time, 'made', position=0.3, command=0.3, **signals)
 
 
 def model(**changes):

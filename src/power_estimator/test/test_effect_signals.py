@@ -18,31 +18,22 @@ def dataset(seconds=30.0, *, lag=0.004, seed=0, gap=None):
     torque = 10 + 5 * np.sin(2 * np.pi * 0.9 * time[:, None])
     torque = np.repeat(torque, 2, axis=1)
     power = torque * velocity + 8 + random.normal(0, 0.5, torque.shape)
-    nothing = np.full(torque.shape, np.nan, np.float32)
-    segment = np.zeros(len(time), np.int32)
-    if gap is not None:
-        segment[round(gap * RATE) :] = 1
-
-    def short(values):
-        return np.asarray(values, np.float32)
-
-    return AlignedDataset(
-        rate=RATE,
-        names=('a_hip', 'b_hip'),
-        time=time + 50.0,
-        segment=segment,
-        position=short(position),
-        velocity=short(velocity),
-        torque=short(torque),
-        command=short(position),
-        power=short(power),
-        voltage=np.full(torque.shape, 48.0, np.float32),
-        current=short(power / 48.0),
-        temperature=nothing,
-        supply=nothing[:, 0],
-        recordings=('made',),
-        recording=np.zeros(len(time), np.int32),
+    data = AlignedDataset.blank(
+        RATE,
+        ('a_hip', 'b_hip'),
+        time + 50.0,
+        'made',
+        position=position,
+        velocity=velocity,
+        torque=torque,
+        command=position,
+        power=power,
+        voltage=48.0,
+        current=power / 48.0,
     )
+    if gap is not None:
+        data.segment[round(gap * RATE) :] = 1
+    return data
 
 
 def test_products_pass_unchanged_below_the_cutoff_and_vanish_above():

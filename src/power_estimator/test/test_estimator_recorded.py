@@ -36,24 +36,7 @@ def write_estimates(path, stamps, power, status):
 
 
 def dataset(time, names=NAMES):
-    empty = np.full((len(time), len(names)), np.nan, np.float32)
-    return AlignedDataset(
-        rate=200.0,
-        names=names,
-        time=np.asarray(time, float),
-        segment=np.zeros(len(time), np.int32),
-        position=empty,
-        velocity=empty,
-        torque=empty,
-        command=empty,
-        power=empty,
-        voltage=empty,
-        current=empty,
-        temperature=empty,
-        supply=empty[:, 0],
-        recordings=('bag',),
-        recording=np.zeros(len(time), np.int32),
-    )
+    return AlignedDataset.blank(200.0, names, time, 'bag')
 
 
 def test_an_estimate_lies_in_the_middle_of_the_time_it_stands_for(tmp_path):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from power_recordings.alignment.dataset import AlignedDataset
@@ -7,25 +9,37 @@ def dataset() -> AlignedDataset:
     grid = np.arange(12, dtype=np.float32).reshape(6, 2)
     power = grid.copy()
     power[:, 1] = np.nan
-    return AlignedDataset(
-        rate=200.0,
-        names=('LF_HAA', 'LF_KFE'),
-        time=np.arange(6) / 200,
-        segment=np.array([0, 0, 0, 1, 1, 2], np.int32),
+    data = AlignedDataset.blank(
+        200.0,
+        ('LF_HAA', 'LF_KFE'),
+        np.arange(6) / 200,
+        'a',
         position=grid,
-        velocity=grid,
         torque=grid,
         command=grid + 1,
         power=power,
-        voltage=grid,
-        current=grid,
-        temperature=grid,
+    )
+    return replace(
+        data,
+        segment=np.array([0, 0, 0, 1, 1, 2], np.int32),
         supply=grid[:, 0],
-        recordings=('a',),
-        recording=np.zeros(6, np.int32),
         extras={'foot_force': np.ones((6, 4), np.float32)},
         notes=('a: whole',),
     )
+
+
+def test_a_blank_dataset_has_nan_for_all_signals_that_are_not_given() -> None:
+    data = AlignedDataset.blank(400.0, ('a', 'b'), [0.0, 1.0], 'bag', torque=3.0)
+    assert data.torque.tolist() == [[3, 3], [3, 3]]
+    assert data.torque.dtype == data.power.dtype == np.float32
+    unknown = (data.position, data.velocity, data.command, data.power, data.voltage, data.current)
+    assert all(np.isnan(x).all() and x.shape == (2, 2) for x in unknown)
+    assert np.isnan(data.temperature).all()
+    assert np.isnan(data.supply).all()
+    assert list(data.segments()) == [slice(0, 2)]
+    assert data.recordings == ('bag',)
+    with pytest.raises(TypeError, match='speed'):
+        AlignedDataset.blank(400.0, ('a',), [0.0], 'bag', speed=3.0)
 
 
 def test_segments_are_slices_between_the_borders() -> None:

@@ -205,8 +205,8 @@ def test_a_disk_without_any_room_left_keeps_whole_chunks_and_counts_the_rest(
 LIMITED = """
 import sys
 from pathlib import Path
-from power_daq.recording import cdr
-from power_daq.recording.writer import BagWriter
+from power_recordings.messages import cdr
+from power_recordings.writing.writer import BagWriter
 import numpy as np
 bag = BagWriter(Path(sys.argv[1]))
 topic = bag.add_topic('joint_states', cdr.JOINT_STATE)

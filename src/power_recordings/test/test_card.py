@@ -39,6 +39,12 @@ def test_keys_that_are_not_known_are_kept(tmp_path: Path) -> None:
     assert Card.load(tmp_path) == card
 
 
+def test_a_card_with_one_value_at_two_places_can_be_read_again(tmp_path: Path) -> None:
+    legs = ['LF', 'RF']
+    Card(other={'front': legs, 'driven': legs}).save(tmp_path)
+    assert Card.load(tmp_path).other == {'front': legs, 'driven': legs}
+
+
 def test_an_empty_card_is_a_card(tmp_path: Path) -> None:
     (tmp_path / 'card.yaml').write_text('# nothing yet\nunit:\n')
     assert Card.load(tmp_path) == Card()
@@ -47,15 +53,15 @@ def test_an_empty_card_is_a_card(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('text', 'error'),
     [
-        ('[1, 2]', r'expected keys and values'),
-        ('robot: [a', r'is not YAML'),
-        ('robot: {a: 1}', r"robot is \{'a': 1\}; expected text"),
-        ('drives: LF_HAA', r"drives is 'LF_HAA'; expected a list"),
-        ('drives: [LF_HAA, LF_HAA]', r'names one drive twice'),
-        ('drives: [1]', r'expected a list of names'),
-        ('seed: soon', r"seed is 'soon'; expected a whole number"),
-        ('seed: true', r'seed is True'),
-        ('robot: !!python/object/apply:os.getcwd []', r'is not YAML'),
+        ('[1, 2]', r'expected keys with values, there is \[1, 2\]'),
+        ('robot: [a', r'is no valid YAML'),
+        ('robot: {a: 1}', r"robot: expected text, there is \{'a': 1\}"),
+        ('drives: LF_HAA', r"drives: expected a list, there is 'LF_HAA'"),
+        ('drives: [LF_HAA, LF_HAA]', r"drives: 'LF_HAA' is empty or there twice"),
+        ('drives: [1]', r'drives\[0\]: expected text, there is 1'),
+        ('seed: soon', r"seed: expected a whole number, there is 'soon'"),
+        ('seed: true', r'seed: expected a whole number, there is True'),
+        ('robot: !!python/object/apply:os.getcwd []', r'tags .* are not allowed'),
     ],
 )
 def test_a_card_that_makes_no_sense_is_refused(tmp_path: Path, text: str, error: str) -> None:

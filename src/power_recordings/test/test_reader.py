@@ -423,8 +423,8 @@ KILLED = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from power_daq.recording import cdr
-from power_daq.recording.writer import BagWriter
+from power_recordings.messages import cdr
+from power_recordings.writing.writer import BagWriter
 
 bag = BagWriter(Path(sys.argv[1]))
 topic = bag.add_topic('drive_supply', cdr.DRIVE_SUPPLY)

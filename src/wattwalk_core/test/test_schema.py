@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 
 import pytest
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Quantity, check, parse, read, schema
+from wattwalk_core.schema import Length, Name, Quantity, check, parse, read, schema
 
 
 @schema
@@ -20,6 +20,7 @@ class Drive:
     poles: Annotated[int, Quantity(2, 64)] = 8
     names: tuple[str, ...] = ()
     braked: bool = False
+    crew: Annotated[tuple[Name, ...], Length(1)] = ('A',)
     limits: dict[str, Annotated[float, Quantity(0.0, 100.0, 'N·m')]] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -55,6 +56,8 @@ def test_content_becomes_a_frozen_dataclass_with_its_defaults():
         ),
         ({'kind': 'HAA', 'names': 'a'}, "names: expected a list, there is 'a'"),
         ({'kind': 'HAA', 'names': ['a', 1]}, 'names[1]: expected text, there is 1'),
+        ({'kind': 'HAA', 'crew': []}, 'crew: expected at least 1 values, there are 0'),
+        ({'kind': 'HAA', 'crew': ['']}, "crew[0]: expected a name, there is ''"),
         ({'kind': 'HAA', 'braked': 1}, 'braked: expected true or false, there is 1'),
         ({'kind': 'HAA', 'limits': {'a': -1}}, 'limits.a: expected 0 to 100 N·m, there is -1'),
         ({'kind': 'HAA', 'limits': {'a': float('nan')}}, 'limits.a: expected 0 to 100 N·m'),

@@ -21,10 +21,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, dataclass_transform
 
 from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.quoting import printable, quoted
 from wattwalk_core.yaml_file import read_yaml
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ T = TypeVar('T')
 
 _EXPECTED = {
     'string_type': 'text',
+    'string_too_short': 'a name',
     'bool_type': 'true or false',
     'int_type': 'a whole number',
     'float_type': 'a number',
@@ -95,6 +96,22 @@ class Quantity:
         return core_schema.no_info_plain_validator_function(check)
 
 
+@dataclass(frozen=True)
+class Length:
+    """The least number of characters of a text or items of a list, as an annotation."""
+
+    least: int
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: 'GetCoreSchemaHandler'
+    ) -> 'CoreSchema':
+        return {**handler(source), 'min_length': self.least}  # type: ignore[return-value]
+
+
+Name = Annotated[str, Length(1)]
+"""Text that is not empty."""
+
+
 def parse(kind: type[T], content: object, where: str) -> T:
     """
     Build a schema class from the content of a file or message.
@@ -150,7 +167,8 @@ def _describe(kind: Any, error: 'ErrorDetails') -> str:
     if name in ('missing', 'unexpected_keyword_argument', 'extra_forbidden'):
         place, key = _place(path[:-1]), path[-1]
         if name == 'missing':
-            return f'{place}{quoted(key)} is missing'
+            there = printable(', '.join(error['input'] or ('nothing',)))
+            return f'{place}{quoted(key)} is missing; there is {there}'
         found = _class_at(kind, path[:-1])
         new = getattr(found, 'RENAMED', {}).get(key)
         if new:

@@ -115,3 +115,22 @@ def parse_yaml(text: str, where: str) -> Any:
 def read_yaml(path: Path, what: str, limit: int = SIZE) -> Any:
     """Read a file of plain YAML; InputError, which calls it `what`, as of both steps."""
     return parse_yaml(read_text(path, what, limit), f'{what} {path}')
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """Writes what `parse_yaml` reads: a value that occurs twice is written twice."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def dump_yaml(content: Any, *, short_lists: bool = False) -> str:
+    """Return content as plain YAML in the order of its keys; short_lists: on one line each."""
+    style = None if short_lists else False
+    return yaml.dump(  # type: ignore[no-any-return]
+        content,
+        Dumper=_PlainDumper,
+        sort_keys=False,
+        allow_unicode=True,
+        default_flow_style=style,
+    )

@@ -81,21 +81,19 @@ def check(
 def _counts(
     recording: Recording, supply: DriveSamples, joints: JointSamples
 ) -> tuple[list[Row], dict[str, float]]:
-    steps = np.diff(supply.sequence.astype(np.int64))
-    lost = int((steps - 1).clip(min=0).sum())
     apart = np.diff(joints.stamp_ns)
     usual = float(np.median(apart)) if len(apart) else math.inf
     missing = int(np.rint(apart / usual - 1.0).clip(min=0).sum()) if len(apart) else 0
     commands = len(recording.joint_commands()) if recording.has('joint_commands') else 0
     rows = [
-        _loss('drive_supply', len(supply), lost),
+        _loss('drive_supply', len(supply), supply.lost),
         _loss('joint_states', len(joints), missing),
         Row('joint_commands', 'recorded', f'{commands}', '' if commands else 'none recorded'),
     ]
     rows += [Row('bag', 'whole', 'as far as it goes', text) for text in recording.problems]
     return rows, {
         'supply_samples': len(supply),
-        'supply_lost': lost,
+        'supply_lost': supply.lost,
         'joint_samples': len(joints),
         'joint_lost': missing,
     }

@@ -84,23 +84,15 @@ class WindowedNetwork:
 
     def _dataset(self) -> AlignedDataset:
         error, torque, velocity = self._past
-        history = len(error)
-        position = np.zeros_like(error)
-        missing = np.full_like(error, np.nan)
-        return AlignedDataset(
-            rate=RATE,
-            names=JOINT_NAMES * self._robots,
-            time=np.arange(history) / RATE,
-            segment=np.zeros(history, np.int32),
-            position=position,
+        return AlignedDataset.blank(
+            RATE,
+            JOINT_NAMES * self._robots,
+            np.arange(len(error)) / RATE,
+            'training',
+            position=0.0,
             velocity=velocity,
             torque=torque,
             command=error,
-            power=missing,
-            voltage=np.full_like(error, _VOLTAGE),
-            current=missing,
-            temperature=np.full_like(error, _TEMPERATURE),
-            supply=missing[:, 0],
-            recordings=('training',),
-            recording=np.zeros(history, np.int32),
+            voltage=_VOLTAGE,
+            temperature=_TEMPERATURE,
         )

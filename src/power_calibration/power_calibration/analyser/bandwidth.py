@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from power_recordings.alignment.filters import low_pass
 from scipy.ndimage import correlate1d
-from scipy.signal import csd, firwin, welch
+from scipy.signal import csd, welch
 
 from power_calibration.analyser.curve import Curve
 from power_calibration.analyser.fit import Clock, Value
@@ -148,7 +149,7 @@ def _folded(reference: Curve, frequency: Floats, rate: float) -> Floats:
 
 def _below(curve: Curve, limit: float) -> Curve:
     """The curve flat up to 0.9 of a frequency, and nothing of it left from 1.1 on."""
-    taps = firwin(int(3.64 / (0.2 * limit * curve.period)) | 1, limit, fs=1.0 / curve.period)
+    taps = low_pass(1.0 / curve.period, 0.9 * limit, 1.1 * limit)
     half = len(taps) // 2
     return Curve(
         tuple(

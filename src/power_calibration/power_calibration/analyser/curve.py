@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from power_recordings.alignment.filters import windowed_sinc
 from power_recordings.alignment.stream import cubic
 from scipy.ndimage import correlate1d
 from scipy.signal import resample_poly
@@ -129,9 +130,7 @@ def _taps(period: float, rate: float) -> Floats:
     half_width = _WIDTH / rate
     count = int(half_width / period)
     time = period * np.arange(-count, count + 1)
-    window = np.i0(_BETA * np.sqrt(1.0 - (time / half_width) ** 2))
-    taps: Floats = window * np.sinc(0.75 * rate * time)
-    return taps / taps.sum()
+    return windowed_sinc(time, 0.375 * rate, half_width, _BETA)
 
 
 def _raised(time: Floats, values: Floats, factor: int) -> tuple[Floats, Floats]:

@@ -64,8 +64,7 @@ class Measured:
         column = supply.names.index(name)
         volts, amps = supply.voltage[:, column], supply.current[:, column]
         values = np.column_stack([volts, amps]).astype(np.float64)
-        flagged = supply.status[:, column] != 0
-        bad = flagged | ~np.isfinite(values).all(axis=1)
+        flagged, bad = supply.status[:, column] != 0, ~supply.good[:, column]
         if bad.mean() > _MOST_BAD:
             what = 'were out of range' if flagged.mean() > _MOST_BAD else 'are NaN'
             raise InputError(
@@ -84,11 +83,8 @@ class Measured:
         )
         start = int(supply.stamp_ns[0])
         time = (supply.stamp_ns - start) / 1e9
-        apart = np.zeros(len(time), np.bool_)
-        apart[1:] = np.diff(supply.sequence.astype(np.int64)) != 1
-        stream = Stream.of(time, np.zeros((len(time), 0), np.float32), bad, apart)
-        lost = int((np.diff(supply.sequence.astype(np.int64)) - 1).clip(min=0).sum())
-        if lost:
-            notes.append(f'{lost} of our samples were lost')
+        stream = Stream.of(time, np.zeros((len(time), 0), np.float32), bad, supply.after_gap)
+        if supply.lost:
+            notes.append(f'{supply.lost} of our samples were lost')
         curve = Curve.of(time, values, stream.starts, stream.stops, stream.period)
         return cls(recording.path, name, start, curve, recording.card.calibration, tuple(notes))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft
+from power_recordings.alignment.correlation import masked_correlation
 from scipy.signal import find_peaks
 
 from power_calibration.analyser.curve import Curve
@@ -43,8 +43,7 @@ def search(
 
     Both must be low-passed to RATE. The list is empty where they overlap nowhere for 3 s. Scores
     are Fisher's z of the correlation times the root of the overlap, so that a short overlap that
-    fits by chance loses against a long one. Masked correlation after Padfield, "Masked object
-    registration in the Fourier domain", IEEE TIP 2012.
+    fits by chance loses against a long one.
     """
     start = ours.span[0]
     a, mask_a = _grid(ours, *ours.span)
@@ -61,7 +60,7 @@ def search(
             reference.period,
         )
         b, mask_b = _grid(stretched, *stretched.span)
-        correlation, overlap, lag = _correlate(a, mask_a, b, mask_b)
+        correlation, overlap, lag = masked_correlation(a, mask_a, b, mask_b)
         seconds = overlap / RATE
         offset = start + lag / RATE - stretched.span[0] - centre
         least = max(_LEAST, 0.2 * length) * RATE
@@ -104,27 +103,6 @@ def _grid(curve: Curve, first: float, last: float) -> tuple[Floats, Floats]:
     if known.any():
         values = values - values[known].mean()
     return np.where(known, values, 0.0), known.astype(np.float64)
-
-
-def _correlate(
-    a: Floats, mask_a: Floats, b: Floats, mask_b: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Correlation and number of common samples for each lag of b behind the start of a."""
-    size = next_fast_len(len(a) + len(b), real=True)
-
-    def across(x: Floats, y: Floats) -> Floats:
-        product: Floats = irfft(rfft(x, size) * np.conj(rfft(y, size)), size)
-        return np.concatenate([product[len(product) - len(b) + 1 :], product[: len(a)]])
-
-    count = np.maximum(np.rint(across(mask_a, mask_b)), 0.0)
-    safe = np.maximum(count, 1.0)
-    sum_a, sum_b = across(a, mask_b), across(mask_a, b)
-    var_a = across(a * a, mask_b) - sum_a**2 / safe
-    var_b = across(mask_a, b * b) - sum_b**2 / safe
-    floor = 1e-4 * max(float(var_a.max()), 1e-12), 1e-4 * max(float(var_b.max()), 1e-12)
-    spread = np.sqrt(np.maximum(var_a, floor[0]) * np.maximum(var_b, floor[1]))
-    correlation = (across(a, b) - sum_a * sum_b / safe) / spread
-    return np.where(count > 0, correlation, 0.0), count, np.arange(-len(b) + 1.0, len(a))
 
 
 def _peaks(score: Floats) -> list[int]:

@@ -152,7 +152,7 @@ def _save(
         for name, channel in content['channels'].items()
     }
     if applied:
-        fresh = calibration.onto(old, fresh, options.onto)
+        fresh = calibration.onto(options.onto, fresh)
     about = {
         'recording': str(options.recording),
         'reference': options.reference.name,

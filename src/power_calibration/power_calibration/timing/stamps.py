@@ -88,8 +88,7 @@ def _quality(topic: str, samples: Samples) -> StampQuality:
     period = float(np.median(steps))
     if isinstance(samples, DriveSamples):
         index = (samples.sequence - samples.sequence[0]).astype(np.int64)
-        jumps = np.diff(index)
-        lost, gaps, counted = int((jumps - 1).clip(min=0).sum()), int((jumps != 1).sum()), True
+        lost, gaps, counted = samples.lost, int(samples.after_gap.sum()), True
     else:
         missing = np.where(steps > _GAP * period, np.rint(steps / period) - 1, 0)
         lost, gaps, counted = int(missing.sum()), int((missing > 0).sum()), False

@@ -1,11 +1,13 @@
-"""The YAML file that says which signals of a DBC are which quantities of which drives."""
+"""The YAML file that assigns signals of a DBC to quantities of drives."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 from wattwalk_core.errors import InputError
-from wattwalk_core.yaml_entry import Entry, read_entry
+from wattwalk_core.quoting import quoted
+from wattwalk_core.schema import Length, Name, Quantity, read, schema
 
 REQUIRED: Mapping[str, tuple[str, ...]] = {
     'electrical': ('voltage', 'current'),
@@ -13,30 +15,58 @@ REQUIRED: Mapping[str, tuple[str, ...]] = {
     'temperature': ('temperature',),
 }
 OPTIONAL: Mapping[str, tuple[str, ...]] = {'electrical': ('status',)}
-_TOP = ('device', 'sync', *REQUIRED)
+_listed = ', '.join
+
+
+@schema
+class _Sync:
+    message: Name
+    time: Name
+    counter: Name
+    clock: Name = 'device'
+
+
+@schema
+class _Frame(_Sync):
+    drives: Annotated[tuple[dict[str, Name], ...], Length(1)] = field(kw_only=True)
+
+
+@schema
+class _Group:
+    rate: Annotated[float, Quantity(0.1, 10_000, 'Hz')]
+    frames: Annotated[tuple[_Frame, ...], Length(1)]
+
+
+@schema
+class _File:
+    device: Name | None = None
+    sync: _Sync | None = None
+    electrical: _Group | None = None
+    joints: _Group | None = None
+    temperature: _Group | None = None
 
 
 @dataclass(frozen=True)
 class FrameMapping:
-    """One frame of a group: its message, clock and counter, and signals[drive][quantity]."""
+    """A frame of a group: message, clock, counter and signals[drive][quantity]."""
 
     where: str
     message: str
     time: str
     counter: str
-    clock: str = 'device'
-    signals: Mapping[str, Mapping[str, str]] | None = None
+    clock: str
+    signals: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def quantities(self) -> Iterator[tuple[str, str, str]]:
-        """Each (drive, quantity, signal) in the order of the file."""
-        for drive, quantities in (self.signals or {}).items():
+        """Yield each (drive, quantity, signal) in the order of the file."""
+        for drive, quantities in self.signals.items():
             for quantity, signal in quantities.items():
                 yield drive, quantity, signal
 
 
 @dataclass(frozen=True)
 class GroupMapping:
-    """Frames that together are one sample of drives, at a nominal rate in Hz."""
+    """Frames that make up one sample of drives, at a nominal rate in Hz."""
 
     name: str
     rate: float
@@ -45,12 +75,12 @@ class GroupMapping:
     @property
     def drives(self) -> tuple[str, ...]:
         """Drives in the order in which they first appear."""
-        return tuple(dict.fromkeys(drive for f in self.frames for drive in f.signals or ()))
+        return tuple(dict.fromkeys(drive for f in self.frames for drive in f.signals))
 
 
 @dataclass(frozen=True)
 class BusMapping:
-    """The whole file; groups are some of electrical, joints and temperature."""
+    """Content of the file; groups are some of electrical, joints and temperature."""
 
     path: Path
     device: str
@@ -65,53 +95,59 @@ class BusMapping:
 
 def load_mapping(path: Path) -> BusMapping:
     """Read and check a mapping; InputError names the file, the entry and what is wrong."""
-    entry = read_entry(path, 'mapping')
-    entry.allow(_TOP)
-    groups = {name: _group(name, entry.child(name)) for name in REQUIRED if name in entry}
+    file = read(_File, path, 'mapping')
+    groups = {
+        name: _group(f'{path}: {name}', name, group)
+        for name in REQUIRED
+        if (group := getattr(file, name)) is not None
+    }
     if not groups:
-        raise entry.error(f'maps nothing; give at least one of {", ".join(REQUIRED)}')
-    sync = None
-    if 'sync' in entry:
-        sync = _frame(entry.child('sync'), 'sync', with_drives=False)
-    device = entry.text('device') if 'device' in entry else path.stem
-    return BusMapping(path, device, sync, groups)
+        raise InputError(f'mapping {path}: maps nothing; give at least one of {_listed(REQUIRED)}')
+    sync = None if file.sync is None else FrameMapping(f'{path}: sync', **vars(file.sync))
+    return BusMapping(path, file.device or path.stem, sync, groups)
 
 
-def _group(name: str, entry: Entry) -> GroupMapping:
-    entry.allow(('rate', 'frames'))
-    rate = entry.number('rate', 0.1, 10_000, 'Hz')
-    frames = tuple(_frame(row, name) for row in entry.rows('frames'))
-    group = GroupMapping(name, rate, frames)
-    _check_complete(group, entry)
-    return group
+def _group(where: str, name: str, group: _Group) -> GroupMapping:
+    frames = [
+        FrameMapping(
+            place := f'{where}.frames[{index}]',
+            frame.message,
+            frame.time,
+            frame.counter,
+            frame.clock,
+            _signals(place, name, frame),
+        )
+        for index, frame in enumerate(group.frames)
+    ]
+    found = GroupMapping(name, group.rate, tuple(frames))
+    _check_complete(found, where)
+    return found
 
 
-def _frame(entry: Entry, group: str, with_drives: bool = True) -> FrameMapping:
-    entry.allow(('message', 'time', 'counter', 'clock', *(['drives'] if with_drives else [])))
+def _signals(where: str, group: str, frame: _Frame) -> Mapping[str, Mapping[str, str]]:
+    """Signal by drive and quantity; InputError for a drive that is there twice, and the like."""
+    known = ('drive', *REQUIRED[group], *OPTIONAL.get(group, ()))
     signals: dict[str, dict[str, str]] = {}
-    if with_drives:
-        quantities = REQUIRED[group] + OPTIONAL.get(group, ())
-        for row in entry.rows('drives'):
-            row.allow(('drive', *quantities))
-            drive = row.text('drive')
-            if drive in signals:
-                raise row.error(f'drive {drive!r} is there twice')
-            signals[drive] = {
-                quantity: row.text(quantity) for quantity in quantities if quantity in row
-            }
-            if not signals[drive]:
-                raise row.error(f'no signal for {drive!r}; give some of {", ".join(quantities)}')
-    return FrameMapping(
-        where=entry.where,
-        message=entry.text('message'),
-        time=entry.text('time'),
-        counter=entry.text('counter'),
-        clock=entry.text('clock') if 'clock' in entry else 'device',
-        signals=signals,
-    )
+    for index, row in enumerate(frame.drives):
+        place = f'mapping {where}.drives[{index}]'
+        if 'drive' not in row:
+            raise InputError(f"{place}: 'drive' is missing; there is {_listed(row) or 'nothing'}")
+        if unknown := [key for key in row if key not in known]:
+            raise InputError(
+                f'{place}: unknown key {quoted(unknown[0])}; there can be {_listed(known)}'
+            )
+        drive = row['drive']
+        if drive in signals:
+            raise InputError(f'{place}: drive {drive!r} is there twice')
+        signals[drive] = {key: row[key] for key in known[1:] if key in row}
+        if not signals[drive]:
+            raise InputError(
+                f'{place}: no signal for {drive!r}; give some of {_listed(known[1:])}'
+            )
+    return signals
 
 
-def _check_complete(group: GroupMapping, entry: Entry) -> None:
+def _check_complete(group: GroupMapping, where: str) -> None:
     seen: dict[tuple[str, str], str] = {}
     for frame in group.frames:
         for drive, quantity, _ in frame.quantities():
@@ -124,5 +160,7 @@ def _check_complete(group: GroupMapping, entry: Entry) -> None:
     for drive in group.drives:
         for quantity in REQUIRED[group.name]:
             if (drive, quantity) not in seen:
-                there = ', '.join(q for d, q in seen if d == drive)
-                raise entry.error(f'drive {drive!r} has no {quantity!r}; there is {there}')
+                there = _listed(q for d, q in seen if d == drive)
+                raise InputError(
+                    f'mapping {where}: drive {drive!r} has no {quantity!r}; there is {there}'
+                )

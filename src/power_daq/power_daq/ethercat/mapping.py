@@ -1,43 +1,61 @@
-"""The YAML file that says which channel of which terminal measures what of which drive."""
+"""The YAML file that assigns channels of EtherCAT terminals to quantities of drives."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from wattwalk_core.yaml_entry import Entry, read_entry
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import quoted
+from wattwalk_core.schema import Length, Name, Quantity, read, schema
 
 from power_daq.ethercat.terminals import TYPES, TerminalType
 
-_TOP = ('device', 'cycle', 'frame_timeout', 'segment', 'electrical')
-_CHANNEL = ('terminal', 'channel', 'ratio', 'offset')
 
-
-@dataclass(frozen=True)
+@schema
 class ChannelMapping:
     """Quantity = ratio · V at the terminal + offset; ratio in V/V or A/V, offset in V or A."""
 
     terminal: int
     channel: int
-    ratio: float
-    offset: float = 0.0
+    ratio: Annotated[float, Quantity(-1e4, 1e4, 'per V')]
+    offset: Annotated[float, Quantity(-1e3, 1e3)] = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.ratio:
+            raise ValueError('ratio: expected a number other than 0, there is 0')
 
 
-@dataclass(frozen=True)
+@schema
 class DriveMapping:
-    """Where voltage and current of a drive are measured."""
+    """The channels that measure voltage and current of a drive."""
 
-    drive: str
+    drive: Name
     voltage: ChannelMapping
     current: ChannelMapping
+
+
+@schema
+class _Electrical:
+    drives: Annotated[tuple[DriveMapping, ...], Length(1)]
+
+
+@schema
+class _File:
+    segment: Annotated[tuple[Name, ...], Length(1)]
+    electrical: _Electrical
+    device: Name | None = None
+    cycle: Annotated[float, Quantity(250e-6, 0.1, 's')] = 1e-3
+    frame_timeout: Annotated[float, Quantity(100e-6, 1.0, 's')] = 2e-3
 
 
 @dataclass(frozen=True)
 class SegmentMapping:
     """
-    The whole file.
+    Content of the file.
 
-    cycle: s between frames; frame_timeout: s until one counts as lost; segment: what must be on
-    the cable, in its order from the master on; device: frame_id of drive_supply.
+    cycle: s between frames; frame_timeout: s until one counts as lost; segment: the terminals on
+    the cable in their order from the master on; device: frame_id of drive_supply.
     """
 
     path: Path
@@ -53,72 +71,60 @@ class SegmentMapping:
         return tuple(entry.drive for entry in self.drives)
 
     def channels(self) -> Iterator[ChannelMapping]:
-        """Voltages of all drives, then their currents."""
+        """Yield the channels of all voltages, then those of all currents."""
         yield from (entry.voltage for entry in self.drives)
         yield from (entry.current for entry in self.drives)
 
     @classmethod
     def load(cls, path: Path) -> 'SegmentMapping':
         """Read and check a file; InputError names the file, the entry and what is wrong."""
-        entry = read_entry(path, 'mapping')
-        entry.allow(_TOP)
-        segment = tuple(_terminal(row) for row in entry.rows('segment'))
-        electrical = entry.child('electrical')
-        electrical.allow(('drives',))
-        drives: dict[str, DriveMapping] = {}
-        used: dict[tuple[int, int], tuple[str, str]] = {}
-        for row in electrical.rows('drives'):
-            row.allow(('drive', 'voltage', 'current'))
-            name = row.text('drive')
-            if name in drives:
-                raise row.error(f'drive {name!r} is there twice')
-            voltage = _channel(row.child('voltage'), segment)
-            current = _channel(row.child('current'), segment)
-            _claim(used, row.child('voltage'), voltage, 'voltage', name)
-            _claim(used, row.child('current'), current, 'current', name)
-            drives[name] = DriveMapping(name, voltage, current)
-        return cls(
-            path,
-            entry.text('device') if 'device' in entry else path.stem,
-            entry.number('cycle', 250e-6, 0.1, 's', 1e-3),
-            entry.number('frame_timeout', 100e-6, 1.0, 's', 2e-3),
-            segment,
-            tuple(drives.values()),
-        )
+        file = read(_File, path, 'mapping')
+        where = f'mapping {path}'
+        for place, name in enumerate(file.segment):
+            if name not in TYPES:
+                raise InputError(
+                    f'{where}: segment[{place}]: unknown terminal {quoted(name)}; '
+                    f'there are {", ".join(TYPES)}'
+                )
+        segment = tuple(TYPES[name] for name in file.segment)
+        drives = file.electrical.drives
+        _check_channels(where, segment, drives)
+        device = file.device or path.stem
+        return cls(path, device, file.cycle, file.frame_timeout, segment, drives)
 
 
-def _claim(
-    used: dict[tuple[int, int], tuple[str, str]],
-    entry: Entry,
-    place: ChannelMapping,
-    quantity: str,
-    drive: str,
+def _check_channels(
+    where: str, segment: tuple[TerminalType, ...], drives: tuple[DriveMapping, ...]
 ) -> None:
-    """Refuse a channel that is already something else; drives may share a voltage."""
-    key = place.terminal, place.channel
-    before = used.setdefault(key, (quantity, drive))
-    if before != (quantity, drive) and not before[0] == quantity == 'voltage':
-        raise entry.error(
-            f'channel {place.channel} of terminal {place.terminal} is already the {before[0]} '
-            f'of {before[1]}'
-        )
+    """Refuse channels that do not exist or measure two things; drives may share a voltage."""
+    names = [entry.drive for entry in drives]
+    used: dict[tuple[int, int], tuple[str, str]] = {}
+    for index, entry in enumerate(drives):
+        row = f'{where}: electrical.drives[{index}]'
+        if entry.drive in names[:index]:
+            raise InputError(f'{row}: drive {entry.drive!r} is there twice')
+        for quantity, place in (('voltage', entry.voltage), ('current', entry.current)):
+            try:
+                before = used.setdefault(_key(place, segment), (quantity, entry.drive))
+            except ValueError as error:
+                raise InputError(f'{row}.{quantity}.{error}') from None
+            if before != (quantity, entry.drive) and not before[0] == quantity == 'voltage':
+                raise InputError(
+                    f'{row}.{quantity}: channel {place.channel} of terminal {place.terminal} is '
+                    f'already the {before[0]} of {before[1]}'
+                )
 
 
-def _terminal(row: Entry) -> TerminalType:
-    kind = TYPES.get(row.value) if isinstance(row.value, str) else None
-    if kind is None:
-        raise row.error(f'unknown terminal {row.value!r}; there are {", ".join(TYPES)}')
-    return kind
-
-
-def _channel(entry: Entry, segment: tuple[TerminalType, ...]) -> ChannelMapping:
-    entry.allow(_CHANNEL)
-    terminal = entry.whole('terminal', 0, len(segment) - 1)
-    kind = segment[terminal]
+def _key(place: ChannelMapping, segment: tuple[TerminalType, ...]) -> tuple[int, int]:
+    """Return terminal and channel; ValueError where the segment does not have them."""
+    _check_index('terminal', place.terminal, 0, len(segment) - 1)
+    kind = segment[place.terminal]
     if not kind.channels:
-        raise entry.child('terminal').error(f'{kind.name} at {terminal} measures nothing')
-    channel = entry.whole('channel', 1, kind.channels)
-    ratio = entry.number('ratio', -1e4, 1e4, 'per V')
-    if ratio == 0.0:
-        raise entry.child('ratio').error('expected a number other than 0, there is 0')
-    return ChannelMapping(terminal, channel, ratio, entry.number('offset', -1e3, 1e3, '', 0.0))
+        raise ValueError(f'terminal: {kind.name} at {place.terminal} measures nothing')
+    _check_index('channel', place.channel, 1, kind.channels)
+    return place.terminal, place.channel
+
+
+def _check_index(name: str, value: int, low: int, high: int) -> None:
+    if not low <= value <= high:
+        raise ValueError(f'{name}: expected a whole number from {low} to {high}, there is {value}')

@@ -167,22 +167,6 @@ class ProxyBatch:
 
 
 def _dataset(torque: NDArray[np.float32], speed: NDArray[np.float32]) -> AlignedDataset:
-    unknown = np.full_like(torque, np.nan)
-    none = np.zeros(len(torque), np.int32)
-    return AlignedDataset(
-        rate=RATE,
-        names=('',) * torque.shape[1],
-        time=np.arange(len(torque)) / RATE,
-        segment=none,
-        position=unknown,
-        velocity=speed,
-        torque=torque,
-        command=unknown,
-        power=unknown,
-        voltage=unknown,
-        current=unknown,
-        temperature=unknown,
-        supply=unknown[:, 0],
-        recordings=('batch',),
-        recording=none,
-    )
+    names = ('',) * torque.shape[1]
+    time = np.arange(len(torque)) / RATE
+    return AlignedDataset.blank(RATE, names, time, 'batch', velocity=speed, torque=torque)

@@ -16,6 +16,7 @@ from power_estimator.network.ppn import PowerPredictionNetwork
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
+_SIGNALS = ('position', 'velocity', 'torque', 'command')
 
 
 class Status(IntEnum):
@@ -195,28 +196,12 @@ class WindowStream:
 
     def _dataset(self) -> AlignedDataset:
         samples = list(self._window)
-        shape = (len(samples), len(self._drives))
-        unknown = np.full(shape, np.nan, np.float32)
-
-        def stack(name: str) -> Floats:
-            return np.array([getattr(s, name) for s in samples], np.float32)
-
-        return AlignedDataset(
-            rate=self._rate,
-            names=self._drives,
-            time=np.arange(shape[0]) / self._rate,
-            segment=np.zeros(shape[0], np.int32),
-            position=stack('position'),
-            velocity=stack('velocity'),
-            torque=stack('torque'),
-            command=stack('command'),
-            power=unknown,
-            voltage=unknown,
-            current=unknown,
-            temperature=unknown,
-            supply=unknown[:, 0],
-            recordings=('live',),
-            recording=np.zeros(shape[0], np.int32),
+        return AlignedDataset.blank(
+            self._rate,
+            self._drives,
+            np.arange(len(samples)) / self._rate,
+            'live',
+            **{name: np.array([getattr(s, name) for s in samples]) for name in _SIGNALS},
         )
 
 

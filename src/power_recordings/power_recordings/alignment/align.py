@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
 from power_recordings.alignment import signals
-from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.alignment.dataset import DRIVE_SIGNALS, AlignedDataset
 from power_recordings.alignment.filters import antialias, centred, smoothing
 from power_recordings.alignment.stream import Floats, Stream, Times
 from power_recordings.reading.reader import Recording
@@ -133,17 +133,7 @@ def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
     )
 
 
-_PARTS = (
-    'position',
-    'velocity',
-    'torque',
-    'command',
-    'power',
-    'voltage',
-    'current',
-    'temperature',
-    'supply',
-)
+_PARTS = (*DRIVE_SIGNALS, 'supply')
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,19 @@
-"""The one form in which measured signals reach models: aligned arrays."""
+"""Aligned arrays: the form in which measured signals reach models."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float32]
+
+DRIVE_SIGNALS = (
+    *('position', 'velocity', 'torque', 'command'),
+    *('power', 'voltage', 'current', 'temperature'),
+)
+"""Names of the signals [T, D] of an AlignedDataset."""
 
 
 @dataclass(frozen=True)
@@ -15,8 +21,8 @@ class AlignedDataset:
     """
     Signals of D drives on one time grid of T samples.
 
-    A segment is a stretch without gaps; whatever looks back in time (filters, networks,
-    derivatives) stops at its borders. What was not recorded is NaN.
+    A segment is a stretch without gaps; filters, networks and derivatives stop at its borders.
+    Signals that were not recorded are NaN.
     """
 
     rate: float  # Hz
@@ -35,7 +41,36 @@ class AlignedDataset:
     recordings: tuple[str, ...]  # where the samples come from
     recording: NDArray[np.int32]  # [T], index into recordings
     extras: Mapping[str, Floats] = field(default_factory=dict)  # other signals by topic [T, ...]
-    notes: tuple[str, ...] = ()  # what was left out of the recordings, in words
+    notes: tuple[str, ...] = ()  # on what was left out of the recordings
+
+    @classmethod
+    def blank(
+        cls,
+        rate: float,
+        names: Sequence[str],
+        time: ArrayLike,
+        recording: str,
+        **signals: ArrayLike,
+    ) -> 'AlignedDataset':
+        """
+        Return one segment of one recording in which all signals but those given are NaN.
+
+        time: s [T]. signals: of DRIVE_SIGNALS, as [T, D] or what broadcasts to it.
+        """
+        times = np.asarray(time, np.float64)
+        shape = (len(times), len(names))
+        nothing = np.full(shape, np.nan, np.float32)
+        values = {name: np.full(shape, given, np.float32) for name, given in signals.items()}
+        return cls(
+            rate=rate,
+            names=tuple(names),
+            time=times,
+            segment=np.zeros(len(times), np.int32),
+            supply=np.full(len(times), np.nan, np.float32),
+            recordings=(recording,),
+            recording=np.zeros(len(times), np.int32),
+            **(dict.fromkeys(DRIVE_SIGNALS, nothing) | values),
+        )
 
     @property
     def position_error(self) -> Floats:
@@ -43,7 +78,7 @@ class AlignedDataset:
         return self.command - self.position
 
     def rows(self, index: slice | NDArray[np.bool_] | NDArray[np.intp]) -> 'AlignedDataset':
-        """The samples at index."""
+        """Return the samples at index."""
         arrays = {
             f.name: getattr(self, f.name)[index]
             for f in fields(self)
@@ -53,16 +88,12 @@ class AlignedDataset:
         return replace(self, **arrays, extras=extras)
 
     def drives(self, names: Sequence[str]) -> 'AlignedDataset':
-        """The columns of the named drives; KeyError for one that is not there."""
+        """Return the columns of the named drives; KeyError for one that is not there."""
         missing = [name for name in names if name not in self.names]
         if missing:
             raise KeyError(f'no drive {missing[0]!r}; there are {", ".join(self.names)}')
         columns = [self.names.index(name) for name in names]
-        per_drive = {
-            f.name: getattr(self, f.name)[:, columns]
-            for f in fields(self)
-            if isinstance(getattr(self, f.name), np.ndarray) and getattr(self, f.name).ndim == 2
-        }
+        per_drive = {name: getattr(self, name)[:, columns] for name in DRIVE_SIGNALS}
         return replace(self, names=tuple(names), **per_drive)
 
     def measured_drives(self) -> tuple[str, ...]:
@@ -71,7 +102,7 @@ class AlignedDataset:
         return tuple(self.names[i] for i in measured)
 
     def segments(self) -> Iterator[slice]:
-        """The gap-free stretches, in order."""
+        """Yield the segments in order."""
         borders = np.flatnonzero(np.diff(self.segment)) + 1
         for start, stop in pairwise([0, *borders.tolist(), len(self.time)]):
             if stop > start:

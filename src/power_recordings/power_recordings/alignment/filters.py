@@ -1,4 +1,4 @@
-"""The filters of alignment: all linear-phase and centred, so that none delays a signal."""
+"""Linear-phase, centred filters: they do not shift a signal in time."""
 
 from functools import cache
 from typing import Any
@@ -7,40 +7,60 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.optimize import brentq
-from scipy.signal import firwin, kaiserord, savgol_coeffs
+from scipy.signal import kaiserord, savgol_coeffs
+
+Floats = NDArray[np.float64]
 
 SMOOTHING = 12.5  # Hz, −3 dB (paper, Section II-A)
 _RIPPLE = 60.0  # dB
 _POLYORDER = 2
 
 
+def windowed_sinc(time: Floats, cutoff: float, half_width: float, beta: float) -> Floats:
+    """
+    Return the taps at times in s of a low-pass FIR filter, with a gain of exactly 1 at 0 Hz.
+
+    cutoff: −6 dB, in Hz. half_width: of the Kaiser window with shape `beta`, in s.
+    """
+    window = np.i0(beta * np.sqrt(np.maximum(1.0 - (time / half_width) ** 2, 0.0)))
+    taps: Floats = np.where(np.abs(time) <= half_width, window, 0.0) * np.sinc(2 * cutoff * time)
+    return taps / taps.sum()
+
+
 @cache
-def antialias(rate: float, lower: float) -> NDArray[np.float64]:
+def low_pass(rate: float, passband: float, stopband: float) -> Floats:
     """
-    Taps of a FIR low-pass for going from `rate` to `lower` [Hz]; a single 1 if nothing is to do.
+    Return the taps of a low-pass FIR filter for signals at `rate` Hz.
 
-    Flat within 0.2 % up to a quarter of the lower rate, at least 58 dB down from half of it on;
-    its gain at 0 Hz is exactly 1, so it keeps the mean.
+    It is flat within 0.2 % up to `passband` Hz and at least 58 dB down from `stopband` Hz on.
     """
-    if lower >= 0.9 * rate:
-        return np.ones(1)
-    length, beta = kaiserord(_RIPPLE, (lower / 4) / (rate / 2))
-    taps = firwin(length | 1, lower * 3 / 8, window=('kaiser', beta), fs=rate)
-    return np.asarray(taps, np.float64)
+    length, beta = kaiserord(_RIPPLE, (stopband - passband) / (rate / 2))
+    half = length // 2
+    time = np.arange(-half, half + 1) / rate
+    return windowed_sinc(time, (passband + stopband) / 2, half / rate, beta)
 
 
-def gain(taps: NDArray[np.float64], frequency: float, rate: float) -> float:
-    """The gain of centred taps for a sine of `frequency` Hz sampled at `rate` Hz; may be < 0."""
+def antialias(rate: float, lower: float) -> Floats:
+    """
+    Return the low-pass for going from `rate` to `lower` Hz; a single 1 for (nearly) equal rates.
+
+    Its passband ends at a quarter of the lower rate and its stopband begins at half of it.
+    """
+    return np.ones(1) if lower >= 0.9 * rate else low_pass(rate, lower / 4, lower / 2)
+
+
+def gain(taps: Floats, frequency: float, rate: float) -> float:
+    """Return the (signed) gain of centred taps for a sine of `frequency` Hz sampled at `rate`."""
     steps = np.arange(len(taps)) - len(taps) // 2
     return float(taps @ np.cos(2 * np.pi * frequency / rate * steps))
 
 
 @cache
-def smoothing(rate: float, cutoff: float = SMOOTHING) -> NDArray[np.float64]:
+def smoothing(rate: float, cutoff: float = SMOOTHING) -> Floats:
     """
-    Taps of the quadratic Savitzky-Golay filter whose −3 dB point comes closest to `cutoff` Hz.
+    Return the quadratic Savitzky-Golay filter whose −3 dB point is nearest to `cutoff` Hz.
 
-    The window is a whole number of samples, which leaves 12.18 Hz for 12.5 Hz at 400 Hz.
+    The window is a whole number of samples; at 400 Hz, 12.18 Hz is nearest to 12.5 Hz.
     """
     best = min(range(5, int(2 * rate / cutoff), 2), key=lambda n: abs(_cutoff(n, rate) - cutoff))
     return np.asarray(savgol_coeffs(best, _POLYORDER), np.float64)
@@ -54,11 +74,11 @@ def _cutoff(window: int, rate: float) -> float:
     )
 
 
-def centred(values: NDArray[Any], taps: NDArray[np.float64]) -> NDArray[np.float32]:
+def centred(values: NDArray[Any], taps: Floats) -> NDArray[np.float32]:
     """
-    Filter values [N, …] along time, where the whole filter has samples: [N − len(taps) + 1, …].
+    Filter values [N, …] along time where all taps have samples: [N − len(taps) + 1, …].
 
-    A NaN spoils only what the filter covers.
+    A NaN affects only the outputs whose taps cover it.
     """
     half = len(taps) // 2
     if not half:

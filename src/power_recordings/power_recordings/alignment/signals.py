@@ -176,9 +176,7 @@ class _Collector:
         voltage, current = supply.voltage[:, columns], supply.current[:, columns]
         self._check_range('voltage', voltage, wanted, _MOST_VOLTS, 'mV? expected V')
         self._check_range('current', current, wanted, _MOST_AMPERES, 'mA? expected A')
-        nan = ~(np.isfinite(voltage) & np.isfinite(current))
-        flagged = supply.status[:, columns] != 0
-        bad = nan | flagged
+        flagged, bad = supply.status[:, columns] != 0, ~supply.good[:, columns]
         share = bad.mean(axis=0)
         keep = [i for i in range(len(wanted)) if share[i] <= _MOSTLY]
         for i in set(range(len(wanted))) - set(keep):
@@ -194,15 +192,14 @@ class _Collector:
                 )
             return None, ()
         self._note(flagged[:, keep].any(axis=1), 'drive_supply: {} samples of bad status cut out')
+        nan = bad & ~flagged
         self._note(nan[:, keep].any(axis=1), 'drive_supply: {} samples with NaN cut out')
-        jumps = np.diff(supply.sequence.astype(np.int64))
-        apart = np.isin(supply.stamp_ns, self._recording.breaks('drive_supply'))
-        apart[1:] |= jumps != 1
-        if (jumps != 1).any():
-            lost = int((jumps[jumps > 1] - 1).sum())
+        lost = supply.after_gap
+        if lost.any():
             self._notes.append(
-                f'drive_supply: {lost} samples missing in {(jumps != 1).sum()} places'
+                f'drive_supply: {supply.lost} samples missing in {lost.sum()} places'
             )
+        apart = lost | np.isin(supply.stamp_ns, self._recording.breaks('drive_supply'))
         volts, amps = voltage[:, keep], current[:, keep]
         celsius = supply.temperature[:, columns][:, keep]
         values = np.concatenate([volts * amps, volts, amps, celsius], axis=1)

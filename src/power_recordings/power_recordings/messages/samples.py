@@ -56,6 +56,22 @@ class DriveSamples(Samples):
         """W [N, D], drawn by each drive."""
         return self.voltage * self.current
 
+    @property
+    def good(self) -> NDArray[np.bool_]:
+        """Whether voltage and current are numbers without a flag, [N, D]."""
+        return (self.status == 0) & np.isfinite(self.voltage) & np.isfinite(self.current)
+
+    @property
+    def after_gap(self) -> NDArray[np.bool_]:
+        """Whether a sample does not follow on the one before, by its sequence number, [N]."""
+        return np.diff(self.sequence, prepend=self.sequence[:1] - np.uint64(1)) != 1
+
+    @property
+    def lost(self) -> int:
+        """Samples missing by their sequence numbers."""
+        steps = np.diff(self.sequence.astype(np.int64))
+        return int((steps - 1).clip(min=0).sum())
+
 
 @dataclass(frozen=True)
 class SupplySamples(Samples):

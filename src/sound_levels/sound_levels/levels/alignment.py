@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from power_recordings.alignment.correlation import masked_correlation
 from scipy.signal import correlate
 from scipy.stats import theilslopes
 from wattwalk_core.errors import InputError
@@ -174,15 +175,11 @@ def _correlation(heard: Floats, felt: Floats) -> tuple[Floats, Floats]:
     least = round(_OVERLAP * RATE)
     if min(len(heard), len(felt)) < least:
         return np.zeros(0), np.zeros(0)
-    product = correlate(felt, heard, 'full', method='fft')
-    energy = correlate(felt**2, np.ones(len(heard)), 'full', method='fft')
-    own = correlate(np.ones(len(felt)), heard**2, 'full', method='fft')
-    shared = correlate(np.ones(len(felt)), np.ones(len(heard)), 'full', method='fft')
-    lags = (np.arange(len(product)) - len(heard) + 1) / RATE
-    norm = np.sqrt(np.maximum(energy, 0.0) * np.maximum(own, 0.0))
+    masks = np.ones(len(felt)), np.ones(len(heard))
+    values, shared, lags = masked_correlation(felt, masks[0], heard, masks[1], centred=False)
     half = max(least, 0.3 * min(len(heard), len(felt)))
-    enough = (shared >= half - 0.5) & (norm > 1e-3 * norm.max())
-    return lags[enough], product[enough] / norm[enough]
+    enough = shared >= half - 0.5
+    return lags[enough] / RATE, values[enough]
 
 
 def _vertex(lags: Floats, values: Floats, best: int) -> float:
