@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,7 +61,8 @@ class AlignedDataset:
         times = np.asarray(time, np.float64)
         shape = (len(times), len(names))
         nothing = np.full(shape, np.nan, np.float32)
-        values = {name: np.full(shape, given, np.float32) for name, given in signals.items()}
+        values: dict[str, Any] = dict.fromkeys(DRIVE_SIGNALS, nothing)
+        values |= {name: np.full(shape, given, np.float32) for name, given in signals.items()}
         return cls(
             rate=rate,
             names=tuple(names),
@@ -69,7 +71,7 @@ class AlignedDataset:
             supply=np.full(len(times), np.nan, np.float32),
             recordings=(recording,),
             recording=np.zeros(len(times), np.int32),
-            **(dict.fromkeys(DRIVE_SIGNALS, nothing) | values),
+            **values,
         )
 
     @property
