@@ -26,11 +26,11 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from sim_bridge.instruments.analyser import Analyser, AnalyserParameters
-from sim_bridge.offline.motions import Motion, bench_motion
+from sim_bridge.offline.motions import MotionController, bench_motion
 from sim_bridge.offline.run import OfflineRun
 from sim_bridge.offline.telemetry import START_NS
 from sim_bridge.plant.parameters import MeterParameters, Plant
-from sim_bridge.plant.simulation import STEP, Block
+from sim_bridge.plant.simulation import STEP, PlantBlock
 from sim_bridge.plant.world import stand_world
 from sim_bridge.sensors.meter import DeviceClock, Meter
 
@@ -49,10 +49,10 @@ class Truth:
     bandwidth: float
 
 
-def plant_blocks(motion: str, seconds: float, frequency: float | None = None) -> list[Block]:
+def plant_blocks(motion: str, seconds: float, frequency: float | None = None) -> list[PlantBlock]:
     """What the plant does at the terminals of the meter, for any meter and analyser."""
-    blocks: list[Block] = []
-    played = Motion(bench_motion(motion, frequency=frequency, seconds=seconds))
+    blocks: list[PlantBlock] = []
+    played = MotionController(bench_motion(motion, frequency=frequency, seconds=seconds))
     run = OfflineRun(
         Plant.load('anymal_c'),
         stand_world(DRIVE),
@@ -83,7 +83,9 @@ def bandwidth(meter: MeterParameters) -> float:
     return float(frequency[np.argmax(answer < np.sqrt(0.5))])
 
 
-def trial(blocks: Sequence[Block], seed: int, rate: float = 20_000.0) -> tuple[Comparison, Truth]:
+def trial(
+    blocks: Sequence[PlantBlock], seed: int, rate: float = 20_000.0
+) -> tuple[Comparison, Truth]:
     """One meter against one analyser."""
     random = np.random.default_rng([seed, 7])
     plant = Plant.load('anymal_c').unit(seed + 1)
@@ -124,7 +126,7 @@ def _recording(
     plant: Plant,
     parameters: dict[str, NDArray[np.float64]],
     clock: DeviceClock,
-    blocks: Sequence[Block],
+    blocks: Sequence[PlantBlock],
     random: np.random.Generator,
 ) -> Recording:
     meter = Meter(plant, parameters, random)

@@ -113,7 +113,7 @@ class Scenario:
 
 def _simulated(scenario: Scenario, effects: Mapping[str, float], seed: int) -> AlignedDataset:
     from drive_bench.motion.segment_path import JUMPS
-    from sim_bridge.offline.motions import Motion, bench_motion
+    from sim_bridge.offline.motions import MotionController, bench_motion
     from sim_bridge.offline.run import OfflineRun, simulate_recording, walking_run
     from sim_bridge.plant.parameters import Plant
     from sim_bridge.plant.world import Stand, stand_world
@@ -128,7 +128,7 @@ def _simulated(scenario: Scenario, effects: Mapping[str, float], seed: int) -> A
     drive = LEG[scenario.seed % 3]
     world = stand_world(drive, Stand(0.05, 5.0, 0.45))
     ladder = bench_motion('ladder', 'velocity', amplitude=5.0, seconds=scenario.seconds)
-    motion = Motion(replace(ladder, segments=ladder.segments[1:]), ramps=JUMPS)
+    motion = MotionController(replace(ladder, segments=ladder.segments[1:]), ramps=JUMPS)
     offline = OfflineRun(plant, world, motion, duration=scenario.seconds, seed=seed)
     return align(simulate_recording(offline), rate=400.0, smooth=False)
 

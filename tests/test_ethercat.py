@@ -16,7 +16,7 @@ from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.soem import SoemSegment
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
-from sim_bridge.instruments.ethercat.controller import Command
+from sim_bridge.instruments.ethercat.controller import DatagramCommand
 from sim_bridge.instruments.ethercat.terminals import EK1100, EL3102
 from sim_bridge.instruments.ethercat.wire import process
 
@@ -323,18 +323,18 @@ def test_working_counters_count_the_slaves_that_took_part():
     station = struct.pack('<H', 1001)
     answer = process(
         frame(
-            datagram(Command.BRD, 0, 0x0000, b'\0\0', more=True),
-            datagram(Command.APWR, 0xFFFF, 0x0010, station, more=True),
-            datagram(Command.FPRD, 1001, 0x0010, b'\0\0', more=True),
-            datagram(Command.FPRD, 1002, 0x0010, b'\0\0', more=True),
-            datagram(Command.LRD, 0, 0, bytes(8)),
+            datagram(DatagramCommand.BRD, 0, 0x0000, b'\0\0', more=True),
+            datagram(DatagramCommand.APWR, 0xFFFF, 0x0010, station, more=True),
+            datagram(DatagramCommand.FPRD, 1001, 0x0010, b'\0\0', more=True),
+            datagram(DatagramCommand.FPRD, 1002, 0x0010, b'\0\0', more=True),
+            datagram(DatagramCommand.LRD, 0, 0, bytes(8)),
         ),
         slaves,
     )
     assert counters(answer, 2, 2, 2, 2, 8) == [2, 1, 1, 0, 0]
     assert answer[18:20] == b'\x02\x00', 'each slave adds one to the address of a broadcast'
     slaves[1].present = False
-    assert counters(process(frame(datagram(Command.BRD, 0, 0, b'\0')), slaves), 1) == [1]
+    assert counters(process(frame(datagram(DatagramCommand.BRD, 0, 0, b'\0')), slaves), 1) == [1]
 
 
 @settings(deadline=None)
@@ -348,7 +348,7 @@ def test_no_frame_brings_the_emulated_slaves_down(body):
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from(list(Command)),
+            st.sampled_from(list(DatagramCommand)),
             st.sampled_from([0, 0xFFFF, 1001]),
             st.integers(0, 0xFFFF),
             st.binary(min_size=1, max_size=16),

@@ -4,10 +4,17 @@ import numpy as np
 import pytest
 from sim_bridge.plant.parameters import MeterParameters, Plant
 from sim_bridge.plant.robot import DEFAULT_POSE, FOOT_NAMES
-from sim_bridge.plant.simulation import STEP, Block, Simulation
+from sim_bridge.plant.simulation import STEP, PlantBlock, Simulation
 from sim_bridge.plant.world import stand_world, walking_world
 from sim_bridge.sensors.blocks import Instruments
-from sim_bridge.sensors.meter import OVERRANGE, UNDERRANGE, Delay, DeviceClock, LowPass, Meter
+from sim_bridge.sensors.meter import (
+    OVERRANGE,
+    UNDERRANGE,
+    DeviceClock,
+    FractionalDelay,
+    LowPass,
+    Meter,
+)
 from sim_bridge.sensors.sensors import JointSensors, SupplySensor, into_base
 
 DRIVES = ('LF_HAA', 'LF_HFE', 'LF_KFE')
@@ -19,7 +26,7 @@ def block_of(current, *, voltage=48.0, first=0, velocity=0.0, torque=0.0):
     count = len(current)
     like = np.zeros_like(current)
     volts = np.broadcast_to(np.asarray(voltage, dtype=float), (count,)).copy()
-    return Block(
+    return PlantBlock(
         first=first,
         position=like,
         velocity=like + velocity,
@@ -104,8 +111,8 @@ def test_cross_talk_mixes_a_neighbour_in():
 @pytest.mark.parametrize('steps', [0.0, 0.3, 1.0, 5.7])
 def test_delay_does_not_depend_on_block_sizes(steps):
     values = np.random.default_rng(0).normal(size=(60, 2))
-    whole = Delay(steps, np.zeros(2))(values)
-    cut = Delay(steps, np.zeros(2))
+    whole = FractionalDelay(steps, np.zeros(2))(values)
+    cut = FractionalDelay(steps, np.zeros(2))
     parts = [cut(part) for part in np.split(values, [1, 3, 20, 21, 50])]
     np.testing.assert_allclose(np.vstack(parts), whole)
     if steps == 1.0:

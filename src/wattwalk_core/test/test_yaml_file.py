@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from wattwalk_core.errors import InputError
-from wattwalk_core.yaml_file import SIZE, parse_yaml, read_yaml
+from wattwalk_core.yaml_file import SIZE, parse_yaml, read_yaml, shipped_file
 
 BOMB = 'a: &a [x, x, x, x, x, x, x, x, x]\n' + '\n'.join(
     f'{chr(98 + i)}: &{chr(98 + i)} [{", ".join([f"*{chr(97 + i)}"] * 9)}]' for i in range(8)
@@ -68,3 +68,13 @@ def test_only_regular_files_of_bounded_size_are_opened(tmp_path):
     ):
         with pytest.raises(InputError, match=reason):
             read_yaml(type(tmp_path)(path), 'card')
+
+
+def test_a_shipped_file_goes_by_its_name_and_an_unknown_one_lists_those_shipped(tmp_path):
+    (tmp_path / 'walk.yaml').write_text('a: 1')
+    assert shipped_file('walk', tmp_path, 'plan') == tmp_path / 'walk.yaml'
+    own = tmp_path / 'own.yaml'
+    own.write_text('a: 2')
+    assert shipped_file(own, tmp_path, 'plan') == own
+    with pytest.raises(InputError, match=r"no plan 'run'; give a file, or one of own, walk"):
+        shipped_file('run', tmp_path, 'plan')

@@ -134,3 +134,14 @@ def dump_yaml(content: Any, *, short_lists: bool = False) -> str:
         allow_unicode=True,
         default_flow_style=style,
     )
+
+
+def shipped_file(source: Path | str, folder: Path, what: str) -> Path:
+    """Return the path of a YAML file, or of one in `folder` by its name without the suffix."""
+    path = Path(source)
+    if not path.suffix and not path.exists():
+        path = folder / f'{source}.yaml'
+    if not path.exists():
+        names = ', '.join(sorted(item.stem for item in folder.glob('*.yaml')))
+        raise InputError(f'no {what} {quoted(str(source))}; give a file, or one of {names}')
+    return path

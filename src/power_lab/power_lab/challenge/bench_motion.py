@@ -4,7 +4,7 @@ from pathlib import Path
 
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.segment_path import JUMPS, Mounting
-from sim_bridge.offline.motions import Motion
+from sim_bridge.offline.motions import MotionController
 from sim_bridge.plant.world import Stand
 
 _GRAVITY = 9.81
@@ -14,7 +14,7 @@ _SPARE = 1.15  # the pendulum carries this much more than the largest load
 _LEAST_LOAD = 3.0  # N·m, so that there is something to swing
 
 
-class BenchMotion(Motion):
+class BenchMotion(MotionController):
     """
     The segments of a motion file as commands to the drive of a stand.
 

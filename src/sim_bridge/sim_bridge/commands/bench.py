@@ -15,7 +15,7 @@ from wattwalk_core.errors import InputError
 
 from sim_bridge.commands.sim import load_plant
 from sim_bridge.instruments.analyser import Analyser, AnalyserParameters, check_output
-from sim_bridge.offline.motions import Motion, bench_motion
+from sim_bridge.offline.motions import MotionController, bench_motion
 from sim_bridge.offline.run import OfflineRun, write_bench_bag
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.robot import JOINT_NAMES
@@ -104,7 +104,7 @@ def main(args: Sequence[str] | None = None) -> int:
         seconds=options.duration,
         pull=pull,
     )
-    motion = Motion(wanted, Mounting(pull))
+    motion = MotionController(wanted, Mounting(pull))
     world = stand_world(options.drive, stand)
     analyser = _analyser(options, plant)
     run = OfflineRun(

@@ -35,7 +35,7 @@ examples:
 
 
 @dataclass(frozen=True)
-class Plan:
+class RecordingPlan:
     """One recording of a set."""
 
     name: str
@@ -47,19 +47,19 @@ class Plan:
     pushes: bool = False
 
 
-def plans(which: str, seed: int = _SEED) -> tuple[Plan, ...]:
+def plans(which: str, seed: int = _SEED) -> tuple[RecordingPlan, ...]:
     """The recordings of the set `paper` or `robustness`; seed counts up from recording to it."""
     if which == 'paper':
         types = ('HAA', 'HFE', 'KFE')
         return tuple(
-            Plan(kind, seed + i, (f'LF_{kind}',), terrain='rough', pushes=True)
+            RecordingPlan(kind, seed + i, (f'LF_{kind}',), terrain='rough', pushes=True)
             for i, kind in enumerate(types)
         )
     if which == 'robustness':
         return (
-            Plan('trot_slow', seed + 10, JOINT_NAMES, 'trot_slow'),
-            Plan('trot_high', seed + 11, JOINT_NAMES, 'trot_high'),
-            Plan('unit', seed + 12, JOINT_NAMES, unit=2),
+            RecordingPlan('trot_slow', seed + 10, JOINT_NAMES, 'trot_slow'),
+            RecordingPlan('trot_high', seed + 11, JOINT_NAMES, 'trot_high'),
+            RecordingPlan('unit', seed + 12, JOINT_NAMES, unit=2),
         )
     raise InputError(f'set {which!r} is not one of {", ".join(SECONDS)}')
 
@@ -67,7 +67,7 @@ def plans(which: str, seed: int = _SEED) -> tuple[Plan, ...]:
 SECONDS = {'paper': 600.0, 'robustness': 150.0}
 
 
-def record(plan: Plan, folder: Path, seconds: float, plant: str = 'anymal_c') -> bool:
+def record(plan: RecordingPlan, folder: Path, seconds: float, plant: str = 'anymal_c') -> bool:
     """
     Make one recording; False if it is there already.
 
@@ -106,7 +106,7 @@ def record(plan: Plan, folder: Path, seconds: float, plant: str = 'anymal_c') ->
     return True
 
 
-def _content(plan: Plan) -> dict[str, object]:
+def _content(plan: RecordingPlan) -> dict[str, object]:
     return {**asdict(plan), 'drives': list(plan.drives)}
 
 

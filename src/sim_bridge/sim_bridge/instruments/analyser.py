@@ -1,19 +1,18 @@
 """A certified power analyser at the terminals of one drive's meter: what it logs, as CSV."""
 
 import io
-from dataclasses import dataclass
 from math import pi
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
+from wattwalk_core.schema import Quantity, schema
 
-from sim_bridge.plant.config_fields import bounded, check
-from sim_bridge.plant.simulation import Block
+from sim_bridge.plant.simulation import PlantBlock
 from sim_bridge.sensors.meter import DeviceClock
 
 Floats = NDArray[np.float64]
@@ -23,7 +22,7 @@ _LOWEST, _FULL = 2000.0, 4000.0  # Hz, between which the ripple sets in
 _CHUNK: Final = 200_000  # rows
 
 
-@dataclass(frozen=True)
+@schema
 class AnalyserParameters:
     """
     The analyser and its clock.
@@ -34,15 +33,12 @@ class AnalyserParameters:
     not show it to the meter. Noise and ripple are assumed.
     """
 
-    rate: float = bounded(20_000.0, 100.0, 1e6, 'Hz', 'rows per second')
-    clock_offset: float = bounded(0.0, -1e10, 1e10, 's', 'reading at the start of the run')
-    clock_drift: float = bounded(0.0, -500.0, 500.0, 'ppm', 'how much too fast its clock runs')
-    voltage_noise: float = bounded(0.004, 0.0, 5.0, 'V', 'standard deviation')
-    current_noise: float = bounded(0.004, 0.0, 5.0, 'A', 'standard deviation')
-    ripple: float = bounded(0.1, 0.0, 1.0, '', 'share of the current')
-
-    def __post_init__(self) -> None:
-        check(self, 'analyser')
+    rate: Annotated[float, Quantity(100.0, 1e6, 'Hz', 'rows per second')] = 20_000.0
+    clock_offset: Annotated[float, Quantity(-1e10, 1e10, 's', 'at the start of the run')] = 0.0
+    clock_drift: Annotated[float, Quantity(-500.0, 500.0, 'ppm', 'of its clock, fast')] = 0.0
+    voltage_noise: Annotated[float, Quantity(0.0, 5.0, 'V', 'standard deviation')] = 0.004
+    current_noise: Annotated[float, Quantity(0.0, 5.0, 'A', 'standard deviation')] = 0.004
+    ripple: Annotated[float, Quantity(0.0, 1.0, '', 'share of the current')] = 0.1
 
 
 class Analyser:
@@ -63,7 +59,7 @@ class Analyser:
         self._random = np.random.default_rng([seed, 0xA7A1])
         self._blocks: list[tuple[Floats, Floats, Floats]] = []
 
-    def watch(self, block: Block) -> None:
+    def watch(self, block: PlantBlock) -> None:
         """Take in the next block."""
         current = block.power[:, self._drive] / block.voltage
         self._blocks.append((block.voltage.copy(), current, block.position[:, self._drive].copy()))

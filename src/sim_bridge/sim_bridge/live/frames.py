@@ -1,4 +1,4 @@
-"""Samples as CAN FD frames, and the bus that carries them."""
+"""Readings as CAN FD frames, and the bus that carries them."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
 from wattwalk_core.errors import InputError
 
-from sim_bridge.sensors.blocks import Samples
+from sim_bridge.sensors.blocks import InstrumentReadings
 from sim_bridge.sensors.meter import DeviceClock
 
 Floats = NDArray[np.float64]
@@ -18,7 +18,7 @@ _SEND_TIMEOUT: Final = 0.2  # s
 
 
 class FrameEncoder:
-    """Turns samples into frames in the order of their instants, with rolling counters."""
+    """Turns readings into frames in the order of their instants, with rolling counters."""
 
     def __init__(self, bus: BusDescription, joints: Sequence[str], clock: DeviceClock) -> None:
         """InputError for a joint that the bus does not name."""
@@ -30,7 +30,7 @@ class FrameEncoder:
         self._places = [bus.drives.index(joint) for joint in joints]
         self._counts = {'electrical': 0, 'joints': 0, 'temperature': 0}
 
-    def encode(self, samples: Samples) -> list[can.Message]:
+    def encode(self, samples: InstrumentReadings) -> list[can.Message]:
         """SYNC and electrical frames at 1 kHz, joint frames at 400 Hz, temperatures at 10 Hz."""
         bus, timed = self._bus, []
         meter, joints, warmth = samples.electrical, samples.joints, samples.temperature

@@ -1,4 +1,4 @@
-"""Samples as ROS messages, for the topics that do not travel over the bus."""
+"""Publishers of the topics that do not travel over the bus."""
 
 import array
 from collections.abc import Callable
@@ -13,9 +13,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Imu, JointState
 
 from sim_bridge.plant.robot import FOOT_NAMES
-from sim_bridge.sensors.blocks import Samples
+from sim_bridge.sensors.blocks import InstrumentReadings
 from sim_bridge.sensors.meter import DeviceClock
-from sim_bridge.sensors.sensors import BodySamples, OdometrySamples, SupplySamples
+from sim_bridge.sensors.sensors import BodyReadings, OdometryReadings, SupplyReadings
 
 _SECOND = 1_000_000_000
 _CLOCK_PERIOD = 10  # steps: 200 Hz
@@ -25,7 +25,7 @@ class SamplePublisher:
     """Publishes imu, foot_force, odom and supply, and /clock where asked for."""
 
     def __init__(self, node: Node, clock: DeviceClock, with_clock: bool) -> None:
-        """Samples are stamped from `start_ns` on, the ROS time of step 0."""
+        """Stamps count from `start_ns`, the ROS time of step 0."""
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         self._clock, self.start_ns = clock, 0
         self._imu = node.create_publisher(Imu, 'imu', qos)
@@ -40,7 +40,7 @@ class SamplePublisher:
         self._odom_message.header.frame_id = 'odom'
         self._supply_message = empty_battery()
 
-    def publish(self, samples: Samples) -> None:
+    def publish(self, samples: InstrumentReadings) -> None:
         """Publish what fell due within a block."""
         if samples.body is not None:
             self._publish_body(samples.body)
@@ -54,7 +54,7 @@ class SamplePublisher:
                 message.clock.sec, message.clock.nanosec = stamp
                 self._time.publish(message)
 
-    def _publish_body(self, body: BodySamples) -> None:
+    def _publish_body(self, body: BodyReadings) -> None:
         imu, feet = self._imu_message, self._feet_message
         for row, stamp in enumerate(self._stamps(body.step)):
             imu.header.stamp.sec, imu.header.stamp.nanosec = stamp
@@ -66,7 +66,7 @@ class SamplePublisher:
             feet.effort = array.array('d', body.foot_force[row].tobytes())
             self._feet.publish(feet)
 
-    def _publish_odometry(self, odometry: OdometrySamples) -> None:
+    def _publish_odometry(self, odometry: OdometryReadings) -> None:
         message = self._odom_message
         for row, stamp in enumerate(self._stamps(odometry.step)):
             message.header.stamp.sec, message.header.stamp.nanosec = stamp
@@ -76,7 +76,7 @@ class SamplePublisher:
             _assign(message.twist.twist.angular, 'xyz', odometry.rate[row])
             self._odom.publish(message)
 
-    def _publish_supply(self, supply: SupplySamples) -> None:
+    def _publish_supply(self, supply: SupplyReadings) -> None:
         message = self._supply_message
         for row, stamp in enumerate(self._stamps(supply.step)):
             message.header.stamp.sec, message.header.stamp.nanosec = stamp

@@ -14,7 +14,7 @@ from sim_bridge.live.frames import FrameEncoder
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.robot import DEFAULT_POSE
 from sim_bridge.plant.simulation import STEP, Simulation
-from sim_bridge.sensors.blocks import Instruments, Samples
+from sim_bridge.sensors.blocks import InstrumentReadings, Instruments
 
 Floats = NDArray[np.float64]
 BLOCK: Final = 4  # steps at a time: 2 ms
@@ -23,7 +23,7 @@ STALE_AFTER: Final = 0.1  # s without a command, then the drives damp
 
 
 @dataclass
-class Progress:
+class LoopProgress:
     """How the loop keeps up, since the last time that it was taken."""
 
     steps: int = 0
@@ -51,7 +51,7 @@ class LivePlant:
         instruments: Instruments,
         encoder: FrameEncoder,
         send: Callable[[Sequence[can.Message]], None],
-        publish: Callable[[Samples], None],
+        publish: Callable[[InstrumentReadings], None],
         *,
         now: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
@@ -66,7 +66,7 @@ class LivePlant:
         self._commanded: tuple[float, JointCommand] | None = None
         self._held: JointCommand | None = None
         self._pace = (1.0 + 1e-6 * instruments.clock.drift) / STEP
-        self._progress = Progress()
+        self._progress = LoopProgress()
         self.falls = 0
         self.down: str | None = None
         start = DEFAULT_POSE if simulation.world.floating else np.zeros(len(simulation.joints))
@@ -89,9 +89,9 @@ class LivePlant:
         """Put the robot back to its start; drives hold the start pose until the next command."""
         self._tasks.append(self._reset)
 
-    def take_progress(self) -> Progress:
+    def take_progress(self) -> LoopProgress:
         """Progress since the last call."""
-        progress, self._progress = self._progress, Progress()
+        progress, self._progress = self._progress, LoopProgress()
         return progress
 
     def run(self, stop: Flag) -> None:
@@ -130,7 +130,7 @@ class LivePlant:
             now = self._now()
         return now
 
-    def _compute(self, steps: int) -> tuple[Samples, list[can.Message]]:
+    def _compute(self, steps: int) -> tuple[InstrumentReadings, list[can.Message]]:
         while self._tasks:
             self._tasks.pop(0)()
         self._hold()

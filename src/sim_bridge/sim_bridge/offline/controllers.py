@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from policy_runner.nodes.velocity_commands import RandomCommands, SteadyCommand
 from policy_runner.policies.by_name import POLICIES, Policy, load_policy
 from policy_runner.policies.inputs import Inputs
-from policy_runner.policies.trot import TROTS, ScriptedTrot
+from policy_runner.policies.trot import TROTS
 from wattwalk_core.errors import InputError
 
 from sim_bridge.plant.drive import JointCommand
@@ -39,40 +39,6 @@ class Controller(Protocol):
         ...
 
 
-class Trot:
-    """The scripted trot at 100 Hz, walking by velocity commands."""
-
-    def __init__(
-        self, name: str, commands: Callable[[float], Floats], rate: float = 100.0
-    ) -> None:
-        """name: one of policy_runner's trots. commands: as of PolicyWalk. rate: Hz."""
-        if name not in TROTS:
-            raise InputError(f'no controller {name!r}; there are {", ".join(CONTROLLERS)}')
-        self.name = name
-        self.period = round(1.0 / rate / STEP)
-        self.velocity: Floats | None = np.zeros(3)
-        self._commands = commands
-        self._trot = ScriptedTrot(TROTS[name])
-
-    def command(self, simulation: Simulation) -> JointCommand:
-        """Targets for the joints from the robot's state, rad."""
-        base = simulation.base[None]
-        attitude = base[:, 3:7]
-        down_and_velocity = np.vstack((_DOWN, base[:, 7:10]))
-        gravity, velocity = into_base(attitude, down_and_velocity)
-        time = simulation.time
-        self.velocity = self._commands(time)
-        return JointCommand(
-            position=self._trot.step(
-                time, self.velocity, simulation.joint_position, gravity, base[0, 10:13], velocity
-            )
-        )
-
-    def reset(self) -> None:
-        """Ramp in from the pose that comes next."""
-        self._trot.reset()
-
-
 class PolicyWalk:
     """
     A policy of the runner, fed with the true state, walking by commands over time.
@@ -80,10 +46,16 @@ class PolicyWalk:
     The robot stands already, so the policy takes over at once.
     """
 
-    def __init__(self, name: str, policy: Policy, commands: Callable[[float], Floats]) -> None:
-        """commands: vx, vy in m/s and yaw rate in rad/s [3] at a time, s."""
+    def __init__(
+        self,
+        name: str,
+        policy: Policy,
+        commands: Callable[[float], Floats],
+        rate: float | None = None,
+    ) -> None:
+        """commands: vx, vy in m/s, yaw rate in rad/s [3] over time, s. rate: Hz; else policy's."""
         self.name = name
-        self.period = round(1.0 / policy.rate / STEP)
+        self.period = round(1.0 / (rate or policy.rate) / STEP)
         self.velocity: Floats | None = np.zeros(3)
         self._commands = commands
         self._policy = policy
@@ -106,7 +78,7 @@ class PolicyWalk:
         self._policy.take_over()
 
 
-class Stand:
+class StandController:
     """Holds the default pose."""
 
     name = 'stand'
@@ -132,11 +104,9 @@ def make_controller(name: str, seed: int, velocity: Sequence[float] | None = Non
     except ValueError as error:
         raise InputError(str(error)) from None
     if name == 'stand':
-        return Stand()
-    if name in TROTS:
-        return Trot(name, commands)
+        return StandController()
     if name not in CONTROLLERS and not Path(name).exists():
         raise InputError(
             f'no controller {name!r}; there are {", ".join(CONTROLLERS)}, or give a policy folder'
         )
-    return PolicyWalk(name, load_policy(name), commands)
+    return PolicyWalk(name, load_policy(name), commands, 100.0 if name in TROTS else None)

@@ -26,9 +26,9 @@ def bench_motion(
     return find_motion(wanted, mode).changed(amplitude, frequency, seconds).with_pull(pull)
 
 
-class Motion:
+class MotionController:
     """
-    Commands a motion to the one drive of a stand, by the same plan as `policy_runner bench`.
+    Commands a motion to the one drive of a stand, by the plan of `drive_bench run`.
 
     It hangs at 0 rad. A segment that lasts until the winding is warm goes by the winding itself.
     """

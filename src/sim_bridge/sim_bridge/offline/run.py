@@ -18,7 +18,7 @@ from sim_bridge.offline.memory import gather
 from sim_bridge.offline.session import Event, Pushes, Session
 from sim_bridge.offline.telemetry import Telemetry, Wire
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.simulation import Block, Simulation
+from sim_bridge.plant.simulation import PlantBlock, Simulation
 from sim_bridge.plant.terrain import FLAT, rough
 from sim_bridge.plant.world import World, walking_world
 from sim_bridge.sensors.blocks import Instruments
@@ -45,7 +45,7 @@ class OfflineRun:
         drives: Sequence[str] | None = None,
         pushes: bool = False,
         bus: BusDescription | None = None,
-        watch: Callable[[Block], None] | None = None,
+        watch: Callable[[PlantBlock], None] | None = None,
     ) -> None:
         """
         Make a run.

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from sim_bridge.offline.controllers import Controller
 from sim_bridge.plant.drive import JointCommand
-from sim_bridge.plant.simulation import STEP, Block, Simulation
-from sim_bridge.sensors.blocks import Instruments, Samples
+from sim_bridge.plant.simulation import STEP, PlantBlock, Simulation
+from sim_bridge.sensors.blocks import InstrumentReadings, Instruments
 
 Floats = NDArray[np.float64]
 _STRETCH = 1000  # steps
@@ -37,10 +37,10 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class SessionPart:
     """What was measured, commanded and what happened in half a second."""
 
-    samples: Samples
+    samples: InstrumentReadings
     commands: CommandSamples
     events: tuple[Event, ...]
 
@@ -75,7 +75,7 @@ class Session:
         instruments: Instruments,
         controller: Controller,
         pushes: Pushes | None = None,
-        watch: Callable[[Block], None] | None = None,
+        watch: Callable[[PlantBlock], None] | None = None,
     ) -> None:
         """watch: shown every block, before it is measured."""
         self.simulation = simulation
@@ -86,14 +86,14 @@ class Session:
         self._down = 0
         self._events: list[Event] = []
 
-    def run(self, duration: float) -> Iterator[Stretch]:
+    def run(self, duration: float) -> Iterator[SessionPart]:
         """Stretches that together last duration seconds, rounded up to whole commands."""
         last = self.simulation.steps + round(duration / STEP)
         while self.simulation.steps < last:
             yield self._stretch(min(last, self.simulation.steps + _STRETCH))
 
-    def _stretch(self, stop: int) -> Stretch:
-        blocks: list[Block] = []
+    def _stretch(self, stop: int) -> SessionPart:
+        blocks: list[PlantBlock] = []
         steps: list[int] = []
         commands: list[JointCommand] = []
         velocities: list[Floats | None] = []
@@ -109,10 +109,10 @@ class Session:
             _stack([getattr(command, entry.name) for command in commands])
             for entry in fields(JointCommand)
         )
-        block = Block.join(blocks)
+        block = PlantBlock.join(blocks)
         if self._watch is not None:
             self._watch(block)
-        return Stretch(
+        return SessionPart(
             self._instruments.read(block),
             CommandSamples(np.array(steps), position, velocity, effort, _stack(velocities)),
             tuple(self._events),

@@ -1,4 +1,4 @@
-"""Samples of a session as they come off the bus, with ROS time: the live system's topics."""
+"""Topics of the live system from a session's readings: bus quantisation and ROS stamps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
 from wattwalk_core.errors import InputError
 
-from sim_bridge.offline.session import Event, Stretch
+from sim_bridge.offline.session import Event, SessionPart
 from sim_bridge.sensors.meter import DeviceClock
 
 Floats = NDArray[np.float64]
@@ -69,7 +69,7 @@ class Wire:
         self._clock = clock
         self._temperature = initial_temperature
 
-    def send(self, stretch: Stretch) -> Telemetry:
+    def send(self, stretch: SessionPart) -> Telemetry:
         """What arrives of a stretch."""
         samples, commands = stretch.samples, stretch.commands
         meter, joints, supply = samples.electrical, samples.joints, samples.supply
@@ -130,7 +130,7 @@ class Wire:
         wide[:, self._places] = values
         return wide
 
-    def _latest_temperature(self, stretch: Stretch) -> Floats:
+    def _latest_temperature(self, stretch: SessionPart) -> Floats:
         reading = stretch.samples.temperature
         wide = self._bus.quantise_temperature(self._spread(reading.temperature))
         known = np.vstack((self._temperature, wide[:, self._places]))

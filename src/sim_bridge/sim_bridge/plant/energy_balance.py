@@ -1,4 +1,4 @@
-"""Energy books: what the supply gave, where it went and what is still stored."""
+"""Energy balance of the plant: energy supplied, work, losses and storage."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,25 +7,24 @@ STORED = ('rotor', 'spring', 'capacitor', 'cogging_field')
 
 
 @dataclass
-class Books:
+class EnergyBalance:
     """
-    Energies in J since the start, summed over all drives, by channel.
+    Energy counters since the start, J, summed over all drives, by channel.
 
-    `supply` is what the supply gave to the drives (its electronics are outside); every other
-    channel is where it went: `shaft` is work done at the joints, STORED are changes of stored
-    energy, all others are losses.
+    `supply` is the energy from the supply to the drives, electronics excluded. `shaft` is the work
+    at the joints, the channels STORED are changes of stored energy, all others are losses.
     """
 
     energy: dict[str, float] = field(default_factory=dict)
 
     def add(self, powers: Mapping[str, float], step: float) -> None:
-        """Book sums of powers over steps (W) of step seconds each."""
+        """Count sums of powers over steps (W) of step seconds each."""
         for name, power in powers.items():
             self.energy[name] = self.energy.get(name, 0.0) + power * step
 
     @property
     def supplied(self) -> float:
-        """Energy out of the supply, J."""
+        """Energy from the supply, J."""
         return self.energy.get('supply', 0.0)
 
     @property
@@ -36,11 +35,11 @@ class Books:
 
     @property
     def residual(self) -> float:
-        """What the books do not account for, J."""
+        """Supplied energy that no channel accounts for, J."""
         return self.supplied - sum(v for name, v in self.energy.items() if name != 'supply')
 
     @property
     def turnover(self) -> float:
-        """The larger of what came in and what moved through the channels, J."""
+        """The larger of the energy supplied and the energy exchanged by the channels, J."""
         spent = sum(abs(value) for name, value in self.energy.items() if name != 'supply')
         return max(abs(self.supplied), spent)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim_bridge.plant.circuit import Circuit, Flow
 from sim_bridge.plant.drive import Drives, JointCommand
-from sim_bridge.plant.energy_balance import Books
+from sim_bridge.plant.energy_balance import EnergyBalance
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.supply import Bus, BusFlow
 from sim_bridge.plant.world import World, fallen
@@ -24,7 +24,7 @@ PUSH_STEPS: Final = 200  # a push lasts 0.1 s
 
 
 @dataclass(frozen=True)
-class Block:
+class PlantBlock:
     """
     B steps of the plant. States are those at the end of each step, powers its mean.
 
@@ -55,7 +55,7 @@ class Block:
         return STEP * counts
 
     @classmethod
-    def join(cls, blocks: Sequence['Block']) -> 'Block':
+    def join(cls, blocks: Sequence['PlantBlock']) -> 'PlantBlock':
         """Blocks that follow each other as one; its temperature is that of the last."""
         stacked = {
             item.name: np.concatenate([getattr(block, item.name) for block in blocks])
@@ -82,8 +82,8 @@ class Simulation:
         """capacity: most steps per block. InputError for a drive that the plant lacks."""
         self.plant = plant
         self.world = replace(world, model=copy(world.model))
-        self.books = Books()
-        self.keep_books = False
+        self.energy_balance = EnergyBalance()
+        self.track_energy = False
         self.steps = 0
         self.capacity = capacity
         joints = len(world.joints)
@@ -152,7 +152,7 @@ class Simulation:
         self._push_force = self.world.mass * np.asarray(velocity) / (PUSH_STEPS * STEP)
         self._push_steps = PUSH_STEPS
 
-    def advance(self, steps: int) -> Block:
+    def advance(self, steps: int) -> PlantBlock:
         """Run a number of steps, at most `capacity`."""
         if not 0 < steps <= self.capacity:
             raise ValueError(f'a block has 1..{self.capacity} steps, not {steps}')
@@ -228,10 +228,10 @@ class Simulation:
         self._power[rows] = bus.power
         self._voltage[rows] = bus.voltage
         self._supply[rows] = bus.supply_current
-        if self.keep_books:
-            self._book(rows, flow, bus, speed, rotor_speed, acceleration)
+        if self.track_energy:
+            self._account(rows, flow, bus, speed, rotor_speed, acceleration)
 
-    def _book(
+    def _account(
         self,
         rows: slice,
         flow: Flow,
@@ -271,9 +271,9 @@ class Simulation:
             'spring_damping': damper,
             'shaft': self._torque[rows] * speed,
         }
-        self.books.add({name: float(power.sum()) for name, power in powers.items()}, STEP)
+        self.energy_balance.add({name: float(power.sum()) for name, power in powers.items()}, STEP)
 
-    def _block(self, first: int, steps: int) -> Block:
+    def _block(self, first: int, steps: int) -> PlantBlock:
         count = len(self.joints)
         qpos, qvel = self._qpos[1 : steps + 1], self._qvel[: steps + 1]
         if self.world.floating:
@@ -283,7 +283,7 @@ class Simulation:
             base = np.full((steps, 13), np.nan)
             acceleration = np.full((steps, 3), np.nan)
         feet = np.array(self._feet) if self._feet else np.zeros((0, 4))
-        return Block(
+        return PlantBlock(
             first=first,
             position=qpos[:, -count:].copy(),
             velocity=qvel[1:, -count:].copy(),

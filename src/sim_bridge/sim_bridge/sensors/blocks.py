@@ -4,32 +4,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_bridge.plant.simulation import Block, Simulation
-from sim_bridge.sensors.meter import DeviceClock, Meter, MeterSamples
+from sim_bridge.plant.simulation import PlantBlock, Simulation
+from sim_bridge.sensors.meter import DeviceClock, Meter, MeterReadings
 from sim_bridge.sensors.sensors import (
-    BodySamples,
+    BodyReadings,
     BodySensors,
-    JointSamples,
+    JointReadings,
     JointSensors,
-    OdometrySamples,
-    SupplySamples,
+    OdometryReadings,
+    SupplyReadings,
     SupplySensor,
-    TemperatureSamples,
+    TemperatureReadings,
     TemperatureSensors,
     read_odometry,
 )
 
 
 @dataclass(frozen=True)
-class Samples:
+class InstrumentReadings:
     """What fell due within a block; body and odometry are None on a stand."""
 
-    electrical: MeterSamples
-    joints: JointSamples
-    temperature: TemperatureSamples
-    supply: SupplySamples
-    body: BodySamples | None
-    odometry: OdometrySamples | None
+    electrical: MeterReadings
+    joints: JointReadings
+    temperature: TemperatureReadings
+    supply: SupplyReadings
+    body: BodyReadings | None
+    odometry: OdometryReadings | None
 
 
 class Instruments:
@@ -49,9 +49,9 @@ class Instruments:
         self._supply = SupplySensor(plant, supply)
         self._body = BodySensors(body) if simulation.world.floating else None
 
-    def read(self, block: Block) -> Samples:
+    def read(self, block: PlantBlock) -> InstrumentReadings:
         """Measure the next block; blocks must follow each other without a gap."""
-        return Samples(
+        return InstrumentReadings(
             electrical=self._meter.read(block),
             joints=self._joints.read(block),
             temperature=self._temperature.read(block),

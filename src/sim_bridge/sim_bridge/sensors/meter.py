@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_bridge.plant.parameters import MeterParameters, Plant
-from sim_bridge.plant.simulation import STEP, Block
+from sim_bridge.plant.simulation import STEP, PlantBlock
 
 Floats = NDArray[np.float64]
 METER_PERIOD: Final = 2  # steps between samples: 1 kHz
@@ -40,7 +40,7 @@ class LowPass:
         return result
 
 
-class Delay:
+class FractionalDelay:
     """A delay by any number of steps, whole or not, carried from block to block."""
 
     def __init__(self, steps: float, start: Floats) -> None:
@@ -88,7 +88,7 @@ class DeviceClock:
 
 
 @dataclass(frozen=True)
-class MeterSamples:
+class MeterReadings:
     """N samples of D drives as the meter's converters read them."""
 
     step: NDArray[np.int64]  # [N] steps since the start
@@ -113,11 +113,11 @@ class Meter:
             self._mix += cross * np.roll(np.eye(drives), 1, axis=0)
         start = np.append(np.zeros(drives), plant.supply.voltage)
         self._filter = LowPass(meter.bandwidth, start)
-        self._delay = Delay(meter.delay / STEP - 0.5, start)
+        self._delay = FractionalDelay(meter.delay / STEP - 0.5, start)
         self._random = random
 
-    def read(self, block: Block) -> MeterSamples:
-        """Samples within a block; blocks must follow each other without a gap."""
+    def read(self, block: PlantBlock) -> MeterReadings:
+        """Return the readings of a block; blocks must follow each other without a gap."""
         signals = np.column_stack((block.current, block.voltage))
         signals = self._delay(self._filter(signals))
         step = np.arange(block.first + 1, block.first + block.steps + 1)
@@ -132,7 +132,7 @@ class Meter:
         over = (voltage > meter.voltage_range) | (current > meter.current_range)
         status = (UNDERRANGE * under + OVERRANGE * over).astype(np.uint8)
         levels = 2**meter.bits
-        return MeterSamples(
+        return MeterReadings(
             step=step[due],
             voltage=_digitise(voltage, 0.0, meter.voltage_range, levels),
             current=_digitise(current, -meter.current_range, meter.current_range, levels),

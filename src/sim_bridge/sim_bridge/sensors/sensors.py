@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.simulation import JOINT_PERIOD, STEP, Block
+from sim_bridge.plant.simulation import JOINT_PERIOD, STEP, PlantBlock
 from sim_bridge.plant.supply import Electronics
 from sim_bridge.sensors.meter import LowPass
 
@@ -22,7 +22,7 @@ _IMU_BANDWIDTH: Final = 150.0  # Hz
 _ACCELERATION_NOISE, _RATE_NOISE, _FORCE_NOISE = 0.03, 0.003, 1.0  # m/s², rad/s, N
 
 
-def due_steps(block: Block, period: int) -> tuple[Steps, Steps]:
+def due_steps(block: PlantBlock, period: int) -> tuple[Steps, Steps]:
     """Steps since the start at which samples of a period fall, and their rows in the block."""
     first = -(-(block.first + 1) // period) * period
     steps = np.arange(first, block.first + block.steps + 1, period)
@@ -30,7 +30,7 @@ def due_steps(block: Block, period: int) -> tuple[Steps, Steps]:
 
 
 @dataclass(frozen=True)
-class JointSamples:
+class JointReadings:
     """N samples at 400 Hz of D joints."""
 
     step: Steps  # [N]
@@ -49,15 +49,15 @@ class JointSensors:
         self._filter = LowPass(plant.sensors.velocity_bandwidth, np.zeros_like(self._bias))
         self._random = random
 
-    def read(self, block: Block) -> JointSamples:
-        """Samples within a block; blocks must follow each other without a gap."""
+    def read(self, block: PlantBlock) -> JointReadings:
+        """Return the readings of a block; blocks must follow each other without a gap."""
         sensors = self._sensors
         steps, rows = due_steps(block, JOINT_PERIOD)
         noise = self._random.standard_normal((len(rows), 3, len(self._bias)))
         speed = self._filter(block.velocity)[rows]
         torque = block.torque[rows]
         bend = 1.0 + sensors.torque_gain_error + sensors.torque_bend * np.abs(torque) / self._limit
-        return JointSamples(
+        return JointReadings(
             step=steps,
             position=block.position[rows] + sensors.position_noise * noise[:, 0],
             velocity=speed + sensors.velocity_noise * noise[:, 1],
@@ -66,7 +66,7 @@ class JointSensors:
 
 
 @dataclass(frozen=True)
-class TemperatureSamples:
+class TemperatureReadings:
     """N samples at 10 Hz of the windings of D drives."""
 
     step: Steps  # [N]
@@ -80,15 +80,15 @@ class TemperatureSensors:
         self._noise = plant.sensors.temperature_noise
         self._random = random
 
-    def read(self, block: Block) -> TemperatureSamples:
-        """Samples within a block; a block's temperature counts for all of it."""
+    def read(self, block: PlantBlock) -> TemperatureReadings:
+        """Return the readings of a block, whose temperature is taken as constant."""
         steps, _ = due_steps(block, TEMPERATURE_PERIOD)
         noise = self._random.standard_normal((len(steps), len(block.temperature)))
-        return TemperatureSamples(steps, block.temperature + self._noise * noise)
+        return TemperatureReadings(steps, block.temperature + self._noise * noise)
 
 
 @dataclass(frozen=True)
-class BodySamples:
+class BodyReadings:
     """N samples at 400 Hz of IMU and feet."""
 
     step: Steps  # [N]
@@ -105,14 +105,14 @@ class BodySensors:
         self._filter = LowPass(_IMU_BANDWIDTH, np.zeros(3))
         self._random = random
 
-    def read(self, block: Block) -> BodySamples:
-        """Samples within a block; blocks must follow each other without a gap."""
+    def read(self, block: PlantBlock) -> BodyReadings:
+        """Return the readings of a block; blocks must follow each other without a gap."""
         steps, rows = due_steps(block, JOINT_PERIOD)
         noise = self._random.standard_normal((len(rows), 10))
         felt = self._filter(block.acceleration)[rows] + np.array([0.0, 0.0, GRAVITY])
         attitude = block.base[rows, 3:7]
         force = block.foot_force + _FORCE_NOISE * noise[:, 6:]
-        return BodySamples(
+        return BodyReadings(
             step=steps,
             orientation=np.roll(attitude, -1, axis=1),
             rate=block.base[rows, 10:13] + _RATE_NOISE * noise[:, :3],
@@ -122,7 +122,7 @@ class BodySensors:
 
 
 @dataclass(frozen=True)
-class OdometrySamples:
+class OdometryReadings:
     """N samples at 100 Hz of the base's pose and twist."""
 
     step: Steps  # [N]
@@ -133,16 +133,16 @@ class OdometrySamples:
 
 
 _NO_STEPS: Final = np.zeros(0, np.int64)
-_NO_ODOMETRY: Final = OdometrySamples(_NO_STEPS, *(np.zeros((0, n)) for n in (3, 4, 3, 3)))
+_NO_ODOMETRY: Final = OdometryReadings(_NO_STEPS, *(np.zeros((0, n)) for n in (3, 4, 3, 3)))
 
 
-def read_odometry(block: Block) -> OdometrySamples:
+def read_odometry(block: PlantBlock) -> OdometryReadings:
     """True pose and twist of the base, 100 Hz."""
     steps, rows = due_steps(block, SUPPLY_PERIOD)
     if not len(steps):
         return _NO_ODOMETRY
     base = block.base[rows]
-    return OdometrySamples(
+    return OdometryReadings(
         step=steps,
         position=base[:, :3],
         orientation=np.roll(base[:, 3:7], -1, axis=1),
@@ -152,7 +152,7 @@ def read_odometry(block: Block) -> OdometrySamples:
 
 
 @dataclass(frozen=True)
-class SupplySamples:
+class SupplyReadings:
     """N readings at 100 Hz of the bench supply; current is negative while it is drawn from."""
 
     step: Steps  # [N]
@@ -169,20 +169,20 @@ class SupplySensor:
         self._random = random
         self._pending = np.zeros(0)
 
-    def read(self, block: Block) -> SupplySamples:
-        """Samples within a block; blocks must follow each other without a gap."""
+    def read(self, block: PlantBlock) -> SupplyReadings:
+        """Return the readings of a block; blocks must follow each other without a gap."""
         supply = self._supply
         steps, _ = due_steps(block, SUPPLY_PERIOD)
         drawn = np.concatenate((self._pending, block.supply_current))
         whole = SUPPLY_PERIOD * len(steps)
         if not whole:
             self._pending = drawn
-            return SupplySamples(steps, _NOTHING, _NOTHING)
+            return SupplyReadings(steps, _NOTHING, _NOTHING)
         self._pending = drawn[whole:]
         drives = drawn[:whole].reshape(-1, SUPPLY_PERIOD).mean(axis=1)
         electronics = self._electronics.draw(len(steps)) / supply.voltage
         noise = self._random.standard_normal((len(steps), 2))
-        return SupplySamples(
+        return SupplyReadings(
             step=steps,
             voltage=supply.voltage + supply.voltage_noise * noise[:, 0],
             current=-(drives + electronics) + supply.current_noise * noise[:, 1],

@@ -22,8 +22,8 @@ _FULL: Final = 0x08
 _READS_8_BYTES: Final = 0x40
 
 
-class Command(IntEnum):
-    """Datagram commands."""
+class DatagramCommand(IntEnum):
+    """Commands of EtherCAT datagrams."""
 
     NOP = 0
     APRD = 1
@@ -40,13 +40,13 @@ class Command(IntEnum):
     LRW = 12
 
 
-_POSITION = (Command.APRD, Command.APWR, Command.APRW)
-_BROADCAST = (Command.BRD, Command.BWR, Command.BRW)
-_READS = (Command.APRD, Command.FPRD, Command.BRD)
-_WRITES = (Command.APWR, Command.FPWR, Command.BWR)
+_POSITION = (DatagramCommand.APRD, DatagramCommand.APWR, DatagramCommand.APRW)
+_BROADCAST = (DatagramCommand.BRD, DatagramCommand.BWR, DatagramCommand.BRW)
+_READS = (DatagramCommand.APRD, DatagramCommand.FPRD, DatagramCommand.BRD)
+_WRITES = (DatagramCommand.APWR, DatagramCommand.FPWR, DatagramCommand.BWR)
 
 
-class State(IntEnum):
+class SlaveState(IntEnum):
     """States of the application layer."""
 
     INIT = 1
@@ -82,7 +82,7 @@ class SlaveController:
         self.memory[0x0000:0x0010] = bytes((0x11, 0, 0, 0, 8, 8, 8, 0x0F, *([0] * 8)))
         self._set(_DL_STATUS, 0x5A00 | 0x0030)
         self._set(_EEPROM, _READS_8_BYTES)
-        self._set(_AL_STATUS, State.INIT)
+        self._set(_AL_STATUS, SlaveState.INIT)
         self._set(_AL_CODE, 0)
 
     @property
@@ -107,7 +107,7 @@ class SlaveController:
         address, offset: the two 16-bit halves of the datagram's address. Returns the address for
         the next slave and what to add to the working counter.
         """
-        if command in (Command.LRD, Command.LWR, Command.LRW):
+        if command in (DatagramCommand.LRD, DatagramCommand.LWR, DatagramCommand.LRW):
             return address, self._logical(command, address | offset << 16, data)
         if command in _POSITION or command in _BROADCAST:
             after = (address + 1) & 0xFFFF
@@ -194,17 +194,22 @@ class SlaveController:
 
     def _objection(self, before: int, wanted: int) -> int:
         """AL status code against a change of state; 0 for none."""
-        order: Mapping[int, int] = {State.INIT: 0, State.PREOP: 1, State.SAFEOP: 2, State.OP: 3}
+        order: Mapping[int, int] = {
+            SlaveState.INIT: 0,
+            SlaveState.PREOP: 1,
+            SlaveState.SAFEOP: 2,
+            SlaveState.OP: 3,
+        }
         if wanted not in order:
             return _UNKNOWN_STATE
         if order[wanted] > order[before] + 1:
             return _INVALID_CHANGE
         has_mailbox = self.mailbox(b'') is not None
-        if wanted == State.PREOP and before == State.INIT and has_mailbox:
+        if wanted == SlaveState.PREOP and before == SlaveState.INIT and has_mailbox:
             (_, out, sends), (_, back, receives) = self._manager(0), self._manager(1)
             if not (sends and receives and out and back):
                 return _INVALID_MAILBOX
-        if wanted == State.SAFEOP and before == State.PREOP and self._inputs is not None:
+        if wanted == SlaveState.SAFEOP and before == SlaveState.PREOP and self._inputs is not None:
             number, size = self._inputs
             _, length, active = self._manager(number)
             if not active or length != size:
@@ -213,7 +218,10 @@ class SlaveController:
 
     def _logical(self, command: int, address: int, data: bytearray) -> int:
         """Working counter: 1 for a read; there are no outputs to be written."""
-        if command == Command.LWR or self.state & 0x0F not in (State.SAFEOP, State.OP):
+        if command == DatagramCommand.LWR or self.state & 0x0F not in (
+            SlaveState.SAFEOP,
+            SlaveState.OP,
+        ):
             return 0
         hit = False
         for number in range(8):

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sim_bridge.instruments.ethercat.controller import SlaveController, State
+from sim_bridge.instruments.ethercat.controller import SlaveController, SlaveState
 
 _VENDOR = 0x2
 _EK1100, _EL3102 = 0x044C2C52, 0x0C1E3052
@@ -123,7 +123,7 @@ class EL3102(SlaveController):
 
     def enter(self, state: int) -> None:
         """The first conversion is at hand in SAFE-OP."""
-        if state == State.SAFEOP:
+        if state == SlaveState.SAFEOP:
             self._convert()
 
     def inputs_read(self) -> None:

@@ -40,7 +40,7 @@ def swung(plant, duration=1.5, seed=1, load=None):
     """One drive swings a pendulum through random targets, its whole speed range."""
     load = Stand(inertia=0.05, mass=3.0, length=0.4) if load is None else load
     simulation = Simulation(plant, stand_world('LF_KFE', load))
-    simulation.keep_books = True
+    simulation.track_energy = True
     random = np.random.default_rng(seed)
     for _ in range(round(duration / 0.05)):
         simulation.hold(JointCommand(position=random.uniform(-2.0, 2.0, 1)))
@@ -51,7 +51,7 @@ def swung(plant, duration=1.5, seed=1, load=None):
 def paced(plant, duration=2.0, seed=0):
     """All twelve drives in motions as large as those of walking."""
     simulation = Simulation(plant, walking_world())
-    simulation.keep_books = True
+    simulation.track_energy = True
     random = np.random.default_rng(seed)
     phase = random.uniform(0.0, 2 * np.pi, 12)
     size = np.tile([0.1, 0.25, 0.4], 4)
@@ -63,14 +63,14 @@ def paced(plant, duration=2.0, seed=0):
 
 
 @pytest.mark.parametrize('name', EFFECTS)
-def test_books_balance_with_each_effect_alone(name):
-    books = swung(alone(name)).books
-    assert abs(books.residual) < 0.005 * books.turnover
+def test_energy_balances_with_each_effect_alone(name):
+    balance = swung(alone(name)).energy_balance
+    assert abs(balance.residual) < 0.005 * balance.turnover
 
 
 @pytest.mark.parametrize('name', CHANNELS)
 def test_an_effect_alone_moves_energy_through_its_own_channel_and_no_other(name):
-    energy = swung(alone(name)).books.energy
+    energy = swung(alone(name)).energy_balance.energy
     moved = {channel for channel, value in energy.items() if abs(value) > 1e-6}
     free = {'supply', 'shaft', 'capacitor', 'capacitor_resistance', 'supply_line', 'rotor'}
     free |= {'spring_damping'} if name == 'spring' else set()
@@ -79,12 +79,12 @@ def test_an_effect_alone_moves_energy_through_its_own_channel_and_no_other(name)
 
 
 @pytest.mark.parametrize('unit', [0, 5])
-def test_books_balance_on_walking_motion_with_everything_on(unit):
+def test_energy_balances_on_walking_motion_with_everything_on(unit):
     plant = Plant.load('anymal_c').with_effects(position_rub=True, fan=True).unit(unit)
-    books = paced(plant).books
-    assert books.supplied > 100.0
-    assert abs(books.residual) < 0.005 * books.supplied
-    assert all(value >= -1e-9 for value in books.losses.values())
+    balance = paced(plant).energy_balance
+    assert balance.supplied > 100.0
+    assert abs(balance.residual) < 0.005 * balance.supplied
+    assert all(value >= -1e-9 for value in balance.losses.values())
 
 
 def test_work_at_the_joint_is_the_change_of_the_loads_mechanical_energy():
@@ -93,24 +93,24 @@ def test_work_at_the_joint_is_the_change_of_the_loads_mechanical_energy():
     q, w = simulation.joint_position[0], simulation.joint_velocity[0]
     inertia = load.inertia + 1e-5 + load.mass * load.length**2
     held = 0.5 * inertia * w**2 + load.mass * 9.81 * load.length * (1.0 - np.cos(q))
-    assert simulation.books.energy['shaft'] == pytest.approx(held, abs=0.02)
+    assert simulation.energy_balance.energy['shaft'] == pytest.approx(held, abs=0.02)
 
 
 def test_power_at_the_meter_and_the_loss_before_it_are_what_the_supply_gives():
     simulation = Simulation(Plant.load('anymal_c'), stand_world('LF_HFE'))
-    simulation.keep_books = True
+    simulation.track_energy = True
     metered = 0.0
     for target in (0.8, -0.8) * 4:
         simulation.hold(JointCommand(position=np.array([target])))
         metered += simulation.advance(200).power.sum() * STEP
-    energy = simulation.books.energy
+    energy = simulation.energy_balance.energy
     outside = sum(energy[name] for name in ('supply_line', 'capacitor', 'capacitor_resistance'))
     assert metered == pytest.approx(energy['supply'] - outside, rel=1e-6)
 
 
 @pytest.mark.parametrize('name', ['copper_loss', 'coulomb_friction', 'iron_loss', 'idle'])
 def test_twice_the_strength_is_about_twice_the_loss(name):
-    once, twice = (swung(alone(name, s)).books.losses[CHANNELS[name]] for s in (0.2, 0.4))
+    once, twice = (swung(alone(name, s)).energy_balance.losses[CHANNELS[name]] for s in (0.2, 0.4))
     assert twice / once == pytest.approx(2.0, rel=0.15)
 
 
