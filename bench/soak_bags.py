@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from power_recordings.messages.columns import Columns
 from power_recordings.messages.samples import DriveSamples, JointSamples, Samples, SupplySamples
+from power_recordings.messages.topic_columns import Columns
 from power_recordings.messages.topics import KINDS
 from power_recordings.reading import bag_folder
 from power_recordings.reading.mcap_file import Topic

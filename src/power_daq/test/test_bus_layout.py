@@ -5,7 +5,7 @@ from cantools.database.can.signal import Signal
 from cantools.database.conversion import BaseConversion
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from power_daq.bus.layout import Field, Layout, LayoutError, bit_positions
+from power_daq.bus.signal_layout import Field, LayoutError, SignalLayout, bit_positions
 
 
 def signal(name, start, length, order='little_endian', signed=False, scale=1, is_float=False):
@@ -47,7 +47,7 @@ def messages(draw):
 @given(message=messages(), data=st.data())
 def test_any_frame_decodes_as_cantools_decodes_it(message, data):
     payload = data.draw(st.binary(min_size=message.length, max_size=message.length))
-    layout = Layout([(s, 0) for s in message.signals], message.length)
+    layout = SignalLayout([(s, 0) for s in message.signals], message.length)
     expected = message.decode(payload, decode_choices=False)
     np.testing.assert_allclose(
         layout.decode(payload), [expected[s.name] for s in message.signals], rtol=1e-15
@@ -58,7 +58,7 @@ def test_any_frame_decodes_as_cantools_decodes_it(message, data):
 @given(message=messages(), data=st.data())
 def test_what_decodes_from_a_frame_encodes_to_the_same_frame(message, data):
     payload = data.draw(st.binary(min_size=message.length, max_size=message.length))
-    layout = Layout([(s, 0) for s in message.signals], message.length)
+    layout = SignalLayout([(s, 0) for s in message.signals], message.length)
     values = layout.decode(payload)
     again = layout.decode(layout.encode(values))
     np.testing.assert_array_equal(np.nan_to_num(again), np.nan_to_num(values))
@@ -77,13 +77,13 @@ def test_a_field_reads_the_raw_number_that_cantools_reads(message, data):
 def test_frames_in_a_row_are_read_as_one_payload():
     first = signal('first', 0, 16, scale=0.5)
     second = signal('second', 7, 16, 'big_endian', signed=True)
-    layout = Layout([(first, 0), (second, 2)], 4)
+    layout = SignalLayout([(first, 0), (second, 2)], 4)
     assert layout.decode(bytes([0x02, 0x01, 0xFF, 0xFE])).tolist() == [129.0, -2.0]
 
 
 def test_values_beyond_the_range_stop_at_its_ends_and_no_number_becomes_zero():
     one = signal('x', 0, 8, signed=True, scale=0.5)
-    layout = Layout([(one, 0)], 1)
+    layout = SignalLayout([(one, 0)], 1)
     assert layout.limits[0].tolist() == [-64.0]
     assert layout.limits[1].tolist() == [63.5]
     assert layout.quantise([[1000.0], [-1000.0], [0.26], [np.nan]])[:, 0].tolist() == [
@@ -105,5 +105,5 @@ def test_values_beyond_the_range_stop_at_its_ends_and_no_number_becomes_zero():
 )
 def test_a_signal_that_cannot_be_read_is_named(bad, words):
     with pytest.raises(LayoutError, match=words) as error:
-        Layout([(bad, 0)], 6)
+        SignalLayout([(bad, 0)], 6)
     assert repr(bad.name) in str(error.value)

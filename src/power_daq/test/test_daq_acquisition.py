@@ -11,7 +11,7 @@ from power_daq.acquisition.bus_acquisition import (
     Patience,
     SampleQueue,
 )
-from power_daq.acquisition.health import Health, Level
+from power_daq.acquisition.bus_health import BusHealth, Level
 from power_daq.acquisition.receiver import Receiver, Sample
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
@@ -64,7 +64,7 @@ class Measurement:
             self.reports.append,
             PATIENCE,
         )
-        self.health = Health(self.acquisition, self.queue, BUS, settings)
+        self.health = BusHealth(self.acquisition, self.queue, BUS, settings)
 
     def __enter__(self):
         self.acquisition.start()

@@ -17,7 +17,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from power_daq.monitor.screen import Screen, line
-from power_daq.monitor.state import State
+from power_daq.monitor.state import MonitorState
 from power_daq.nodes.watch import main
 from power_recordings.messages import cdr
 from rclpy.context import Context
@@ -48,7 +48,7 @@ def feed(state, topic, messages, now):
 
 def a_second(**options):
     """A state that has heard one second of 1 A and −0.5 A, and of the supply at 50 V, −4 A."""
-    state = State(0.0)
+    state = MonitorState(0.0)
     feed(state, 'drive_supply', supply_messages(1001, [1.0, -0.5], **options), 1.0)
     stamps = 10 * MS * np.arange(101)
     feed(state, 'supply', cdr.encode_batteries(stamps, [50.0] * 101, [-4.0] * 101), 1.0)
@@ -69,7 +69,7 @@ def test_watts_joules_and_what_is_left_for_the_electronics():
 
 
 def test_energy_goes_on_from_look_to_look_and_a_gap_adds_nothing():
-    state = State(0.0)
+    state = MonitorState(0.0)
     feed(state, 'drive_supply', supply_messages(500, [1.0, 0.0]), 0.5)
     state.look(0.5)
     feed(state, 'drive_supply', supply_messages(501, [1.0, 0.0], first=500), 1.0)
@@ -82,7 +82,7 @@ def test_energy_goes_on_from_look_to_look_and_a_gap_adds_nothing():
 
 def test_a_gap_is_what_is_long_for_the_stream():
     """1 kHz for half a second, 20 ms of nothing, half a second again: 48 W over 2 × 0.499 s."""
-    state = State(0.0)
+    state = MonitorState(0.0)
     feed(state, 'drive_supply', supply_messages(500, [1.0, 0.0]), 0.5)
     feed(state, 'drive_supply', supply_messages(500, [1.0, 0.0], first=519), 1.0)
     assert state.look(1.0).drive_energy == pytest.approx(48.0 * 2 * 0.499)
@@ -91,7 +91,7 @@ def test_a_gap_is_what_is_long_for_the_stream():
 @pytest.mark.parametrize('rate', [1, 5, 20, 100, 200])
 def test_a_supply_of_any_rate_that_its_node_allows_has_an_energy(rate):
     """40 s at 200 W, looked at twice a second; then a minute of nothing, and 10 s more."""
-    state = State(0.0)
+    state = MonitorState(0.0)
     stamps = [i * 1_000_000_000 // rate for i in range(40 * rate + 1)]
     stamps += [100_000_000_000 + i * 1_000_000_000 // rate for i in range(10 * rate + 1)]
     for look in range(1, 222):
@@ -121,7 +121,7 @@ def test_what_no_longer_comes_is_no_longer_shown():
 
 
 def test_before_anything_came_it_says_what_to_start():
-    assert 'ros2 run power_daq daq' in State(0.0).look(1.0).warnings[0]
+    assert 'ros2 run power_daq daq' in MonitorState(0.0).look(1.0).warnings[0]
 
 
 def test_estimates_stand_beside_the_measurement_by_name():
@@ -161,7 +161,7 @@ def twelve_drives():
     names = [
         f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')
     ]
-    state = State(0.0)
+    state = MonitorState(0.0)
     stamps = MS * np.arange(10)
     amps = np.linspace(-0.5, 3.0, 12) * np.ones((10, 1))
     messages = cdr.encode_drive_supply(stamps, 0, stamps, names, 48.0, amps, np.full(12, 41.5))

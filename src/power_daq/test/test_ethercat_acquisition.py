@@ -13,7 +13,7 @@ from power_daq.ethercat.health import SegmentHealth
 from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.segment import SegmentError
 from power_daq.ethercat.soem import longest_call
-from power_daq.ethercat.terminals import Identity
+from power_daq.ethercat.terminals import SlaveIdentity
 from power_recordings.calibration import Calibration
 from wattwalk_core.nodes.diagnostics import Level
 
@@ -40,7 +40,7 @@ class Frames:
         self.frame = 0
         self.toggle = 0
         self.image = bytes(8)
-        self.found = [Identity(2, 0x044C2C52), Identity(2, 0x0C1E3052)]
+        self.found = [SlaveIdentity(2, 0x044C2C52), SlaveIdentity(2, 0x0C1E3052)]
         self.opened = self.closed = 0
         self.threads = set()
         self.entered, self.left = [], []

@@ -7,14 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from power_daq.ethercat.mapping import ChannelMapping, SegmentMapping
 from power_daq.ethercat.segment import SegmentError, assert_settings, check_inputs, check_order
-from power_daq.ethercat.terminals import TYPES, Identity
+from power_daq.ethercat.terminals import TYPES, SlaveIdentity
 from wattwalk_core.errors import InputError
 
 from drive_power_msgs.msg import DriveSupply
 
 EK1100, EL3102 = TYPES['EK1100'], TYPES['EL3102']
-COUPLER, INPUTS = Identity(2, 0x044C2C52), Identity(2, 0x0C1E3052)
-STRANGER = Identity(2, 0x03F03052, 0, 'EL1008')
+COUPLER, INPUTS = SlaveIdentity(2, 0x044C2C52), SlaveIdentity(2, 0x0C1E3052)
+STRANGER = SlaveIdentity(2, 0x03F03052, 0, 'EL1008')
 
 CONTENT = {
     'device': 'terminals',

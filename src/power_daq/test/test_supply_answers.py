@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from power_daq.supply.answers import (
     AnswerError,
-    Measured,
+    SupplyMeasurement,
     identity,
     measured,
     quantity,
@@ -15,8 +15,8 @@ from power_daq.supply.answers import (
 
 
 def test_three_numbers_with_units_are_voltage_current_and_power():
-    assert measured('48.02 V, 3.14 A, 150.8 W') == Measured(48.02, 3.14, 150.8)
-    assert measured('48.02V,-3.14A,-150.8W\r') == Measured(48.02, -3.14, -150.8)
+    assert measured('48.02 V, 3.14 A, 150.8 W') == SupplyMeasurement(48.02, 3.14, 150.8)
+    assert measured('48.02V,-3.14A,-150.8W\r') == SupplyMeasurement(48.02, -3.14, -150.8)
 
 
 def test_prefixes_are_part_of_the_number():

@@ -1,4 +1,4 @@
-from power_daq.supply.answers import Identity, ScpiError
+from power_daq.supply.answers import InstrumentIdentity, ScpiError
 from power_daq.supply.energy_counters import Balance, Energy
 from power_daq.supply.health import SupplyHealth
 from power_daq.supply.poller import PollState
@@ -11,7 +11,7 @@ class Poller:
     """What a health report looks at."""
 
     def __init__(self):
-        self.state = PollState(Identity('EA', 'PSB 9080', '17', 'V3'), absence='')
+        self.state = PollState(InstrumentIdentity('EA', 'PSB 9080', '17', 'V3'), absence='')
         self.lost = 0
 
     def take_worst_round_trip(self):

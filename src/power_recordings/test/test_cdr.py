@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from power_recordings.messages import cdr
-from power_recordings.messages.layout import Layout
+from power_recordings.messages.cdr_layout import Layout
 from wattwalk_core.errors import InputError
 
 NAME = st.text(st.characters(codec='utf-8', exclude_characters='\0'), max_size=9)

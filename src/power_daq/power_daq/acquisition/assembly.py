@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from power_daq.bus.group import Group
-from power_daq.bus.layout import Floats
+from power_daq.bus.frame_group import FrameGroup
+from power_daq.bus.signal_layout import Floats
 from power_daq.clock.mapping import WrappingCounter
 
 _OPEN_SAMPLES = 8
@@ -46,7 +46,7 @@ class Assembler:
     one is a loss. Devices send in order, so a complete sample closes all before it.
     """
 
-    def __init__(self, group: Group) -> None:
+    def __init__(self, group: FrameGroup) -> None:
         self._group = group
         self._counter = WrappingCounter(group.counter_bits)
         self._slots = len(group.frames)

@@ -13,6 +13,7 @@ import can
 from wattwalk_core.worker import Worker
 
 from power_daq.acquisition.receiver import Receiver, Sample
+from power_daq.clock.slots import Pauses
 
 _log = logging.getLogger(__name__)
 _S = 1_000_000_000
@@ -161,7 +162,7 @@ class Acquisition(Worker):
                 bus.shutdown()
 
     def _open(self) -> can.BusABC | None:
-        pause = self._patience.first_retry
+        pauses = Pauses(self._patience.first_retry, self._patience.last_retry)
         while not self._stop.is_set():
             try:
                 return self._open_bus()
@@ -169,8 +170,7 @@ class Acquisition(Worker):
                 if str(error) != self.absence:
                     self._report(f'bus absent, will try again: {error}')
                 self.absence = str(error)
-            self._stop.wait(pause)
-            pause = min(2 * pause, self._patience.last_retry)
+            pauses.wait(self._stop)
         return None
 
     def _read(self, bus: can.BusABC) -> None:

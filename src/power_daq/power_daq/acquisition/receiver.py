@@ -10,8 +10,8 @@ from power_recordings.calibration import Calibration
 
 from power_daq.acquisition.assembly import Assembler
 from power_daq.bus.description import BusDescription
-from power_daq.bus.group import Route
-from power_daq.bus.layout import Floats
+from power_daq.bus.frame_group import Route
+from power_daq.bus.signal_layout import Floats
 from power_daq.clock.mapping import ClockMapping, RosTime, Stamper
 
 _REMEMBERED_IDS = 16

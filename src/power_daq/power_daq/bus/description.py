@@ -11,17 +11,17 @@ from cantools.database.can.database import Database
 from numpy.typing import ArrayLike
 from wattwalk_core.errors import InputError
 
-from power_daq.bus.group import (
+from power_daq.bus.frame_group import (
     Frame,
-    Group,
+    FrameGroup,
     Route,
     bind_frame,
     find_message,
     head_layout,
     head_values,
 )
-from power_daq.bus.layout import Field, Floats, Layout
 from power_daq.bus.mapping import BusMapping, load_mapping
+from power_daq.bus.signal_layout import Field, Floats, SignalLayout
 
 _FOLDER = Path(__file__).parent
 DEFAULT_DBC = _FOLDER / 'drives.dbc'
@@ -40,8 +40,9 @@ class BusDescription:
     def __init__(self, database: Database, mapping: BusMapping) -> None:
         self.device = mapping.device
         self.drives = mapping.drives
-        self.groups: Mapping[str, Group] = {
-            name: Group(group, database, self.drives) for name, group in mapping.groups.items()
+        self.groups: Mapping[str, FrameGroup] = {
+            name: FrameGroup(group, database, self.drives)
+            for name, group in mapping.groups.items()
         }
         self._sync: Frame | None = None
         if mapping.sync is not None:
@@ -105,7 +106,7 @@ class BusDescription:
         return [_message(self._sync, payload)]
 
     @cached_property
-    def _sync_layout(self) -> Layout:
+    def _sync_layout(self) -> SignalLayout:
         assert self._sync is not None
         return head_layout(self._sync)
 
@@ -179,7 +180,7 @@ class BusDescription:
         result[..., group.columns] = group.quantise(values[..., group.columns])
         return result
 
-    def _group(self, name: str) -> Group:
+    def _group(self, name: str) -> FrameGroup:
         if name not in self.groups:
             raise ValueError(f'the bus carries no {name} frames, only {", ".join(self.groups)}')
         return self.groups[name]
@@ -210,7 +211,7 @@ def _message(frame: Frame, payload: bytes) -> can.Message:
     )
 
 
-def _messages(group: Group, payloads: Sequence[bytes]) -> list[can.Message]:
+def _messages(group: FrameGroup, payloads: Sequence[bytes]) -> list[can.Message]:
     return [_message(frame, data) for frame, data in zip(group.frames, payloads, strict=True)]
 
 

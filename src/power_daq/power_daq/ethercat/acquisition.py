@@ -1,4 +1,4 @@
-"""The thread that owns an EtherCAT segment: a frame each cycle, and the segment again if lost."""
+"""The thread that exchanges a frame each cycle with an EtherCAT segment and reopens it."""
 
 import logging
 import time
@@ -12,11 +12,12 @@ from wattwalk_core.worker import Worker
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.receiver import Sample
-from power_daq.bus.layout import Floats
+from power_daq.bus.signal_layout import Floats
 from power_daq.clock.mapping import RosTime, Stamper
+from power_daq.clock.slots import Pauses, Slots
 from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.segment import (
-    Segment,
+    EthercatSegment,
     SegmentError,
     assert_settings,
     check_inputs,
@@ -65,7 +66,7 @@ class SegmentAcquisition(Worker):
     def __init__(
         self,
         mapping: SegmentMapping,
-        make_segment: Callable[[], Segment],
+        make_segment: Callable[[], EthercatSegment],
         sink: Callable[[Sample], None],
         report: Callable[[str], None] = _log.warning,
         calibration: Calibration | None = None,
@@ -89,28 +90,22 @@ class SegmentAcquisition(Worker):
                 gain * self._offset + calibration.offset.ravel(),
             )
         self._toggles: list[bool | None] = [None] * len(self._channels)
-        self._start: float | None = None
-        self._lost = 0
+        self._slots = Slots(mapping.cycle)
         super().__init__('ethercat')
 
     @property
     def lost(self) -> int:
         """Cycles without a sample since the first one."""
-        if self._start is None:
-            return 0
-        ended = int((time.monotonic() - self._start) / self.mapping.cycle) - 1
-        self._lost = max(self._lost, ended - self.counts.cycles)
-        return self._lost
+        return self._slots.lost(self.counts.cycles)
 
     def _work(self) -> None:
-        pause = self._patience.first_retry
+        pauses = Pauses(self._patience.first_retry, self._patience.last_retry)
         while not self._stop.is_set():
             cycles = self.counts.cycles
             self._serve_once()
             if self.counts.cycles > cycles:
-                pause = self._patience.first_retry
-            self._stop.wait(pause)
-            pause = min(2 * pause, self._patience.last_retry)
+                pauses.reset()
+            pauses.wait(self._stop)
 
     def _serve_once(self) -> None:
         segment = self._make()
@@ -125,7 +120,7 @@ class SegmentAcquisition(Worker):
         finally:
             segment.close()
 
-    def _bring_up(self, segment: Segment) -> int | None:
+    def _bring_up(self, segment: EthercatSegment) -> int | None:
         """The working counter of a whole exchange; None where it is to end before that."""
         wanted = self.mapping.segment
         check_order(wanted, segment.find())
@@ -141,14 +136,11 @@ class SegmentAcquisition(Worker):
         self._report(f'EtherCAT: operating {names}')
         return expected
 
-    def _exchange(self, segment: Segment, expected: int) -> None:
-        if self._start is None:
-            self._start = time.monotonic()
+    def _exchange(self, segment: EthercatSegment, expected: int) -> None:
         self._toggles = [None] * len(self._channels)
         triggered: int | None = None
         bad = 0
-        slot = self._slot()
-        while not self._stop.wait(self._start + slot * self.mapping.cycle - time.monotonic()):
+        for slot in self._slots.each(self._stop):
             before = time.monotonic_ns()
             counter = segment.exchange()
             middle = (before + time.monotonic_ns()) // 2
@@ -166,14 +158,8 @@ class SegmentAcquisition(Worker):
             bad = bad + 1 if counter < expected else 0
             if bad >= self._patience.bad_cycles:
                 raise SegmentError(_missing(counter, expected, bad))
-            slot = max(slot + 1, self._slot())
 
-    def _slot(self) -> int:
-        """Index of the cycle that begins next."""
-        assert self._start is not None
-        return -int(-(time.monotonic() - self._start) // self.mapping.cycle)
-
-    def _look(self, segment: Segment, incomplete: bool) -> tuple[Floats, Flags]:
+    def _look(self, segment: EthercatSegment, incomplete: bool) -> tuple[Floats, Flags]:
         """Volts and flags of each channel as the last frame brought them."""
         values = np.empty(len(self._channels))
         flags = np.zeros(len(self._channels), np.uint8)

@@ -1,8 +1,11 @@
 """How an EtherCAT segment does, in a sentence and in figures, for `diagnostics`."""
 
+from collections.abc import Mapping
+
 from wattwalk_core.nodes.diagnostics import Level, Report
 
 from power_daq.acquisition.bus_acquisition import SampleQueue
+from power_daq.acquisition.count_changes import CountChanges
 from power_daq.ethercat.acquisition import SegmentAcquisition
 
 _RATE_SLACK = 0.02
@@ -16,8 +19,7 @@ class SegmentHealth:
         self, acquisition: SegmentAcquisition, queue: SampleQueue, interface: str
     ) -> None:
         self._acquisition, self._queue, self._interface = acquisition, queue, interface
-        self._before: dict[str, int] = {}
-        self._time: float | None = None
+        self._changes = CountChanges()
 
     def report(self, now: float) -> Report:
         """How it does since the report before; now in s on a steady clock."""
@@ -26,9 +28,7 @@ class SegmentHealth:
         counts['cycles lost'] = acquisition.lost
         counts['samples dropped unpublished'] = self._queue.dropped
         counts['steps of the system clock'] = acquisition.ros_time.steps
-        news = {name: count - self._before.get(name, 0) for name, count in counts.items()}
-        span = now - self._time if self._time is not None else 0.0
-        self._time, self._before = now, counts
+        news, span = self._changes.since_last(counts, now)
         mapping = acquisition.mapping
         figures = {
             'interface': self._interface,
@@ -42,12 +42,12 @@ class SegmentHealth:
         figures['samples waiting'] = str(len(self._queue))
         return Report(*self._judge(news, rate), figures)
 
-    def _judge(self, news: dict[str, int], rate: float | None) -> tuple[Level, str]:
+    def _judge(self, news: Mapping[str, float], rate: float | None) -> tuple[Level, str]:
         acquisition = self._acquisition
         if acquisition.absence:
             return Level.ERROR, f'segment absent: {acquisition.absence}'
         faults = [
-            f'{count} {name}'
+            f'{count:.0f} {name}'
             for name, count in news.items()
             if count > 0 and name not in _NO_FAULT
         ]

@@ -3,17 +3,17 @@
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from power_daq.ethercat.terminals import Identity, TerminalType, describe
+from power_daq.ethercat.terminals import SlaveIdentity, TerminalType, describe
 
 
 class SegmentError(Exception):
     """The segment is not there or not as it should be; the message is one line."""
 
 
-class Segment(Protocol):
+class EthercatSegment(Protocol):
     """An EtherCAT segment whose slaves are counted from 0, the first behind the master."""
 
-    def find(self) -> Sequence[Identity]:
+    def find(self) -> Sequence[SlaveIdentity]:
         """Open the interface and count the slaves; SegmentError where there is none."""
 
     def read(self, slave: int, index: int, subindex: int) -> bytes:
@@ -35,7 +35,7 @@ class Segment(Protocol):
         """Bring the slaves back to INIT, if they still hear, and leave the interface."""
 
 
-def check_order(wanted: Sequence[TerminalType], found: Sequence[Identity]) -> None:
+def check_order(wanted: Sequence[TerminalType], found: Sequence[SlaveIdentity]) -> None:
     """SegmentError for the first place at which the wrong slave is, or none, or one too many."""
     for place, kind in enumerate(wanted):
         if place >= len(found):
@@ -55,7 +55,7 @@ def check_order(wanted: Sequence[TerminalType], found: Sequence[Identity]) -> No
 
 
 def assert_settings(
-    segment: Segment,
+    segment: EthercatSegment,
     wanted: Sequence[TerminalType],
     stopped: Callable[[], bool] = lambda: False,
 ) -> list[str]:
@@ -83,7 +83,7 @@ def assert_settings(
     return changed
 
 
-def check_inputs(segment: Segment, wanted: Sequence[TerminalType]) -> None:
+def check_inputs(segment: EthercatSegment, wanted: Sequence[TerminalType]) -> None:
     """SegmentError where a terminal's process data are not those that are understood."""
     for place, kind in enumerate(wanted):
         size = len(segment.inputs(place))
@@ -95,5 +95,5 @@ def check_inputs(segment: Segment, wanted: Sequence[TerminalType]) -> None:
             )
 
 
-def _read(segment: Segment, slave: int, index: int, subindex: int) -> int:
+def _read(segment: EthercatSegment, slave: int, index: int, subindex: int) -> int:
     return int.from_bytes(segment.read(slave, index, subindex)[:1], 'little')

@@ -10,7 +10,7 @@ from typing import Any
 from wattwalk_core.errors import InputError
 
 from power_daq.ethercat.segment import SegmentError
-from power_daq.ethercat.terminals import Identity
+from power_daq.ethercat.terminals import SlaveIdentity
 
 _US = 1_000_000
 _STATE_TIMEOUT = 2.0
@@ -48,7 +48,7 @@ class SoemSegment:
         self._mailbox = max(round(_US * _MAILBOX_TIMEOUT), 20 * self._timeout)
         self._master: Any = None
 
-    def find(self) -> Sequence[Identity]:
+    def find(self) -> Sequence[SlaveIdentity]:
         """Open the interface and ask who is there."""
         master = self._soem.Master()
         master.sdo_read_timeout = master.sdo_write_timeout = self._mailbox
@@ -61,7 +61,7 @@ class SoemSegment:
             raise SegmentError(
                 f'no slave answers on {self._interface}: check cable and power of the coupler'
             )
-        return [Identity(s.man, s.id, s.rev, s.name) for s in master.slaves]
+        return [SlaveIdentity(s.man, s.id, s.rev, s.name) for s in master.slaves]
 
     def _why_not(self) -> str:
         names = [name for _, name in socket.if_nameindex()]

@@ -22,7 +22,7 @@ _FLAGS = (
 )
 
 
-class Identity(NamedTuple):
+class SlaveIdentity(NamedTuple):
     """What a slave says of itself in its EEPROM."""
 
     vendor: int
@@ -40,7 +40,7 @@ class Setting(NamedTuple):
     meaning: str
 
 
-class Channel(NamedTuple):
+class ChannelReading(NamedTuple):
     """One channel in one cycle: V, flags of DriveSupply, the bit that turns with each value."""
 
     volts: float
@@ -63,17 +63,19 @@ class TerminalType:
     def __str__(self) -> str:
         return f'{self.name} (vendor {self.vendor:#x}, product {self.product:#010x})'
 
-    def is_it(self, found: Identity) -> bool:
+    def is_it(self, found: SlaveIdentity) -> bool:
         """Whether a slave is of this kind."""
         return (found.vendor, found.product) == (self.vendor, self.product)
 
-    def channel(self, inputs: bytes, number: int) -> Channel:
-        """Channel, counted from 1, of the input bytes of one cycle."""
+    def channel(self, inputs: bytes, number: int) -> ChannelReading:
+        """Return a channel, counted from 1, of the input bytes of one cycle."""
         start = 4 * (number - 1)
         status = int.from_bytes(inputs[start : start + 2], 'little')
         count = int.from_bytes(inputs[start + 2 : start + 4], 'little', signed=True)
         flags = sum(flag for mask, flag in _FLAGS if status & mask)
-        return Channel(count * FULL_SCALE, flags, bool(status & _TOGGLE), not status & _INVALID)
+        return ChannelReading(
+            count * FULL_SCALE, flags, bool(status & _TOGGLE), not status & _INVALID
+        )
 
 
 def _settings(channel: int) -> tuple[Setting, ...]:
@@ -95,7 +97,7 @@ TYPES: Mapping[str, TerminalType] = {
 }
 
 
-def describe(found: Identity) -> str:
+def describe(found: SlaveIdentity) -> str:
     """A slave in words."""
     known = next((kind.name for kind in TYPES.values() if kind.is_it(found)), None)
     name = known or found.name or 'a slave'

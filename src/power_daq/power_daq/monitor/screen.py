@@ -7,7 +7,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 from rich.text import Text
 
-from power_daq.monitor.state import DriveView, Report, View
+from power_daq.monitor.state import DriveView, StatusReport, View
 
 _EIGHTHS = ' ▏▎▍▌▋▊▉'
 _LEAST_BAR, _SIDE = 6, 34
@@ -150,8 +150,8 @@ def _sides(view: View, width: int) -> Table:
     return table
 
 
-def _devices(bus: Report | None, segment: Report | None) -> str:
-    """State of the CAN bus, of the EtherCAT segment, or of both where two DAQs run."""
+def _devices(bus: StatusReport | None, segment: StatusReport | None) -> str:
+    """Return the state of the CAN bus, of the EtherCAT segment, or of both where two DAQs run."""
     found = []
     if bus is not None:
         load = bus.figures.get('bus load [%]')
@@ -163,7 +163,7 @@ def _devices(bus: Report | None, segment: Report | None) -> str:
     return ', '.join(found) or 'no diagnostics of the DAQ'
 
 
-def _clock(report: Report | None) -> str:
+def _clock(report: StatusReport | None) -> str:
     """Offset, drift and worst delay of the first clock that is mapped."""
     figures = {} if report is None else report.figures
     for key in figures:
@@ -182,7 +182,7 @@ def _text(figures: Mapping[str, str], key: str, digits: int) -> str:
         return '-'
 
 
-def _losses(view: View, bus: Report | None, segment: Report | None) -> str:
+def _losses(view: View, bus: StatusReport | None, segment: StatusReport | None) -> str:
     lost = [f'bus {bus.figures.get("electrical lost", "-")}'] if bus else []
     if segment is not None:
         lost.append(f'cycles {segment.figures.get("cycles lost", "-")}')
@@ -206,7 +206,7 @@ def _nodes(view: View) -> str:
     return f'{good} of {len(view.reports)} statuses ok' if view.reports else 'no diagnostics'
 
 
-def _of(reports: Mapping[str, Report], part: str) -> Report | None:
+def _of(reports: Mapping[str, StatusReport], part: str) -> StatusReport | None:
     found = [report for name, report in reports.items() if name.endswith(f': {part}')]
     return max(found, key=lambda report: report.time) if found else None
 

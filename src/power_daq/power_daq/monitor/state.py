@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from power_recordings.messages.samples import DriveSamples, EstimateSamples, SupplySamples
 from power_recordings.writing.background import SequenceCheck
 
-from power_daq.monitor.topic_buffers import Counter, Tap
+from power_daq.monitor.topic_buffers import TopicBuffer, TopicCounter
 from power_daq.supply.energy_counters import EnergyCounter
 
 TOPICS = ('drive_supply', 'joint_states', 'supply', 'power_estimate', 'diagnostics')
@@ -23,7 +23,7 @@ _ESTIMATE = ('ok', 'warming up', 'input stale', 'outside its training data')
 
 
 @dataclass(frozen=True)
-class Report:
+class StatusReport:
     """A status on `diagnostics`: level 0 to 3, a sentence, figures by name, and its arrival."""
 
     level: int
@@ -69,7 +69,7 @@ class View:
     supply_energy: float
     missed: int
     topics: tuple[TopicView, ...]
-    reports: Mapping[str, Report]
+    reports: Mapping[str, StatusReport]
     warnings: tuple[str, ...]
 
     @property
@@ -105,7 +105,7 @@ class _StreamEnergy:
 
 
 @dataclass
-class State:
+class MonitorState:
     """
     Takes messages at any rate; `look` turns what came since the last look into a view.
 
@@ -113,11 +113,13 @@ class State:
     """
 
     started: float
-    reports: dict[str, Report] = field(default_factory=dict)
+    reports: dict[str, StatusReport] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.taps = {name: Tap(name) for name in ('drive_supply', 'supply', 'power_estimate')}
-        self.counters = {name: Counter() for name in ('joint_states', 'diagnostics')}
+        self.buffers = {
+            name: TopicBuffer(name) for name in ('drive_supply', 'supply', 'power_estimate')
+        }
+        self.counters = {name: TopicCounter() for name in ('joint_states', 'diagnostics')}
         self._sequence = SequenceCheck()
         self._drive_energy, self._supply_energy = _StreamEnergy(), _StreamEnergy()
         self._looked = self.started
@@ -126,15 +128,15 @@ class State:
         self._supply: SupplySamples | None = None
         self._estimates: EstimateSamples | None = None
 
-    def source(self, topic: str) -> Tap | Counter:
+    def source(self, topic: str) -> TopicBuffer | TopicCounter:
         """What takes the messages of a topic."""
-        return self.taps.get(topic) or self.counters[topic]
+        return self.buffers.get(topic) or self.counters[topic]
 
     def report(
         self, name: str, level: int, sentence: str, figures: Mapping[str, str], now: float
     ) -> None:
         """A status came on `diagnostics`."""
-        self.reports[name] = Report(level, sentence, figures, now)
+        self.reports[name] = StatusReport(level, sentence, figures, now)
 
     def look(self, now: float) -> View:
         """The view of what came since the last look."""
@@ -151,18 +153,18 @@ class State:
         return self._view(now, tuple(topics))
 
     def _take(self) -> None:
-        raw, drives = self.taps['drive_supply'].drain()
+        raw, drives = self.buffers['drive_supply'].drain()
         for cdr in raw:
             self._sequence.feed(cdr)
         if isinstance(drives, DriveSamples) and len(drives):
             total = drives.power.astype(np.float64).sum(axis=1)
             self._drive_energy.add(drives.stamp_ns, total)
             self._drives = drives
-        _, supply = self.taps['supply'].drain()
+        _, supply = self.buffers['supply'].drain()
         if isinstance(supply, SupplySamples) and len(supply):
             self._supply_energy.add(supply.stamp_ns, supply.power.astype(np.float64))
             self._supply = supply
-        _, estimates = self.taps['power_estimate'].drain()
+        _, estimates = self.buffers['power_estimate'].drain()
         if isinstance(estimates, EstimateSamples) and len(estimates):
             self._estimates = estimates
 
@@ -208,12 +210,14 @@ class State:
 
     def _warnings(self, now: float) -> list[str]:
         found = []
-        last = self.taps['drive_supply'].last
+        last = self.buffers['drive_supply'].last
         if last is None:
             found.append('no drive_supply yet: start `ros2 run power_daq daq`')
         elif now - last > FRESH:
             found.append(f'no drive_supply for {now - last:.0f} s')
-        found += [f'{name}: {tap.fault}' for name, tap in self.taps.items() if tap.fault]
+        found += [
+            f'{name}: {buffer.fault}' for name, buffer in self.buffers.items() if buffer.fault
+        ]
         ranked = sorted(self.reports.items(), key=lambda item: -item[1].level)
         for name, report in ranked:
             if now - report.time > 2 * FRESH:

@@ -2,8 +2,8 @@
 
 from collections import deque
 
-from power_recordings.messages.columns import Columns
 from power_recordings.messages.samples import Samples
+from power_recordings.messages.topic_columns import Columns
 from power_recordings.messages.topics import KINDS
 from power_recordings.reading.bag_folder import joined
 from power_recordings.reading.mcap_file import Topic
@@ -12,7 +12,7 @@ from wattwalk_core.errors import InputError
 _MOST = 20_000  # messages
 
 
-class Tap:
+class TopicBuffer:
     """
     Takes the CDR bytes of a topic's messages; decoding waits until somebody looks.
 
@@ -55,7 +55,7 @@ class Tap:
             return raw, None
 
 
-class Counter:
+class TopicCounter:
     """Counts the messages of a topic and remembers when the newest came."""
 
     def __init__(self) -> None:

@@ -23,9 +23,9 @@ from wattwalk_core.nodes.running import ignore_signals, interrupt_on_signals, sp
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.bus_acquisition import SampleQueue
+from power_daq.acquisition.device import open_device
 from power_daq.acquisition.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
 from power_daq.acquisition.receiver import Sample
-from power_daq.acquisition.source import open_source
 
 _PERIOD = 1.0
 _PUBLISHING_ENDS = 10.0
@@ -54,7 +54,7 @@ class DaqNode(Node):
         given = DeviceParameters(self)
         self._queue = SampleQueue(_QUEUED_SAMPLES)
         self._supply: SupplyPublisher | None = None
-        self._source = source = open_source(given, self._queue, self.get_logger().warning)
+        self._source = source = open_device(given, self._queue, self.get_logger().warning)
         applied = self.get_parameter('calibration').value
         self._calibration = label(Path(applied).expanduser()) if applied else NONE
         frame_id = given.text('frame_id', source.device, 'frame_id of drive_supply')

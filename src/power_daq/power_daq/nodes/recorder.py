@@ -11,7 +11,7 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from power_recordings.writing.background import BackgroundRecorder, Progress
+from power_recordings.writing.background import BackgroundRecorder, RecordingProgress
 from power_recordings.writing.writer import BagWriter
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -126,7 +126,7 @@ def _take(put: Callable[[str, int, bytes], None], name: str, cdr: bytes) -> None
     put(name, time.time_ns(), cdr)
 
 
-def _show(now: Progress, rates: dict[str, float], log: Callable[..., None]) -> None:
+def _show(now: RecordingProgress, rates: dict[str, float], log: Callable[..., None]) -> None:
     line = f'{now.seconds:6.1f} s  {now.size / 1e6:7.1f} MB  ' + '  '.join(
         f'{name.lstrip("/")} {rate:.0f} Hz' for name, rate in rates.items()
     )

@@ -25,7 +25,7 @@ from wattwalk_core.files import write_whole
 from wattwalk_core.nodes.running import spin
 
 from power_daq.monitor.screen import Screen, line
-from power_daq.monitor.state import TOPICS, State, View
+from power_daq.monitor.state import TOPICS, MonitorState, View
 from power_daq.nodes.recorder_options import message_class
 
 _PERIOD, _LINE_PERIOD = 0.5, 1.0  # s
@@ -49,7 +49,7 @@ class WatchNode(Node):
         self.done: Future = Future()
         self._show = show
         self._duration = duration
-        self._state = State(time.monotonic())
+        self._state = MonitorState(time.monotonic())
         for topic in TOPICS:
             if topic != 'diagnostics':
                 kind = message_class(TYPES[topic])

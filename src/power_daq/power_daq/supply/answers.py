@@ -29,7 +29,7 @@ class AnswerError(ValueError):
         super().__init__(f'expected {wanted}, the answer is {shown!r}')
 
 
-class Measured(NamedTuple):
+class SupplyMeasurement(NamedTuple):
     """Terminal voltage (V), current out of the supply (A), and its own power (W) if it told."""
 
     voltage: float
@@ -47,7 +47,7 @@ class ScpiError(NamedTuple):
         return f'{self.code} {self.text}'
 
 
-class Identity(NamedTuple):
+class InstrumentIdentity(NamedTuple):
     """Answer to `*IDN?`; what an instrument leaves out is empty."""
 
     maker: str
@@ -64,13 +64,15 @@ def quantity(answer: str, unit: str) -> float:
     return float(found['number']) * _SCALE[found['prefix']]
 
 
-def measured(answer: str) -> Measured:
+def measured(answer: str) -> SupplyMeasurement:
     """Answer to `MEAS:ARR?`: V, A and W in this order; AnswerError for anything else."""
     parts = answer.split(',')
-    if len(parts) != len(Measured._fields):
+    if len(parts) != len(SupplyMeasurement._fields):
         raise AnswerError(answer, 'a voltage, a current and a power')
     try:
-        return Measured(*(quantity(part, unit) for part, unit in zip(parts, 'VAW', strict=True)))
+        return SupplyMeasurement(
+            *(quantity(part, unit) for part, unit in zip(parts, 'VAW', strict=True))
+        )
     except AnswerError as error:
         raise AnswerError(answer, 'a voltage, a current and a power') from error
 
@@ -83,13 +85,13 @@ def scpi_error(answer: str) -> ScpiError:
     return ScpiError(int(found['code']), found['text'].strip())
 
 
-def identity(answer: str) -> Identity:
+def identity(answer: str) -> InstrumentIdentity:
     """Answer to `*IDN?`: maker, model, serial number, firmware; AnswerError for less than two."""
     parts = [part.strip() for part in answer.split(',')]
     if len(parts) < _IDENTITY_PARTS or not all(parts[:_IDENTITY_PARTS]):
         raise AnswerError(answer, 'maker, model, serial number and firmware')
-    parts += [''] * (len(Identity._fields) - len(parts))
-    return Identity(parts[0], parts[1], parts[2], ', '.join(parts[3:]))
+    parts += [''] * (len(InstrumentIdentity._fields) - len(parts))
+    return InstrumentIdentity(parts[0], parts[1], parts[2], ', '.join(parts[3:]))
 
 
 def switch(answer: str) -> bool:

@@ -1,7 +1,10 @@
 """How a bench supply does, in a sentence and in figures, for `diagnostics`."""
 
+from collections.abc import Mapping
+
 from wattwalk_core.nodes.diagnostics import Level, Report
 
+from power_daq.acquisition.count_changes import CountChanges
 from power_daq.supply.energy_counters import Balance, Energy
 from power_daq.supply.poller import Poller
 
@@ -17,17 +20,14 @@ class SupplyHealth:
 
     def __init__(self, poller: Poller, rate: float, resource: str) -> None:
         self._poller, self._rate, self._resource = poller, rate, resource
-        self._before: dict[str, int] = {}
-        self._time: float | None = None
+        self._changes = CountChanges()
 
     def report(self, now: float, energy: Energy, balance: Balance | None) -> Report:
         """How it does since the report before; now in s on a steady clock."""
         state = self._poller.state
         counts = {name.replace('_', ' '): n for name, n in vars(state.counts).items()}
         counts['readings lost'] = self._poller.lost
-        news = {name: count - self._before.get(name, 0) for name, count in counts.items()}
-        span = now - self._time if self._time is not None else 0.0
-        self._time, self._before = now, counts
+        news, span = self._changes.since_last(counts, now)
         figures = {'instrument': self._resource}
         if state.identity is not None:
             figures['identity'] = ', '.join(state.identity)
@@ -51,13 +51,13 @@ class SupplyHealth:
         return Report(*self._judge(news, rate, balance), figures)
 
     def _judge(
-        self, news: dict[str, int], rate: float | None, balance: Balance | None
+        self, news: Mapping[str, float], rate: float | None, balance: Balance | None
     ) -> tuple[Level, str]:
         state = self._poller.state
         if state.absence:
             return Level.ERROR, f'supply absent: {state.absence}'
         faults = [
-            f'{count} {name}'
+            f'{count:.0f} {name}'
             for name, count in news.items()
             if count > 0 and name not in ('readings', 'connections')
         ]

@@ -13,9 +13,9 @@ from wattwalk_core.errors import InputError
 
 from power_daq.supply.answers import (
     AnswerError,
-    Identity,
-    Measured,
+    InstrumentIdentity,
     ScpiError,
+    SupplyMeasurement,
     identity,
     measured,
     quantity,
@@ -75,7 +75,7 @@ class Instrument:
         self._manager = pyvisa.ResourceManager('@py')
         try:
             self._resource = self._connect()
-            self.identity: Identity = identity(self.ask('*IDN?'))
+            self.identity: InstrumentIdentity = identity(self.ask('*IDN?'))
             self.rated_voltage = self._rating('SYST:NOM:VOLT?', 'V')
             self.rated_current = self._rating('SYST:NOM:CURR?', 'A')
             self.errors()
@@ -125,11 +125,11 @@ class Instrument:
         except _LOST as error:
             raise LostError(f'no answer to {question}: {_reason(error)}') from error
 
-    def measure(self) -> Measured:
+    def measure(self) -> SupplyMeasurement:
         """Voltage, current and power now; AnswerError also for values beyond the ratings."""
         if self.settings.separate:
             voltage = quantity(self.ask('MEAS:VOLT?'), 'V')
-            found = Measured(voltage, quantity(self.ask('MEAS:CURR?'), 'A'), None)
+            found = SupplyMeasurement(voltage, quantity(self.ask('MEAS:CURR?'), 'A'), None)
         else:
             found = measured(self.ask('MEAS:ARR?'))
         for value, rated, unit in (

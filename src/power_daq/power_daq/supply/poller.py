@@ -1,4 +1,4 @@
-"""The thread that asks a bench supply at a fixed rate, and connects again when it goes."""
+"""The thread that polls a bench supply at a fixed rate and connects again after a loss."""
 
 import logging
 import time
@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from wattwalk_core.worker import Worker
 
 from power_daq.clock.mapping import RosTime
-from power_daq.supply.answers import AnswerError, Identity, Measured, ScpiError
+from power_daq.clock.slots import Pauses, Slots
+from power_daq.supply.answers import AnswerError, InstrumentIdentity, ScpiError, SupplyMeasurement
 from power_daq.supply.instrument import Instrument, LostError
 from power_daq.supply.reading import Reading
 
@@ -41,7 +42,7 @@ class PollCounts:
 class PollState:
     """What is known of the instrument now; absence is why it is not there, empty if it is."""
 
-    identity: Identity | None = None
+    identity: InstrumentIdentity | None = None
     absence: str = 'not connected yet'
     last_errors: Sequence[ScpiError] = ()
     last_garbage: str = ''
@@ -74,21 +75,15 @@ class Poller(Worker):
         self._connect, self._sink, self._report = connect, sink, report
         self._retry = retry or Retry()
         self._prepare = prepare
-        self._period = 1.0 / rate
+        self._slots = Slots(1.0 / rate)
         self.ros_time = ros_time or RosTime()
-        self._start: float | None = None
-        self._lost = 0
         self._next_check = 0.0
         super().__init__('supply')
 
     @property
     def lost(self) -> int:
         """Slots without a reading since the first reading."""
-        if self._start is None:
-            return 0
-        ended = int((time.monotonic() - self._start) / self._period) - 1
-        self._lost = max(self._lost, ended - self.state.counts.readings)
-        return self._lost
+        return self._slots.lost(self.state.counts.readings)
 
     def _work(self) -> None:
         while not self._stop.is_set():
@@ -122,7 +117,7 @@ class Poller(Worker):
             self._stop.wait(self._retry.first)
 
     def _wait_for_instrument(self) -> Instrument | None:
-        pause = self._retry.first
+        pauses = Pauses(self._retry.first, self._retry.last)
         while not self._stop.is_set():
             try:
                 return self._connect()
@@ -130,16 +125,12 @@ class Poller(Worker):
                 if str(error) != self.state.absence:
                     self._report(f'supply absent, will try again: {error}')
                 self.state.absence = str(error)
-            self._stop.wait(pause)
-            pause = min(2 * pause, self._retry.last)
+            pauses.wait(self._stop)
         return None
 
     def _read(self, instrument: Instrument) -> None:
-        if self._start is None:
-            self._start = time.monotonic()
         self._next_check = time.monotonic() + _CHECK
-        slot = self._slot()
-        while not self._stop.wait(self._start + slot * self._period - time.monotonic()):
+        for _ in self._slots.each(self._stop):
             try:
                 self._take(instrument)
                 self._check(instrument)
@@ -147,12 +138,6 @@ class Poller(Worker):
                 self.state.counts.not_an_answer += 1
                 self.state.last_garbage = str(error)
                 instrument.resynchronise()
-            slot = max(slot + 1, self._slot())
-
-    def _slot(self) -> int:
-        """Index of the slot that begins next."""
-        assert self._start is not None
-        return -int(-(time.monotonic() - self._start) // self._period)
 
     def _take(self, instrument: Instrument) -> None:
         before = time.monotonic_ns()
@@ -184,7 +169,7 @@ class Poller(Worker):
         return worst
 
 
-def _disagrees(found: Measured) -> bool:
+def _disagrees(found: SupplyMeasurement) -> bool:
     """Whether the supply's own power is far from V·I, as it is not even while a load steps."""
     if found.power is None:
         return False

@@ -51,7 +51,7 @@ def align(
     """
     if rate not in RATES:
         raise InputError(f'rate is {rate:g} Hz; it is one of {", ".join(f"{r:g}" for r in RATES)}')
-    source = signals.Source.of(recording, drives, need_power)
+    source = signals.RecordedSignals.of(recording, drives, need_power)
     segments = _Segments(source, rate, smooth)
     pieces = [piece for span in segments.spans() for piece in segments.pieces(*span)]
     if not pieces:
@@ -147,7 +147,7 @@ class _Piece:
 class _Segments:
     """The gap-free stretches of a source on the grid."""
 
-    def __init__(self, source: signals.Source, rate: float, smooth: bool) -> None:
+    def __init__(self, source: signals.RecordedSignals, rate: float, smooth: bool) -> None:
         self._source = source
         self._every = round(GRID / rate)
         self._taps = smoothing(GRID) if smooth else antialias(GRID, rate)
@@ -234,7 +234,7 @@ def _common(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _dataset(
-    source: signals.Source,
+    source: signals.RecordedSignals,
     rate: float,
     pieces: Sequence[_Piece],
     name: str,

@@ -23,7 +23,7 @@ _MOST_VOLTS = 1000.0
 
 
 @dataclass(frozen=True)
-class Source:
+class RecordedSignals:
     """
     The signals of D drives, of which M were measured.
 
@@ -43,7 +43,9 @@ class Source:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, recording: Recording, drives: Sequence[str] | None, need_power: bool) -> 'Source':
+    def of(
+        cls, recording: Recording, drives: Sequence[str] | None, need_power: bool
+    ) -> 'RecordedSignals':
         """Collect and check the signals; errors as in `align`."""
         return _Collector(recording, drives).source(need_power)
 
@@ -90,14 +92,14 @@ class _Collector:
         self._names = self._chosen(drives)
         self._start = int(self._joints.stamp_ns[0])
 
-    def source(self, need_power: bool) -> Source:
+    def source(self, need_power: bool) -> RecordedSignals:
         measured: tuple[str, ...] = ()
         electrics = None
         if need_power or self._recording.has('drive_supply'):
             electrics, measured = self._electrics(self._recording.drive_supply())
         joints = self._joint_stream()
         self._must_overlap(joints, electrics)
-        return Source(
+        return RecordedSignals(
             self._path,
             self._names,
             measured,

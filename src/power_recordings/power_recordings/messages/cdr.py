@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from wattwalk_core.errors import InputError
 
-from power_recordings.messages.layout import Layout
+from power_recordings.messages.cdr_layout import Layout
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 BATTERY_STATE = 'sensor_msgs/msg/BatteryState'

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from power_recordings.messages import cdr
-from power_recordings.messages.columns import Columns
 from power_recordings.messages.samples import (
     CmdVelSamples,
     DriveSamples,
@@ -18,6 +17,7 @@ from power_recordings.messages.samples import (
     Samples,
     SupplySamples,
 )
+from power_recordings.messages.topic_columns import Columns
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from wattwalk_core.errors import InputError
 from power_recordings.alignment.ordering import ascending
 from power_recordings.card import FILE, Card
 from power_recordings.messages.cdr import definition, full_name, typestore
-from power_recordings.messages.columns import Columns
 from power_recordings.messages.samples import (
     CmdVelSamples,
     DriveSamples,
@@ -26,6 +25,7 @@ from power_recordings.messages.samples import (
     Samples,
     SupplySamples,
 )
+from power_recordings.messages.topic_columns import Columns
 from power_recordings.messages.topics import KINDS
 from power_recordings.reading import bag_folder
 from power_recordings.reading.mcap_file import Topic

@@ -51,7 +51,7 @@ class SequenceCheck:
 
 
 @dataclass(frozen=True)
-class Progress:
+class RecordingProgress:
     """How a recording stands."""
 
     seconds: float
@@ -60,7 +60,7 @@ class Progress:
     size: int  # bytes in the file
     waiting: int  # bytes that the disk has not taken yet
 
-    def rates(self, before: 'Progress') -> dict[str, float]:
+    def rates(self, before: 'RecordingProgress') -> dict[str, float]:
         """Messages per second by topic since an earlier progress."""
         span = max(self.seconds - before.seconds, 1e-9)
         return {name: (n - before.counts.get(name, 0)) / span for name, n in self.counts.items()}
@@ -107,9 +107,9 @@ class BackgroundRecorder:
         self._types[name] = type_name
         self._qos[name] = Qos(reliability)
 
-    def progress(self) -> Progress:
+    def progress(self) -> RecordingProgress:
         """How the recording stands now."""
-        return Progress(
+        return RecordingProgress(
             time.monotonic() - self._started,
             dict(self._counts),
             dict(self._dropped),

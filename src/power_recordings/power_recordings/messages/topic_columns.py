@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
 from power_recordings.messages.cdr import typestore
-from power_recordings.messages.layout import Layout
+from power_recordings.messages.cdr_layout import Layout
 from power_recordings.reading.mcap_file import Batch, windows
 
 _MOST_LAYOUTS = 256

@@ -12,7 +12,7 @@ from wattwalk_core.nodes.diagnostics import Report
 from wattwalk_core.nodes.parameters import DeviceParameters
 
 from power_daq.acquisition.bus_acquisition import Acquisition, SampleQueue
-from power_daq.acquisition.health import Health
+from power_daq.acquisition.bus_health import BusHealth
 from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
@@ -25,7 +25,7 @@ from power_daq.ethercat.soem import SoemSegment, longest_call
 ETHERCAT = 'ethercat'
 
 
-class Acquires(Protocol):
+class DeviceThread(Protocol):
     """A thread that reads a device and hands on its samples."""
 
     @property
@@ -43,7 +43,7 @@ class Acquires(Protocol):
 
 
 @dataclass(frozen=True)
-class Source:
+class MeasuringDevice:
     """
     A measuring device: its name, drives by group, thread, and how it does.
 
@@ -55,15 +55,15 @@ class Source:
     part: str
     hardware: str
     drives: Mapping[str, tuple[str, ...]]
-    acquisition: Acquires
+    acquisition: DeviceThread
     report: Callable[[float], Report]
     ending: float = 1.0
     abandoned: str = 'the bus may be left open'
 
 
-def open_source(
+def open_device(
     given: DeviceParameters, queue: SampleQueue, report: Callable[[str], None]
-) -> Source:
+) -> MeasuringDevice:
     """The source that the parameters ask for; InputError for bad ones."""
     interface = given.text(
         'interface', 'socketcan', 'python-can interface, unixsocket, or ethercat'
@@ -87,10 +87,10 @@ def open_source(
         corrections = Calibration.load(calibration, bus.groups['electrical'].drives)
     receiver = Receiver(bus, RosTime(), corrections, int(1e9 * delay))
     acquisition = Acquisition(receiver, settings.open, queue.put, report)
-    health = Health(acquisition, queue, bus, settings)
+    health = BusHealth(acquisition, queue, bus, settings)
     drives = {name: group.drives for name, group in bus.groups.items()}
     hardware = f'{settings.interface} {settings.channel}'
-    return Source(bus.device, 'bus', hardware, drives, acquisition, health.report)
+    return MeasuringDevice(bus.device, 'bus', hardware, drives, acquisition, health.report)
 
 
 def _ethercat(
@@ -99,7 +99,7 @@ def _ethercat(
     calibration: Path | None,
     queue: SampleQueue,
     report: Callable[[str], None],
-) -> Source:
+) -> MeasuringDevice:
     if path is None:
         raise InputError(
             'interface ethercat needs a mapping: -p mapping:=ethercat.yaml says which terminal '
@@ -112,7 +112,7 @@ def _ethercat(
     acquisition = SegmentAcquisition(mapping, segment, queue.put, report, corrections)
     health = SegmentHealth(acquisition, queue, channel)
     drives = {'electrical': mapping.names}
-    return Source(
+    return MeasuringDevice(
         mapping.device,
         'segment',
         f'{ETHERCAT} {channel}',

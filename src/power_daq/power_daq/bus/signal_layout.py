@@ -58,7 +58,7 @@ class Field:
         return raw >> self.shift & (1 << self.bits) - 1
 
 
-class Layout:
+class SignalLayout:
     """
     S linear signals of one payload, which may be several frames one behind the other.
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from wattwalk_core.nodes.diagnostics import Level, Report
 
 from power_daq.acquisition.bus_acquisition import Acquisition, BusState, SampleQueue
+from power_daq.acquisition.count_changes import CountChanges
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
 
@@ -16,7 +17,7 @@ _FAULTS = (
 )
 
 
-class Health:
+class BusHealth:
     """Compares the counts of an acquisition with those at the report before."""
 
     def __init__(
@@ -30,8 +31,7 @@ class Health:
         self._queue = queue
         self._description = description
         self._settings = settings
-        self._before: dict[str, float] = {}
-        self._time: float | None = None
+        self._changes = CountChanges()
 
     def _counts(self) -> dict[str, float]:
         receiver = self._acquisition.receiver
@@ -59,9 +59,7 @@ class Health:
     def report(self, now: float) -> Report:
         """How it does since the report before; now in s on a steady clock."""
         counts = self._counts()
-        span = now - self._time if self._time is not None else 0.0
-        news = {name: value - self._before.get(name, 0) for name, value in counts.items()}
-        self._time, self._before = now, counts
+        news, span = self._changes.since_last(counts, now)
         rates = {}
         if span > 0:
             groups = self._description.groups

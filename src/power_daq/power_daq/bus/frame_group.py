@@ -12,8 +12,8 @@ from cantools.database.can.signal import Signal
 from numpy.typing import ArrayLike
 from wattwalk_core.errors import InputError
 
-from power_daq.bus.layout import Field, Floats, Layout, LayoutError
 from power_daq.bus.mapping import OPTIONAL, REQUIRED, FrameMapping, GroupMapping
+from power_daq.bus.signal_layout import Field, Floats, LayoutError, SignalLayout
 
 _SHARED = ('voltage', 'status')
 _TIME_UNITS = {'s': 1e9, 'ms': 1e6, 'us': 1e3, 'µs': 1e3, 'ns': 1.0, '': 1e3}
@@ -72,7 +72,7 @@ class Route:
     selector: tuple[Field, int] | None
 
 
-class Group:
+class FrameGroup:
     """
     One sample of D drives × Q quantities, spread over one frame or several.
 
@@ -107,8 +107,8 @@ class Group:
         data = list(zip(signals, bases, strict=True))
         heads, head_factors = _heads(frames)
         try:
-            self._layout = Layout(data, base, factors)
-            self._encoder = Layout(data + heads, base, factors + head_factors)
+            self._layout = SignalLayout(data, base, factors)
+            self._encoder = SignalLayout(data + heads, base, factors + head_factors)
         except LayoutError as error:
             raise InputError(f'mapping {mapping.frames[0].where}: {error}') from error
 
@@ -182,10 +182,10 @@ def head_values(frame: Frame, counter: int, device_us: int) -> list[int]:
     return head if frame.selector is None else [*head, frame.selector[1]]
 
 
-def head_layout(frame: Frame) -> Layout:
-    """Layout of head_values alone, for a frame without drives."""
+def head_layout(frame: Frame) -> SignalLayout:
+    """Return the layout of head_values alone, for a frame without drives."""
     placed, factors = _heads([frame])
-    return Layout(placed, frame.size, factors)
+    return SignalLayout(placed, frame.size, factors)
 
 
 def _heads(frames: Sequence[Frame]) -> tuple[list[tuple[Signal, int]], list[float]]:
