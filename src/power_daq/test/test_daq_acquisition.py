@@ -15,8 +15,8 @@ from power_daq.acquisition.bus_health import BusHealth, Level
 from power_daq.acquisition.receiver import Receiver, Sample
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
-from power_daq.bus.generator import SignalGenerator
 from power_daq.clock.mapping import RosTime
+from signal_generator import SignalGenerator
 from wattwalk_core.errors import InputError
 
 BUS = BusDescription.load()

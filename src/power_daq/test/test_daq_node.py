@@ -14,11 +14,11 @@ from power_daq.acquisition.bus_acquisition import SampleQueue
 from power_daq.acquisition.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
 from power_daq.acquisition.receiver import Sample
 from power_daq.bus.description import BusDescription
-from power_daq.bus.generator import SignalGenerator
 from power_recordings.calibration import label
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from signal_generator import SignalGenerator
 
 from drive_power_msgs.msg import DriveSupply
 

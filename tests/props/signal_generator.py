@@ -1,4 +1,4 @@
-"""Made-up drives on a bus, to try a DAQ without a robot."""
+"""A generator of the frames of moving drives, to try a DAQ without a robot."""
 
 import threading
 import time
@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 
 import can
 import numpy as np
-
 from power_daq.bus.description import BusDescription
 from power_daq.bus.unix_socket import UnixSocketBus
 
