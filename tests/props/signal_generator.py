@@ -48,7 +48,8 @@ class SignalGenerator:
 
     def send_due(self) -> None:
         """Send all samples that are due by now."""
-        while self.begin + self._sent * _MS <= self._steady():
+        now = self._steady()  # read once: a machine under load never catches up
+        while self.begin + self._sent * _MS <= now:
             self._send([m for m in self._next if m.arbitration_id not in self.silenced])
             self._sent += 1
             self._next = self._millisecond(self._sent)

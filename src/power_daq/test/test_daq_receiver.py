@@ -254,7 +254,10 @@ def test_three_drives_over_multiplexed_frames_with_small_counters_are_measured(t
         ('channels: {LF.current: {gain: 1}}', ["'LF.current'", 'LF_HAA.voltage']),
         ('channels: {LF_HAA.current: {gain: big}}', ["'big'", '0.1 to 10']),
         ('channels: {LF_HAA.current: {gain: .nan}}', ['nan', '0.1 to 10']),
-        ('channels: {LF_HAA.current: 3}', ['LF_HAA.current', 'expected gain and offset']),
+        (
+            'channels: {LF_HAA.current: 3}',
+            ['LF_HAA.current', 'expected keys with values, there is 3'],
+        ),
         ('gain: 3', ["'channels'"]),
         ('[', ['no valid YAML']),
     ],
