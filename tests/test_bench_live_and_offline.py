@@ -42,7 +42,8 @@ def test_live_and_offline_agree_in_what_is_commanded_and_reached(
 ):
     motion = ('square', '--mode', mode, '--amplitude', f'{most}', *SHORT)
     node = node_process(
-        *('policy_runner', 'bench', *motion, '--drive', 'KFE', '-o', str(tmp_path / 'live')),
+        *('drive_bench', 'run', *motion, '--drive', 'KFE'),
+        *('--record', str(tmp_path / 'live')),
         *('--ros-args', '-p', 'stale_after:=1.0', '-p', 'use_sim_time:=true'),
     )
     assert node.wait(900) == 0, node.output

@@ -12,7 +12,7 @@ from power_recordings.messages.topics import TYPES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
-SOURCES = '\n'.join(path.read_text() for path in ROOT.glob('src/*/[a-z]*/*.py'))
+SOURCES = '\n'.join(path.read_text() for path in ROOT.glob('src/*/[a-z]*/**/*.py'))
 SERVICES = {'start', 'stop', 'estop', 'push', 'reset'}
 DRIVES = BusDescription.load().drives
 NUMBERS = {'double', 'float', 'uint8', 'uint64'}

@@ -7,16 +7,12 @@ setup(
     version='0.1.0',
     packages=find_packages(exclude=['test']),
     include_package_data=True,
-    package_data={package_name: ['**/*.yaml', '**/*.css', '**/*.js', '**/py.typed']},
+    package_data={package_name: ['**/*.yaml']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=[
-        'setuptools',
-        'numpy',
-        'pyyaml',
-    ],
+    install_requires=['setuptools', 'numpy'],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='wattwalk maintainers',
@@ -25,8 +21,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'excite = drive_bench.nodes.excite:main',
-            'bench = drive_bench.nodes.bench:main',
+            'run = drive_bench.commands.run:main',
         ],
     },
 )

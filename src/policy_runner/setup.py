@@ -7,7 +7,7 @@ setup(
     version='0.1.0',
     packages=find_packages(exclude=['test']),
     include_package_data=True,
-    package_data={package_name: ['**/*.yaml', '**/*.dbc', '**/*.safetensors', '**/py.typed']},
+    package_data={package_name: ['**/*.yaml', '**/*.safetensors']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
@@ -17,13 +17,11 @@ setup(
     zip_safe=False,
     maintainer='wattwalk maintainers',
     maintainer_email='wattwalk@example.org',
-    description='Runs walking policies and excitation signals on a robot, safely.',
+    description='Runs walking policies on a robot, safely.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
             'run = policy_runner.nodes.run:main',
-            'excite = drive_bench.nodes.excite:main',
-            'bench = drive_bench.nodes.bench:main',
         ],
     },
 )

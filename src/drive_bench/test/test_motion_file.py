@@ -5,7 +5,7 @@ import pytest
 from drive_bench.motion.file import MotionFile, Segment
 from drive_bench.motion.joint_limits import JointLimits, limits_of
 from drive_bench.motion.plan import JUMPS, Mounting, Plan, Ramps
-from drive_bench.run.motion_run import ExcitationRun
+from drive_bench.run.motion_run import MotionRun
 from policy_runner.supervisor.safety import SafetyConfig
 from wattwalk_core.errors import InputError
 
@@ -53,15 +53,24 @@ def test_a_file_is_read_as_segments_drives_and_supply_voltages(tmp_path):
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        ('format: motion/2', 'must say format: motion/1'),
-        ('format: [', 'not YAML'),
-        ('format: motion/1\ndrives: B\nsegments: [{mode: rest, seconds: 1}]', "drives is 'B'"),
+        ('format: motion/2', "format: expected 'motion/1', there is 'motion/2'"),
+        ('format: [', 'is no valid YAML'),
+        (
+            'format: motion/1\ndrives: B\nsegments: [{mode: rest, seconds: 1}]',
+            "drives: expected a list, there is 'B'",
+        ),
         ('format: motion/1\nsegments: []', 'needs segments'),
-        ('format: motion/1\nsegments: [{mode: rest, seconds: .nan}]', 'segment 1: seconds = nan'),
-        ('format: motion/1\nsegments: [{mode: rest, seconds: 0}]', 'seconds must lie above 0'),
+        (
+            'format: motion/1\nsegments: [{mode: rest, seconds: .nan}]',
+            'segments[0].seconds: expected 0.001 to 36000 s, there is nan',
+        ),
+        (
+            'format: motion/1\nsegments: [{mode: rest, seconds: 0}]',
+            'segments[0].seconds: expected 0.001 to 36000 s, there is 0',
+        ),
         (
             'format: motion/1\nsegments: [{mode: position, seconds: 1, frequency: 200}]',
-            'frequency is 200; it must be 0..100 Hz',
+            'segments[0].frequency: expected 0 to 100 Hz, there is 200',
         ),
     ],
 )
@@ -199,10 +208,16 @@ def test_limits_come_from_a_file_by_pattern_or_are_those_of_the_robot(tmp_path):
 @pytest.mark.parametrize(
     ('entry', 'words'),
     [
-        ('{position: [1, -1], speed: 2, torque: 3}', 'lowest angle must be below the highest'),
-        ('{position: [-1, 1], speed: 2}', 'must have position, speed, torque'),
-        ('{position: [-1, .inf], speed: 2, torque: 3}', 'position is inf'),
-        ('{position: 2, speed: 2, torque: 3}', 'position is 2; give [lowest, highest]'),
+        (
+            '{position: [1, -1], speed: 2, torque: 3}',
+            'joints.A: position: the lowest angle must be below the highest',
+        ),
+        ('{position: [-1, 1], speed: 2}', "joints.A: 'torque' is missing"),
+        (
+            '{position: [-1, .inf], speed: 2, torque: 3}',
+            'joints.A.position[1]: expected -1000 to 1000 rad, there is inf',
+        ),
+        ('{position: 2, speed: 2, torque: 3}', 'joints.A.position: expected a list, there is 2'),
     ],
 )
 def test_limits_that_make_no_sense_are_refused(tmp_path, entry, words):
@@ -216,7 +231,7 @@ class Rig:
     """Three joints that follow their targets at once, every 5 ms of a clock of its own."""
 
     def __init__(self, *segments, mounting=PENDULUM):
-        self.run = ExcitationRun(
+        self.run = MotionRun(
             motion(*segments), JOINTS, ('B',), mounting, {'B': LIMITS}, SafetyConfig()
         )
         self.now, self.silent = 50.0, False
@@ -276,7 +291,7 @@ def test_nothing_is_sent_before_the_start_and_then_only_the_named_drive_moves():
     assert first.position.tolist() == [0.4, 0.1, -0.9], 'it begins where the joints are'
     rig.go(2.0)
     assert_damps(rig, 'done', code=0)
-    assert 'ros2 run power_lab diagnose bags/next' in rig.run.progress
+    assert 'ros2 run power_lab diagnose bags/next' in rig.run.progress(recorded=False)
 
 
 def test_a_stall_makes_the_motion_longer_and_no_jump():
@@ -356,25 +371,25 @@ def test_a_motion_that_leaves_the_limits_from_where_the_joint_stands_is_refused_
 
 def test_a_drive_that_is_not_there_or_has_no_limits_is_refused():
     with pytest.raises(InputError, match="no drive 'D' in joint_states; it has A, B, C"):
-        ExcitationRun(motion(hold(1.0)), JOINTS, ('D',), PENDULUM, {}, SafetyConfig())
+        MotionRun(motion(hold(1.0)), JOINTS, ('D',), PENDULUM, {}, SafetyConfig())
     with pytest.raises(InputError, match='no limits are known for B'):
-        ExcitationRun(motion(hold(1.0)), JOINTS, ('B',), PENDULUM, {}, SafetyConfig())
+        MotionRun(motion(hold(1.0)), JOINTS, ('B',), PENDULUM, {}, SafetyConfig())
 
 
 def test_a_motion_under_way_is_not_planned_anew():
     rig = Rig(turn(1.0, 2.0)).begun()
-    left = rig.run.exciting.left
+    left = rig.run.policy.left
     with pytest.raises(InputError, match='next is under way; stop it before planning it anew'):
         rig.run.plan()
-    assert rig.run.exciting.left == left
+    assert rig.run.policy.left == left
     rig.go(0.1)
-    assert rig.run.exciting.left == pytest.approx(left - 0.1)
+    assert rig.run.policy.left == pytest.approx(left - 0.1)
 
 
 def test_a_start_before_the_first_step_plans_once():
     rig = Rig(turn(1.0, 2.0))
     rig.run.inputs.on_joint_states(1, JOINTS, rig.position, rig.velocity, rig.effort, rig.now)
     assert rig.run.start(rig.now)[0]
-    left = rig.run.exciting.left
+    left = rig.run.policy.left
     rig.go(0.5)
-    assert rig.run.exciting.left == pytest.approx(left - 0.5, abs=0.02)
+    assert rig.run.policy.left == pytest.approx(left - 0.5, abs=0.02)

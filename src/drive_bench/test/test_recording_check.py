@@ -1,6 +1,5 @@
 import json
 import math
-from argparse import Namespace
 from io import StringIO
 from types import SimpleNamespace
 
@@ -81,16 +80,18 @@ def test_joint_readings_that_are_not_finite_are_counted_and_left_out(tmp_path):
 def test_what_is_filed_is_json_and_yaml_whatever_the_meter_said(tmp_path):
     bag = bag_with(tmp_path / 'bag', stale=range(COUNT), torque=math.nan)
     Card(robot='bench').save(bag)
-    run = SimpleNamespace(code=0, drives=('B',), motion=MOTION, limits={'B': LIMITS}, notes=())
+    run = SimpleNamespace(
+        code=0, drives=('B',), motion=MOTION, limits={'B': LIMITS}, notes=(), repetition=''
+    )
     recorder = SimpleNamespace(ended='', bag=bag, stop=lambda: ())
-    options = Namespace(json=tmp_path / 'check.json')
+    report = tmp_path / 'check.json'
     out = StringIO()
-    assert file_away(run, recorder, 'done', options, out) == 1
+    assert file_away(run, recorder, 'done', report, out) == 1
 
     def refuse(word):
         raise AssertionError(f'{word} is no JSON')
 
-    read = json.loads(options.json.read_text(), parse_constant=refuse)
+    read = json.loads(report.read_text(), parse_constant=refuse)
     assert read['figures']['power_mean'] is None
     assert yaml.safe_load((bag / 'card.yaml').read_text())['check']['power_peak'] is None
     assert 'no good sample' in out.getvalue()

@@ -91,6 +91,14 @@ def test_a_former_key_is_refused_with_the_present_one():
         parse(tuple[Gait, ...], [{'hurry': 2.0}], 'gaits')
 
 
+def test_an_error_of_the_class_itself_has_the_place_of_the_entry():
+    drives = [{'kind': 'HAA'}, {'kind': 'HAA', 'braked': True, 'poles': 2}]
+    with pytest.raises(InputError, match=r'^drives: \[1\]: a braked drive has more than 2 poles'):
+        parse(tuple[Drive, ...], drives, 'drives')
+    with pytest.raises(InputError, match=r'^a braked drive'):
+        Drive('HAA', braked=True, poles=2)
+
+
 def test_an_instance_made_by_code_is_checked_like_a_file():
     check(Winding(0.01), 'winding')
     with pytest.raises(InputError, match=r'winding: resistance: expected 0\.01 to 10 ohm'):

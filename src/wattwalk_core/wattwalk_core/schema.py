@@ -17,9 +17,9 @@ import json
 import math
 import types
 import typing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, dataclass_transform
 
@@ -54,10 +54,28 @@ def schema(cls: type[T]) -> type[T]:
     Make a class a frozen dataclass that `parse` reads; keys it does not have are refused.
 
     A class variable RENAMED, a mapping from former keys to present ones, makes the error for a
-    former key name the present one.
+    former key name the present one. An InputError of `__post_init__` gets the place of the entry.
     """
+    check_fields = cls.__dict__.get('__post_init__')
+    if check_fields is not None:
+        cls.__post_init__ = _with_place(check_fields)  # type: ignore[attr-defined]
     cls.__pydantic_config__ = {'extra': 'forbid', 'allow_inf_nan': False}  # type: ignore[attr-defined]
     return dataclass(frozen=True)(cls)
+
+
+class EntryError(InputError, ValueError):
+    """An InputError of one entry, whose place `parse` adds: pydantic does so to a ValueError."""
+
+
+def _with_place(check_fields: Callable[[Any], None]) -> Callable[[Any], None]:
+    @wraps(check_fields)
+    def wrapped(self: Any) -> None:
+        try:
+            check_fields(self)
+        except InputError as error:
+            raise EntryError(str(error)) from error
+
+    return wrapped
 
 
 @dataclass(frozen=True)

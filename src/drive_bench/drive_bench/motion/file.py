@@ -1,25 +1,51 @@
-"""Motion files: what a drive is to be put through, segment by segment (`format: motion/1`)."""
+"""Motion files: the segments that a drive is put through (`format: motion/1`)."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final, Literal
 
-import yaml
 from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Quantity, parse, schema
+from wattwalk_core.yaml_file import read_yaml
 
-from drive_bench.motion.segments import MODES, Segment, finite, segment_of
+from drive_bench.motion.segments import Segment
 
 FORMAT: Final = 'motion/1'
+
+
+@schema
+class MotionContent:
+    """
+    Content of a motion file: segments, or segments by mode, the first mode being the default.
+
+    loads: whether torques are in N·m or shares of the load's pull. reason, seconds: the motion's
+    purpose and length, as `power_lab diagnose` writes them for people.
+    """
+
+    format: Literal['motion/1']
+    segments: tuple[Segment, ...] = ()
+    modes: dict[Literal['position', 'velocity', 'torque'], tuple[Segment, ...]] = field(
+        default_factory=dict
+    )
+    drives: tuple[str, ...] = ()
+    repeat_at_supply_voltage: tuple[Annotated[float, Quantity(1.0, 1000.0, 'V')], ...] = ()
+    loads: Literal['absolute', 'share'] = 'absolute'
+    about: str = ''
+    reason: str = ''
+    seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(self.modes.values() if self.modes else [self.segments]):
+            raise InputError('a motion needs segments: a list with at least one entry')
 
 
 @dataclass(frozen=True)
 class MotionFile:
     """
-    Segments to execute one after the other, with the drives and supply voltages (V) asked.
+    Segments to execute one after the other, with the drives and supply voltages (V) to use.
 
-    mode: the one of the file's `modes` that the segments are of, empty if it has one way only.
-    shares: torques and loads are shares of what the pendulum pulls, see `with_pull`.
+    mode: the one of the file's `modes` that the segments are of, empty if it has none.
+    shares: torques and loads are shares of the pendulum's pull, see `with_pull`.
     """
 
     name: str
@@ -42,7 +68,7 @@ class MotionFile:
 
     @property
     def free(self) -> bool:
-        """Whether a drive is to leave position mode."""
+        """Whether a drive leaves position mode."""
         return any(segment.free for segment in self.segments)
 
     @property
@@ -51,7 +77,7 @@ class MotionFile:
         return any(segment.until_warmer for segment in self.segments)
 
     def with_pull(self, pull: float) -> 'MotionFile':
-        """The motion in N·m where its torques are shares; pull: of the load, N·m."""
+        """Return the motion with shares turned into torques; pull: of the load, N·m."""
         if not self.shares:
             return self
         if not pull > 0.0:
@@ -69,9 +95,9 @@ class MotionFile:
         seconds: float | None = None,
     ) -> 'MotionFile':
         """
-        The motion with another amplitude (unit of the mode), frequency (Hz) or length (s).
+        Return the motion with another amplitude (unit of the mode), frequency (Hz) or length (s).
 
-        It goes for the segments that have a shape or swing; InputError if none does.
+        Segments that have a shape or swing are changed; InputError if there is none.
         """
         given = {'amplitude': amplitude, 'frequency': frequency, 'seconds': seconds}
         wanted = {key: value for key, value in given.items() if value is not None}
@@ -79,98 +105,37 @@ class MotionFile:
             return self
         if not any(segment.waves for segment in self.segments):
             raise InputError(f'{self.name} has no segment with an {", ".join(wanted)} to change')
-        return replace(
-            self,
-            segments=tuple(
-                segment_of({**segment.content(), **wanted}, f'{self.name}: segment {number}')
-                if segment.waves
-                else segment
-                for number, segment in enumerate(self.segments, 1)
-            ),
-        )
-
-    def content(self) -> dict[str, object]:
-        """As a file holds it."""
-        content: dict[str, object] = {'format': FORMAT, 'drives': list(self.drives)}
-        if self.supply:
-            content['repeat_at_supply_voltage'] = list(self.supply)
-        return {**content, 'segments': [segment.content() for segment in self.segments]}
+        contents = [
+            {**segment.content(), **(wanted if segment.waves else {})} for segment in self.segments
+        ]
+        return replace(self, segments=parse(tuple[Segment, ...], contents, self.name))
 
     @classmethod
     def load(cls, path: Path, mode: str | None = None) -> 'MotionFile':
         """
-        Read a file; InputError for one that is no motion, with the entry that is wrong.
+        Read a file; InputError names the entry that is wrong.
 
         mode: which of the file's `modes` to take; the first if None.
         """
-        return cls.of(_mapping(path), str(path), path.stem, mode)
+        return cls.of(read_yaml(path, 'motion'), f'motion {path}', path.stem, mode)
 
     @classmethod
-    def of(
-        cls, content: Mapping[str, object], where: str, name: str, mode: str | None = None
-    ) -> 'MotionFile':
-        """A motion from keys and values as in a file; where: to be named in errors."""
-        segments, chosen = _choose(content, where, mode)
-        if not isinstance(segments, list) or not segments:
-            raise InputError(f'{where}: a motion needs segments: a list with at least one entry')
-        loads = content.get('loads', 'absolute')
-        if loads not in ('absolute', 'share'):
-            raise InputError(f'{where}: loads is {loads!r}; it must be absolute or share')
+    def of(cls, content: object, where: str, name: str, mode: str | None = None) -> 'MotionFile':
+        """Return the motion of a file's content; where: the beginning of errors."""
+        read = parse(MotionContent, content, where)
+        modes = {str(key): segments for key, segments in read.modes.items()}
+        if mode is not None and mode not in modes:
+            there = f'has no mode {mode!r}; it has {", ".join(modes)}'
+            raise InputError(
+                f'{where} {there if modes else f"has one way only; leave --mode {mode} out"}'
+            )
+        chosen = mode or next(iter(modes), '')
         return cls(
             name,
-            tuple(map(str, _entries(content, 'drives', where))),
-            tuple(segment_of(s, f'{where}: segment {i}') for i, s in enumerate(segments, 1)),
-            tuple(
-                finite(v, f'{where}: repeat_at_supply_voltage')
-                for v in _entries(content, 'repeat_at_supply_voltage', where)
-            ),
-            str(content.get('about', '')),
+            read.drives,
+            modes[chosen] if chosen else read.segments,
+            read.repeat_at_supply_voltage,
+            read.about,
             chosen,
-            loads == 'share',
+            read.loads == 'share',
         )
-
-
-def modes_of(content: Mapping[str, object], where: str) -> Mapping[str, object]:
-    """Segments by mode of a file with `modes`; empty for one that has one way only."""
-    modes = content.get('modes', {})
-    if not isinstance(modes, Mapping) or any(mode not in MODES for mode in modes):
-        raise InputError(
-            f'{where}: modes is {modes!r:.60}; give segments by position, … or torque'
-        )
-    return modes
-
-
-def _choose(content: Mapping[str, object], where: str, mode: str | None) -> tuple[object, str]:
-    modes = modes_of(content, where)
-    if not modes:
-        if mode is not None:
-            raise InputError(f'{where} has one way only; leave --mode {mode} out')
-        return content.get('segments'), ''
-    if mode is not None and mode not in modes:
-        raise InputError(f'{where} has no mode {mode!r}; it has {", ".join(modes)}')
-    chosen = mode or next(iter(modes))
-    return modes[chosen], chosen
-
-
-def read_yaml(path: Path) -> object:
-    """Content of a YAML file, read and never run; InputError where that cannot be."""
-    try:
-        return yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise InputError(f'{path}: cannot be read ({error.strerror})') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f'{path}: not YAML ({str(error).splitlines()[0]})') from error
-
-
-def _mapping(path: Path) -> Mapping[str, object]:
-    content = read_yaml(path)
-    if not isinstance(content, Mapping) or content.get('format') != FORMAT:
-        raise InputError(f'{path}: no motion; it must say format: {FORMAT}')
-    return content
-
-
-def _entries(content: Mapping[str, object], key: str, where: str) -> Sequence[object]:
-    entries = content.get(key) or []
-    if not isinstance(entries, list):
-        raise InputError(f'{where}: {key} is {entries!r}; it must be a list')
-    return entries

@@ -1,12 +1,12 @@
-"""Motions that come with the package, by name; any other is a file."""
+"""Shipped motions by name, and motion files."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 from wattwalk_core.errors import InputError
+from wattwalk_core.yaml_file import read_yaml
 
-from drive_bench.motion.file import MotionFile, modes_of, read_yaml
+from drive_bench.motion.file import MotionFile
 
 _FOLDER: Final = Path(__file__).parent / 'motions'
 MOTIONS: Final = tuple(sorted(path.stem for path in _FOLDER.glob('*.yaml')))
@@ -14,7 +14,7 @@ MOTIONS: Final = tuple(sorted(path.stem for path in _FOLDER.glob('*.yaml')))
 
 
 def find_motion(wanted: str, mode: str | None = None) -> MotionFile:
-    """A shipped motion by name, or a motion file; InputError for one that is not there."""
+    """Return a shipped motion or that of a file; InputError for one that is not there."""
     if wanted in MOTIONS:
         return MotionFile.load(_FOLDER / f'{wanted}.yaml', mode)
     path = Path(wanted)
@@ -24,11 +24,10 @@ def find_motion(wanted: str, mode: str | None = None) -> MotionFile:
 
 
 def listing() -> str:
-    """The shipped motions, a line each: name, modes, what it is."""
+    """Return a line for each shipped motion: name, modes, description."""
     lines = []
     for name in MOTIONS:
-        content = read_yaml(_FOLDER / f'{name}.yaml')
-        assert isinstance(content, Mapping)
-        modes = ', '.join(modes_of(content, name)) or 'one way'
+        content = read_yaml(_FOLDER / f'{name}.yaml', 'motion')
+        modes = ', '.join(content.get('modes', {})) or 'one way'
         lines.append(f'  {name:10}{modes:28}{content.get("about", "")}')
     return '\n'.join(lines)

@@ -1,4 +1,4 @@
-"""A motion as it is played to one drive, with what depends on where the drive has got to."""
+"""Segment player: a motion over time for one drive, with its position and temperature fed back."""
 
 import math
 
@@ -8,12 +8,13 @@ from drive_bench.motion.segment_path import Mounting, Ramps, Target
 from drive_bench.motion.segments import Segment
 
 
-class Player:
+class SegmentPlayer:
     """
-    Plays a motion to a joint that starts at a position, rad.
+    Player of a motion for a joint that starts at a position, rad.
 
-    After a segment in velocity or torque mode the rest is planned from where the joint then is. A
-    segment with until_warmer ends once the winding is that much warmer than at the start.
+    After a segment in velocity or torque mode the rest is planned again from the measured
+    position. A segment with until_warmer ends once the winding is that much warmer than at the
+    start.
     """
 
     def __init__(self, motion: MotionFile, start: float, mounting: Mounting, ramps: Ramps) -> None:
@@ -21,33 +22,33 @@ class Player:
         self.motion = motion
         self.elapsed = 0.0
         self._place = 0
-        self._cold: float | None = None
-        self._warm: int | None = None
+        self._initial: float | None = None
+        self._warmed: int | None = None
 
     @property
     def left(self) -> float:
-        """Time to the end, s; less where a winding gets warm soon."""
+        """Time to the end, s; an upper bound for segments with until_warmer."""
         return max(self.plan.seconds - self.elapsed, 0.0)
 
     @property
     def place(self) -> int:
-        """Index of the segment, that of the way back included."""
+        """Index of the segment; the return at the end counts as one."""
         return self._place
 
     @property
     def segment(self) -> Segment:
-        """The segment that is played."""
+        """The present segment."""
         return self.plan.paths[self._place].segment
 
     @property
-    def heeds(self) -> bool:
-        """Whether the segment goes on for as long as the winding is not warm yet."""
-        return bool(self.segment.until_warmer) and self._warm != self._place
+    def needs_temperature(self) -> bool:
+        """Whether the end of the segment depends on the winding's temperature."""
+        return bool(self.segment.until_warmer) and self._warmed != self._place
 
     def step(self, seconds: float, position: float, temperature: float = math.nan) -> Target:
-        """The target some seconds on; position, rad, and temperature, °C, are measured."""
+        """Advance by some seconds and return the target; measured: rad and °C."""
         self.elapsed += seconds
-        self._heed(temperature)
+        self._end_when_warm(temperature)
         place = self.plan.place(self.elapsed)
         if place != self._place:
             if self.segment.free:
@@ -56,15 +57,15 @@ class Player:
             self._place = place
         return self.plan.at(self.elapsed)
 
-    def _heed(self, temperature: float) -> None:
+    def _end_when_warm(self, temperature: float) -> None:
         if math.isnan(temperature):
             return
-        self._cold = temperature if self._cold is None else self._cold
+        self._initial = temperature if self._initial is None else self._initial
         wanted, hottest = self.segment.until_warmer, self.segment.hottest
-        if not self.heeds:
+        if not self.needs_temperature:
             return
-        if temperature - self._cold >= wanted or temperature >= hottest:
+        if temperature - self._initial >= wanted or temperature >= hottest:
             leap = self.plan.skip(self.elapsed)
             self.elapsed += leap
             if leap:
-                self._warm = self._place
+                self._warmed = self._place

@@ -1,1 +1,1 @@
-"""Node and command that put drives through a motion."""
+"""Node that puts drives through a motion."""

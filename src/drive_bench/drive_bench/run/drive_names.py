@@ -1,4 +1,4 @@
-"""Which joints the user means."""
+"""Joints by name or by the end of their name."""
 
 from collections.abc import Sequence
 
@@ -9,10 +9,10 @@ def resolve(
     wanted: Sequence[str], joints: Sequence[str], there: Sequence[bool]
 ) -> tuple[str, ...]:
     """
-    Joints by name or by how their name ends: KFE is LF_KFE where no other drive of it is there.
+    Return joints by name or by its end: KFE is LF_KFE where no other joint _KFE is present.
 
-    there: whether a joint reads anything but zeros, as the drives do that are missing on a bus.
-    InputError for none or several; a name that is a joint's counts as it is.
+    there: whether each joint is present. InputError for none or several that fit; a full name
+    comes first.
     """
     return tuple(dict.fromkeys(_one(name, joints, there) for name in wanted))
 

@@ -1,27 +1,31 @@
-"""What becomes of a recording once its motion is over: closed, filed with its card, checked."""
+"""Filing of a recording after its motion: closed, completed by its card, checked."""
 
-import argparse
 import json
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import TextIO
 
 from power_recordings.card import Card
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 
-from drive_bench.run.motion_run import ExcitationRun
+from drive_bench.run.motion_run import MotionRun
 from drive_bench.run.recorder_process import RecorderProcess
 from drive_bench.run.recording_check import check, table
 
 
 def file_away(
-    run: ExcitationRun,
+    run: MotionRun,
     recorder: RecorderProcess,
     reason: str,
-    options: argparse.Namespace,
+    report: Path | None,
     out: TextIO,
 ) -> int:
-    """End the recorder, write the card, check and print; 1 if the recording is of no use."""
+    """
+    End the recorder, write the card, check the bag and print the table.
+
+    report: a JSON file for the check. Returns 1 if the recording is of no use, else 0.
+    """
     died = recorder.ended
     summary = recorder.stop()
     complete = run.code == 0 and not died
@@ -45,7 +49,7 @@ def file_away(
     for line in summary:
         print(line, file=out)
     print(f'\n{table(found.rows)}\n', file=out)
-    if options.json is not None:
+    if report is not None:
         content = {
             'bag': str(bag),
             'complete': complete,
@@ -54,13 +58,12 @@ def file_away(
             'rows': [asdict(row) for row in found.rows],
         }
         text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-        write_whole(options.json, f'{text}\n')
+        write_whole(report, f'{text}\n')
     if not complete:
         print(f'{bag} is kept, incomplete: {reason}', file=out)
         return 1
-    again = ' and '.join(f'{voltage:g} V' for voltage in run.motion.supply)
-    if again:
-        print(f'the motion asks to be repeated at {again} of supply', file=out)
+    if run.repetition:
+        print(run.repetition, file=out)
     print(
         f'{bag}\nnext: ros2 run power_lab diagnose {bag} --model base.yaml '
         f'--drives {" ".join(run.drives)}',

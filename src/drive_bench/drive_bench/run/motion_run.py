@@ -1,4 +1,4 @@
-"""A motion under the supervisor that also runs policies: started, watched, damped."""
+"""A motion under the supervisor that also runs policies: start, monitoring, damping."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from drive_bench.motion.file import MotionFile
 from drive_bench.motion.fitting import fitted
 from drive_bench.motion.joint_limits import JointLimits
 from drive_bench.motion.segment_path import Mounting
-from drive_bench.run.monitor import ExcitationMonitor, JointInputs, ranges_of
-from drive_bench.run.motion_player import Exciting
+from drive_bench.run.monitor import JointInputs, MotionMonitor, ranges_of
+from drive_bench.run.motion_policy import MotionPolicy
 
 Floats = NDArray[np.float64]
 
@@ -22,9 +22,9 @@ Floats = NDArray[np.float64]
 @dataclass(frozen=True)
 class Command:
     """
-    What to send: position, rad, velocity, rad/s, and effort, N·m, of the joints that are named.
+    Command of the named joints: position, rad, velocity, rad/s, and effort, N·m.
 
-    Zero velocity alone damps, as the drives do that are not named.
+    Zero velocity alone damps; joints that are not named damp, too.
     """
 
     names: tuple[str, ...]
@@ -33,13 +33,13 @@ class Command:
     effort: Floats | None = None
 
 
-class ExcitationRun:
+class MotionRun:
     """
-    Runs a motion on the joints of a robot, under the supervisor that also runs policies.
+    A motion on the joints of a robot, under the supervisor that also runs policies.
 
     limits: by joint, at least for the drives. damp_others: a drive may leave position mode though
-    other joints are there, which are then damped and not held. fit: change a motion that leaves
-    the limits, see `notes`, instead of refusing it. InputError for a drive that is no
+    other joints are present, which are then damped instead of held. fit: change a motion that
+    leaves the limits, see `notes`, instead of refusing it. InputError for a drive that is no
     joint of the robot or has no limits.
     """
 
@@ -66,16 +66,16 @@ class ExcitationRun:
             joint_names=self.joints, position=np.zeros(count), velocity=np.zeros(count)
         )
         self.motion, self.drives = motion, tuple(drives)
-        self.exciting = Exciting(motion, joints, drives, mounting, limits)
-        self.monitor = ExcitationMonitor(config, self.exciting, joints, limits)
+        self.policy = MotionPolicy(motion, joints, drives, mounting, limits)
+        self.monitor = MotionMonitor(config, self.policy, joints, limits)
         self._supervisor = Supervisor(
-            self.exciting,
+            self.policy,
             config,
             inputs=self.inputs,
             monitor=self.monitor,
             limiter=TargetLimiter(config.target_rate, ranges),
         )
-        self._strongest = np.array(
+        self._torque_limits = np.array(
             [limits[joint].torque if joint in limits else 0.0 for joint in joints]
         )
         self._damp_others, self._fit = damp_others, fit
@@ -100,41 +100,44 @@ class ExcitationRun:
 
     @property
     def reason(self) -> str:
-        """What it does, or why it damps, for people."""
+        """The present segment, or the reason for damping."""
         if self._done:
             return 'done'
         if not self.active:
             fault = self._supervisor.fault
             return 'ready, waits for start' if fault is None else str(fault)
-        place, count = self.exciting.segment, len(self.motion.segments)
+        place, count = self.policy.segment, len(self.motion.segments)
         if place == count:
-            return 'back to where it carries no load'
+            return 'return to where it carries no load'
         return f'segment {place + 1} of {count}: {self.motion.segments[place]}'
 
-    @property
-    def progress(self) -> str:
-        """The reason with the time that is left, or what to do once it is done."""
-        if self.active:
-            return f'{self.reason}; {self.exciting.left:.0f} s left'
-        if not self._done:
-            return self.reason
-        motion = self.motion
-        again = ' and '.join(f'{voltage:g} V' for voltage in motion.supply)
+    def introduction(self, recorded: bool) -> str:
+        """Return name, length and drives of the motion; unrecorded, with what to do next."""
+        text = f'{self.motion.name}: {self.motion.seconds:.0f} s of {", ".join(self.drives)}'
+        if recorded:
+            return text
         return (
-            'done; '
-            + (f'the motion asks to be repeated at {again} of supply; ' if again else '')
-            + 'end the recorder, then: ros2 run power_lab diagnose '
-            + f'bags/{motion.name} --model base.yaml'
+            f'{text}; record it: ros2 run power_daq record -o bags/{self.motion.name}; '
+            'begin (unless --start): ros2 service call /start std_srvs/srv/Trigger'
+        )
+
+    def progress(self, recorded: bool) -> str:
+        """Return the reason with the time that is left; unrecorded, what to do after the end."""
+        if self.active:
+            return f'{self.reason}; {self.policy.left:.0f} s left'
+        if recorded or not self._done:
+            return self.reason
+        again = f'{self.repetition}; ' if self.repetition else ''
+        return (
+            f'done; {again}end the recorder, then: ros2 run power_lab diagnose '
+            f'bags/{self.motion.name} --model base.yaml'
         )
 
     @property
-    def introduction(self) -> str:
-        """What is about to happen, and the commands for it."""
-        return (
-            f'{self.motion.name}: {self.motion.seconds:.0f} s of {", ".join(self.drives)}; '
-            f'record it: ros2 run power_daq record -o bags/{self.motion.name}; '
-            'begin (unless --start): ros2 service call /start std_srvs/srv/Trigger'
-        )
+    def repetition(self) -> str:
+        """Supply voltages at which the motion is to be repeated, in words; '' for none."""
+        again = ' and '.join(f'{voltage:g} V' for voltage in self.motion.supply)
+        return f'the motion asks to be repeated at {again} of supply' if again else ''
 
     def count_publishers(self, count: int) -> None:
         """Take the number of nodes that publish joint_commands, this one included."""
@@ -146,29 +149,29 @@ class ExcitationRun:
             self.inputs.complaints.pop('joint_commands', None)
 
     def figures(self, now: float) -> dict[str, str]:
-        """What diagnostics show beside the reason."""
+        """Return values for diagnostics, by name."""
         shown = self._supervisor.figures(now)
         kept = ('faults', 'joint_states age [ms]')
-        left = f'{self.exciting.left:.1f}'
+        left = f'{self.policy.left:.1f}'
         return {'motion': self.motion.name, 'left [s]': left, **{key: shown[key] for key in kept}}
 
     def unsound(self, now: float) -> str:
-        """Why it could not begin now, or ''."""
+        """Return the reason why it could not begin now, or ''."""
         fault = self.monitor.inputs(self.inputs, now)
         return '' if fault is None else str(fault)
 
     def plan(self) -> None:
         """
-        Plan from where the joints are.
+        Plan from the measured pose.
 
-        InputError if the motion leaves the limits, or is under way: then it would begin anew.
+        InputError if the motion leaves the limits, or is under way, since it would begin anew.
         """
         if self.active:
             raise InputError(f'{self.motion.name} is under way; stop it before planning it anew')
         self._prepare()
 
     def start(self, now: float) -> tuple[bool, str]:
-        """Begin, if that is safe; tells whether it does, and why not."""
+        """Begin, if that is safe; return whether it does, and the time to go or the reason."""
         if self.active:
             return True, self.reason
         fault = self.monitor.inputs(self.inputs, now)
@@ -179,7 +182,7 @@ class ExcitationRun:
         except InputError as error:
             return False, str(error)
         started, told = self._supervisor.start(now)
-        return started, f'{self.exciting.left:.0f} s to go' if started else told
+        return started, f'{self.policy.left:.0f} s to go' if started else told
 
     def _prepare(self) -> None:
         if self.motion.free and not self._damp_others:
@@ -193,7 +196,7 @@ class ExcitationRun:
                 )
         if self._fit:
             self._fit_to_limits()
-        self.exciting.prepare(self.inputs.position)
+        self.policy.prepare(self.inputs.position)
         self._planned = True
 
     def _fit_to_limits(self) -> None:
@@ -201,7 +204,7 @@ class ExcitationRun:
             start = float(self.inputs.position[self.joints.index(drive)])
             self.motion, notes = fitted(self.motion, start, self._mounting, self.limits[drive])
             self.notes += notes
-        self.exciting.motion = self.motion
+        self.policy.motion = self.motion
 
     def stop(self, now: float) -> tuple[bool, str]:
         """Damp and end."""
@@ -215,12 +218,12 @@ class ExcitationRun:
         """
         Take one step at time now, s; None while there is nothing to send.
 
-        InputError if the motion leaves the limits from where the joints are at first.
+        InputError if the motion leaves the limits from the initial pose.
         """
         if not self._planned and self.monitor.inputs(self.inputs, now) is None:
             self.plan()
         output = self._supervisor.update(now)
-        if self.active and self.exciting.active and self.exciting.left == 0.0:
+        if self.active and self.policy.active and self.policy.left == 0.0:
             self._done = True
             self._supervisor.stop(now)
             output = Output(None)
@@ -228,17 +231,17 @@ class ExcitationRun:
             return None
         if output.targets is None:
             return self.damping
-        exciting = self.exciting
-        effort = np.clip(exciting.effort, -self._strongest, self._strongest)
-        if exciting.mode == 'position':
-            return Command(self.joints, output.targets, exciting.velocity, effort)
-        places = [place for place, _ in exciting.watched()]
+        policy = self.policy
+        effort = np.clip(policy.effort, -self._torque_limits, self._torque_limits)
+        if policy.mode == 'position':
+            return Command(self.joints, output.targets, policy.velocity, effort)
+        places = [place for place, _ in policy.moving()]
         names = tuple(self.joints[place] for place in places)
-        if exciting.mode == 'velocity':
-            return Command(names, None, exciting.velocity[places])
+        if policy.mode == 'velocity':
+            return Command(names, None, policy.velocity[places])
         return Command(names, None, None, effort[places])
 
     @property
     def damping(self) -> Command:
-        """What brakes all joints."""
+        """The command that damps all joints."""
         return Command(self.joints, None, np.zeros(len(self.joints)))

@@ -1,4 +1,4 @@
-"""The recorder as a process of its own, which `bench` starts, watches and ends."""
+"""The recorder as a process of its own, started, monitored and ended by `run --record`."""
 
 import signal
 import subprocess
@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from wattwalk_core.errors import InputError
-
 NAME: Final = 'bench_recorder'
 _RUN: Final = 'import sys; from power_daq.nodes.recorder import main; sys.exit(main())'
 _PATIENCE: Final = 30.0  # s to close a bag
@@ -17,10 +15,10 @@ _PATIENCE: Final = 30.0  # s to close a bag
 
 class RecorderProcess:
     """
-    `ros2 run power_daq record` under another name, deaf to the terminal's Ctrl-C.
+    `ros2 run power_daq record` under another name, in a session without the terminal's Ctrl-C.
 
-    The motion is to be damped first, so the recorder is ended by `stop` alone, or by itself after
-    `longest` s in case that whoever started it is killed.
+    The drives have to be damped first, so the recorder is ended by `stop` only, or by itself
+    after `longest` s in case that this process is killed.
     """
 
     def __init__(
@@ -41,12 +39,12 @@ class RecorderProcess:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process id."""
         return self._process.pid
 
     @property
     def ended(self) -> str:
-        """Why it ended, or '' while it runs."""
+        """The reason why it ended, or '' while it runs."""
         code = self._process.poll()
         if code is None:
             return ''
@@ -55,7 +53,7 @@ class RecorderProcess:
         return f'the recorder ended: {self._last_line() or f"exit code {code}"}'
 
     def stop(self) -> tuple[str, ...]:
-        """End it in good order, and tell what it said in its summary."""
+        """End it in good order and return the lines of its summary."""
         self._said.seek(0, 2)
         place = self._said.tell()
         if self._process.poll() is None:
@@ -73,17 +71,3 @@ class RecorderProcess:
         self._said.seek(0)
         lines = [line for line in self._said.read().splitlines() if line.strip()]
         return lines[-1].partition('record: ')[2] or lines[-1] if lines else ''
-
-
-def free_name(folder: Path, name: str) -> Path:
-    """A path in a folder that is not taken: name, name_2 and so on."""
-    count = 1
-    while (path := folder / (name if count == 1 else f'{name}_{count}')).exists():
-        count += 1
-    return path
-
-
-def check_new(bag: Path) -> None:
-    """InputError for a bag that is there already, before anything moves."""
-    if bag.exists():
-        raise InputError(f'{bag} exists already: choose another name or remove it')

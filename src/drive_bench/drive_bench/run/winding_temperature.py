@@ -1,4 +1,4 @@
-"""Winding temperatures as they came, and whether they may still be gone by."""
+"""Winding temperatures with their ages."""
 
 import math
 from collections.abc import Sequence
@@ -9,14 +9,14 @@ from policy_runner.supervisor.safety import Fault, FaultKind
 STALE_AFTER: Final = 2.0  # s
 
 
-class Windings:
-    """The newest winding temperature of each drive, °C, with the time at which it came, s."""
+class WindingTemperature:
+    """The latest winding temperature of each drive, °C, with its time of arrival, s."""
 
     def __init__(self) -> None:
         self._read: dict[str, tuple[float, float]] = {}
 
     def on_supply(self, names: Sequence[str], celsius: Sequence[float], now: float) -> None:
-        """Take what drive_supply says of its drives: one value each, or none where unknown."""
+        """Take temperatures of drive_supply: one for each name, or none where unknown."""
         for place, name in enumerate(names):
             if len(celsius) == len(names):
                 self._read[name] = float(celsius[place]), now
@@ -24,11 +24,11 @@ class Windings:
                 self._read.pop(name, None)
 
     def at(self, drive: str, now: float) -> float:
-        """Temperature of a drive, °C; NaN where it is missing, NaN or older than STALE_AFTER."""
+        """Return a drive's temperature, °C; NaN where it is missing or older than STALE_AFTER."""
         return math.nan if self.fault(drive, now) else self._read[drive][0]
 
     def fault(self, drive: str, now: float) -> Fault | None:
-        """Why the temperature of a drive may not be gone by, None if it may."""
+        """Return the fault of a drive's temperature (missing, NaN, stale); None if it is sound."""
         if drive not in self._read:
             return Fault(FaultKind.STALE, f'drive_supply has no winding temperature of {drive}')
         celsius, came = self._read[drive]

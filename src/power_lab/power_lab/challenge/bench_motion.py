@@ -20,7 +20,7 @@ class BenchMotion(MotionController):
 
     The pendulum is as heavy as the largest load asks for. A held load is an angle at which the
     pendulum pulls as much; at speed the load swings between plus and minus the largest one. The
-    node `policy_runner excite` goes by the same plan, with ramps where this one jumps.
+    node `drive_bench run` goes by the same plan, with ramps where this one jumps.
     """
 
     def __init__(self, path: Path) -> None:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drive_bench.motion.library import MOTIONS, listing
+from drive_bench.motion.load import Load
 from drive_bench.motion.segment_path import Mounting
 from drive_bench.motion.segments import UNITS
-from drive_bench.nodes.excite_options import Load
 from rclpy.utilities import remove_ros_args
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
@@ -26,7 +26,7 @@ _GRAVITY = 9.81  # m/s²
 _EPILOG = f"""motions:
 {listing()}
 
-They are those of `ros2 run policy_runner bench`, which runs them on a drive.
+They are those of `ros2 run drive_bench run`, which runs them on a drive.
 
 examples:
   ros2 run sim_bridge bench sine -o bags/sine

@@ -4,7 +4,7 @@ import numpy as np
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.library import find_motion
 from drive_bench.motion.segment_path import Mounting, Ramps
-from drive_bench.motion.segment_player import Player
+from drive_bench.motion.segment_player import SegmentPlayer
 from numpy.typing import NDArray
 
 from sim_bridge.plant.drive import JointCommand
@@ -43,19 +43,19 @@ class MotionController:
         self.motion = motion
         self.name = f'motion {motion.name}' + (f', {motion.mode} mode' if motion.mode else '')
         self._mounting, self._ramps = mounting or Mounting(), ramps or Ramps()
-        self._player: Player | None = None
+        self._player: SegmentPlayer | None = None
         self._last = 0.0
 
     @property
     def seconds(self) -> float:
         """Length with the ways between the segments, from hanging."""
-        return Player(self.motion, 0.0, self._mounting, self._ramps).plan.seconds
+        return SegmentPlayer(self.motion, 0.0, self._mounting, self._ramps).plan.seconds
 
     def command(self, simulation: Simulation) -> JointCommand:
         """The target now."""
         position = float(simulation.joint_position[0])
         if self._player is None:
-            self._player = Player(self.motion, position, self._mounting, self._ramps)
+            self._player = SegmentPlayer(self.motion, position, self._mounting, self._ramps)
             self._last = simulation.time
         since, self._last = simulation.time - self._last, simulation.time
         winding = float(simulation.circuit.temperature.winding[0])

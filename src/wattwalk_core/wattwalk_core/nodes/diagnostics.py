@@ -1,4 +1,4 @@
-"""How a device does, in a sentence and in figures, on `diagnostics` and in the log."""
+"""Reports on a node or a part of it, on the topic `diagnostics` and in the log."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,14 +22,19 @@ class Report:
 
     level: Level
     sentence: str
-    figures: Mapping[str, str]
+    figures: Mapping[str, object]
 
 
 class Reporter:
-    """Publishes the reports on one part of a node, under the name `node: part`."""
+    """
+    Publishes the reports on a node, or on one part of it under the name `node: part`.
 
-    def __init__(self, node: Node, part: str, hardware_id: str) -> None:
-        self._node, self._part, self._hardware = node, part, hardware_id
+    hardware_id: name or address of the device that the reports are about, where there is one.
+    """
+
+    def __init__(self, node: Node, part: str = '', hardware_id: str = '') -> None:
+        self._node, self._hardware = node, hardware_id
+        self._name = f'{node.get_name()}: {part}' if part else node.get_name()
         self._publisher = node.create_publisher(DiagnosticArray, 'diagnostics', 10)
         self._said = Level.OK
 
@@ -41,12 +46,16 @@ class Reporter:
         elif self._said is not Level.OK:
             logger.info(report.sentence)
         self._said = report.level
+        self.publish(report)
+
+    def publish(self, report: Report) -> None:
+        """Publish, and log nothing."""
         status = DiagnosticStatus(
             level=bytes([report.level]),
-            name=f'{self._node.get_name()}: {self._part}',
+            name=self._name,
             message=report.sentence,
             hardware_id=self._hardware,
-            values=[KeyValue(key=key, value=value) for key, value in report.figures.items()],
+            values=[KeyValue(key=key, value=str(value)) for key, value in report.figures.items()],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()

@@ -33,10 +33,10 @@ def bench(node_process, tmp_path):
     return sim
 
 
-def excite(node_process, tmp_path, motion, *parameters):
+def run_motion(node_process, tmp_path, motion, *parameters):
     (tmp_path / 'next.yaml').write_text(motion)
     return node_process(
-        *('policy_runner', 'excite', str(tmp_path / 'next.yaml'), '--pendulum', '5.74', '--start'),
+        *('drive_bench', 'run', str(tmp_path / 'next.yaml'), '--pendulum', '5.74', '--start'),
         *('--ros-args', '-p', 'stale_after:=1.0', *parameters),
     )
 
@@ -45,7 +45,7 @@ def test_a_motion_is_executed_and_recorded_as_asked(bench, node_process, tmp_pat
     recorder = node_process('power_daq', 'record', '-o', str(tmp_path / 'next'))
     recorder.wait_for_output('recording to')
     in_its_time = ('-p', 'use_sim_time:=true')  # a busy machine makes it slow then, not wrong
-    node = excite(node_process, tmp_path, MOTION, *in_its_time)
+    node = run_motion(node_process, tmp_path, MOTION, *in_its_time)
     assert node.wait(90) == 0, node.output
     assert 'segment 3 of 3: hold 5 N·m, 5 s' in node.output
     assert 'ros2 run power_lab diagnose bags/next' in node.output
@@ -65,7 +65,7 @@ def test_a_motion_is_executed_and_recorded_as_asked(bench, node_process, tmp_pat
 
 
 def test_a_robot_that_goes_is_damped_and_named(bench, node_process, tmp_path):
-    node = excite(node_process, tmp_path, STILL)
+    node = run_motion(node_process, tmp_path, STILL)
     node.wait_for_output('segment 1 of 1')
     bench.kill()
     assert node.wait() == 1

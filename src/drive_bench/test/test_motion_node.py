@@ -34,7 +34,7 @@ class Joints(Peer):
                 self.position[name] = value
 
     def on_diagnostics(self, message):
-        self.reasons += [s.message for s in message.status if s.name == 'policy_runner']
+        self.reasons += [s.message for s in message.status if s.name == 'drive_bench']
 
     def speak(self):
         message = JointState(name=list(self.position), position=list(self.position.values()))
@@ -65,7 +65,7 @@ def assert_last_damps(joints):
 def test_it_waits_for_start_moves_one_drive_and_ends_by_an_emergency_stop(
     joints, file, node_process
 ):
-    node = node_process('policy_runner', 'excite', file, *PATIENT)
+    node = node_process('drive_bench', 'run', file, *PATIENT)
     node.wait_for_output('next: 608 s of LF_KFE; record it: ros2 run power_daq record')
     wait_until(lambda: 'ready, waits for start' in joints.reasons, 'readiness')
     assert not joints.commands
@@ -82,7 +82,7 @@ def test_it_waits_for_start_moves_one_drive_and_ends_by_an_emergency_stop(
 
 
 def test_nan_in_the_joint_states_damps_with_the_reason_and_code_1(joints, file, node_process):
-    node = node_process('policy_runner', 'excite', file, '--start', *PATIENT)
+    node = node_process('drive_bench', 'run', file, '--start', *PATIENT)
     wait_until(lambda: joints.position['LF_KFE'] > -0.1, 'motion')
     joints.position['LF_KFE'] = math.nan
     assert_last_damps(joints)
@@ -97,7 +97,7 @@ def test_a_soak_is_not_begun_while_nobody_tells_how_warm_the_winding_is(
         'format: motion/1\ndrives: [LF_KFE]\nsegments:\n'
         '- {mode: position, amplitude: 0.2, frequency: 1.0, until_warmer: 20, seconds: 600}\n'
     )
-    node = node_process('policy_runner', 'excite', file, '--start', *PATIENT)
+    node = node_process('drive_bench', 'run', file, '--start', *PATIENT)
     node.wait_for_output('waiting: .*has no winding temperature of LF_KFE')
     answer = joints.call('start')
     assert not answer.success
@@ -117,7 +117,7 @@ def test_a_soak_is_not_begun_while_nobody_tells_how_warm_the_winding_is(
 def test_ctrl_c_leaves_the_drives_damped_and_says_that_the_motion_is_not_whole(
     joints, file, node_process
 ):
-    node = node_process('policy_runner', 'excite', file, '--start', *PATIENT)
+    node = node_process('drive_bench', 'run', file, '--start', *PATIENT)
     wait_until(lambda: joints.position['LF_KFE'] > -0.1, 'motion')
     node.interrupt()
     assert node.wait() == 130
@@ -138,7 +138,7 @@ def test_what_may_not_be_executed_ends_with_one_line_and_code_2(
     joints, file, node_process, tmp_path, change, arguments, words
 ):
     (tmp_path / 'next.yaml').write_text(MOTION.replace(*change))
-    node = node_process('policy_runner', 'excite', file, '--start', *arguments)
+    node = node_process('drive_bench', 'run', file, '--start', *arguments)
     assert node.wait() == 2
     assert words in node.output
     assert 'Traceback' not in node.output

@@ -9,22 +9,21 @@ from wattwalk_core.errors import InputError
 
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import JointLimits
-from drive_bench.motion.plan import Plan
 from drive_bench.motion.segment_path import Mounting, Ramps
-from drive_bench.motion.segment_player import Player
-from drive_bench.run.winding_temperature import Windings
+from drive_bench.motion.segment_player import SegmentPlayer
+from drive_bench.run.winding_temperature import WindingTemperature
 
 Floats = NDArray[np.float64]
 _LONGEST_STEP = 0.03  # s; after a stall the motion takes longer instead of jumping
 
 
-class Exciting:
+class MotionPolicy:
     """
-    Puts some drives through a motion while the others hold where they were at the start.
+    Policy that puts some drives through a motion while the others hold their initial positions.
 
-    `prepare` comes first: it plans from where the joints are. Then it is a Policy; `velocity`
-    and `effort` hold what is fed forward, rad/s and N·m [D], or commanded where `mode` says so.
-    windings: temperatures as far as known. blocked: why it cannot go on, or ''.
+    `prepare` is called first and plans from the measured pose. `velocity` and `effort` are feed
+    forward, rad/s and N·m [D], or commands where `mode` says so. windings: temperatures as far
+    as known. blocked: the reason why the motion cannot continue, or ''.
     """
 
     rate = 200.0
@@ -43,9 +42,9 @@ class Exciting:
         self.targets = np.zeros(len(joints))
         self._drives = {list(joints).index(drive): drive for drive in drives}
         self._mounting, self._limits = mounting, limits
-        self._players: dict[int, Player] = {}
+        self._players: dict[int, SegmentPlayer] = {}
         self._last: float | None = None
-        self.windings = Windings()
+        self.windings = WindingTemperature()
         self.mode, self.blocked = 'position', ''
 
     def prepare(self, position: Floats) -> None:
@@ -56,7 +55,7 @@ class Exciting:
                 'one --drive'
             )
         players = {
-            place: Player(self.motion, float(position[place]), self._mounting, Ramps())
+            place: SegmentPlayer(self.motion, float(position[place]), self._mounting, Ramps())
             for place in self._drives
         }
         for place, player in players.items():
@@ -71,29 +70,29 @@ class Exciting:
         self.mode, self.blocked = 'position', ''
 
     def take_over(self) -> float:
-        """Begin from the first segment; it takes no commands."""
+        """Begin from the first segment; return the s for which it takes no commands."""
         self.reset()
         return self.motion.seconds
 
     def step(
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
     ) -> Floats:
-        """Joint targets, rad [D]."""
+        """Return joint targets, rad [D]."""
         since = 0.0 if self._last is None else min(max(time - self._last, 0.0), _LONGEST_STEP)
         self._last = time
         for place, player in self._players.items():
-            warmth = self.windings.at(self._drives[place], time)
+            temperature = self.windings.at(self._drives[place], time)
             measured = float(inputs.position[place])
             before = player.place
-            target = player.step(since, measured, warmth)
+            target = player.step(since, measured, temperature)
             if player.place != before and self.mode != 'position':
-                self._check_again(place)
+                self._check_plan(place)
             self.mode = target.mode
             self.targets[place] = target.position if target.mode == 'position' else measured
             self.velocity[place], self.effort[place] = target.velocity, target.effort
         return self.targets.copy()
 
-    def _check_again(self, place: int) -> None:
+    def _check_plan(self, place: int) -> None:
         drive = self._drives[place]
         try:
             self._players[place].plan.check(drive, self._limits[drive])
@@ -102,15 +101,17 @@ class Exciting:
 
     @property
     def active(self) -> bool:
-        """Whether drives are told to move."""
+        """Whether drives are commanded."""
         return self._last is not None
 
     @property
-    def heeded(self) -> tuple[str, ...]:
-        """Drives that must not go on, or begin, without the temperature of their winding."""
+    def needing_temperature(self) -> tuple[str, ...]:
+        """Drives that must not begin or continue without a winding temperature."""
         if not self.active:
             return tuple(self._drives.values()) if self.motion.warms else ()
-        return tuple(self._drives[place] for place, one in self._players.items() if one.heeds)
+        return tuple(
+            self._drives[place] for place, one in self._players.items() if one.needs_temperature
+        )
 
     @property
     def left(self) -> float:
@@ -119,21 +120,16 @@ class Exciting:
 
     @property
     def segment(self) -> int:
-        """Index of the segment that is executed."""
+        """Index of the present segment."""
         return next(iter(self._players.values())).place
 
     @property
     def slack(self) -> float:
-        """How much further than usual a drive may be from its target, rad."""
-        playing = next(iter(self._players.values())).segment
-        return 2.0 * abs(playing.amplitude) if playing.saturate else 0.0
+        """Additional position error that is allowed where a segment saturates, rad."""
+        segment = next(iter(self._players.values())).segment
+        return 2.0 * abs(segment.amplitude) if segment.saturate else 0.0
 
-    @property
-    def plans(self) -> dict[str, Plan]:
-        """What is planned, by drive."""
-        return {self._drives[place]: player.plan for place, player in self._players.items()}
-
-    def watched(self) -> Iterator[tuple[int, JointLimits]]:
-        """Places of the excited drives, with their limits."""
+    def moving(self) -> Iterator[tuple[int, JointLimits]]:
+        """Yield the indices of the moving drives with their limits."""
         for place, drive in self._drives.items():
             yield place, self._limits[drive]

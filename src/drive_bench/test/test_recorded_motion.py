@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 import yaml
 from drive_bench.run import recorder_process as bench_recorder
-from drive_bench.run.recorder_process import RecorderProcess, free_name
+from drive_bench.run.options import free_name
+from drive_bench.run.recorder_process import RecorderProcess
 from peers import PATIENCE, Peer, wait_until
 from power_recordings.reading.reader import Recording
 from sensor_msgs.msg import JointState
@@ -77,8 +78,8 @@ def drive(ros_domain):
 def bench(drive, node_process, tmp_path):
     def start(text, *arguments, **environment):
         (tmp_path / 'next.yaml').write_text(text)
-        bag = ('-o', str(tmp_path / 'bag'))
-        words = ('policy_runner', 'bench', str(tmp_path / 'next.yaml'), *bag, *arguments)
+        bag = ('--record', str(tmp_path / 'bag'))
+        words = ('drive_bench', 'run', str(tmp_path / 'next.yaml'), *bag, *arguments)
         return node_process.command('ros2', 'run', *words, *PATIENT, **environment)
 
     return start
@@ -254,13 +255,13 @@ def test_what_leaves_the_range_is_fitted_where_that_is_allowed(drive, bench, tmp
 
 def test_a_bag_that_is_there_is_never_touched(node_process, tmp_path):
     (tmp_path / 'bag').mkdir()
-    node = node_process('policy_runner', 'bench', 'still', '-o', str(tmp_path / 'bag'))
+    node = node_process('drive_bench', 'run', 'still', '--record', str(tmp_path / 'bag'))
     assert node.wait(PATIENCE) == 2
     assert 'exists already' in node.output
 
 
 def test_the_list_names_each_motion_with_its_modes(node_process):
-    node = node_process('policy_runner', 'bench', '--list')
+    node = node_process('drive_bench', 'run', '--list')
     assert node.wait(PATIENCE) == 0
     assert 'hot_soak' in node.output
     assert 'position, velocity, torque' in node.output

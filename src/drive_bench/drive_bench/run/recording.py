@@ -1,0 +1,108 @@
+"""Recording of a motion: the recorder's start before it, its supervision, and the filing after."""
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Final
+
+from diagnostic_msgs.msg import DiagnosticArray
+from wattwalk_core.errors import InputError
+
+from drive_bench.run.filing import file_away
+from drive_bench.run.motion_run import MotionRun
+from drive_bench.run.options import PATIENCE, RunOptions
+from drive_bench.run.recorder_process import NAME, RecorderProcess
+
+_NEEDED: Final = ('drive_supply', 'joint_states')
+_LEAD: Final = 1.0  # s that are recorded before the drive moves
+_SPARE: Final = 600.0  # s by which a recorder outlasts its motion at most, if this process dies
+
+
+class MotionRecording:
+    """
+    Recording of one motion; `advance` is called at 10 Hz.
+
+    ros: arguments for ROS that the recorder gets, such as its namespace. moved: whether the
+    motion has begun.
+    """
+
+    def __init__(self, options: RunOptions, ros: Sequence[str] = ()) -> None:
+        self._options, self._ros = options, ros
+        self._patience = PATIENCE if options.patience is None else options.patience
+        self._recorder: RecorderProcess | None = None
+        self._began = time.monotonic()
+        self._recording_since: float | None = None
+        self._counts: dict[str, int] = {}
+        self._reason = 'ended before it began'
+        self._moved = False
+
+    def on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Take the recorder's message counts from diagnostics."""
+        for status in message.status:
+            if status.name == f'{NAME}: bag':
+                self._counts = {
+                    pair.key.removesuffix(' messages').rsplit('/', 1)[-1]: int(pair.value)
+                    for pair in status.values
+                    if pair.key.endswith(' messages')
+                }
+
+    def advance(self, run: MotionRun | None, now: float, supplied: bool) -> str:
+        """
+        Start the recorder and then the motion, once each can; return what is waited for, or ''.
+
+        now: s on the clock of the run. supplied: whether drive_supply has a publisher. InputError
+        if they cannot start. A recorder that ends during the motion damps the drives.
+        """
+        try:
+            if self._recorder is None:
+                return self._start_recorder(run, now, supplied)
+            if self._recorder.ended and not self._moved:
+                raise InputError(self._recorder.ended)
+            if run is not None and self._recorder.ended:
+                run.monitor.interlock = self._recorder.ended
+            elif run is not None and not self._moved:
+                self._start_motion(run, now)
+        except InputError as error:
+            self._reason = str(error)
+            raise
+        return ''
+
+    def _start_recorder(self, run: MotionRun | None, now: float, supplied: bool) -> str:
+        if run is None:
+            missing = 'joint_states never came'
+        else:
+            missing = run.unsound(now) if supplied else 'nobody publishes drive_supply'
+        if run is None or missing:
+            if time.monotonic() - self._began > self._patience:
+                raise InputError(
+                    f'{missing} within {self._patience:g} s; is ros2 run power_daq daq running, '
+                    'and the drive on?'
+                )
+            return missing
+        run.plan()
+        bag = self._options.bag(run.motion, run.drives)
+        card = self._options.card_entries(run.motion, run.drives)
+        longest = 2.0 * run.policy.left + _SPARE
+        self._recorder = RecorderProcess(bag, card, longest, self._ros)
+        self._began = time.monotonic()
+        return ''
+
+    def _start_motion(self, run: MotionRun, now: float) -> None:
+        time_now = time.monotonic()
+        missing = [topic for topic in _NEEDED if not self._counts.get(topic)]
+        if missing:
+            if time_now - self._began > self._patience:
+                raise InputError(f'the recorder receives nothing of {", ".join(missing)}')
+            return
+        self._recording_since = self._recording_since or time_now
+        if time_now - self._recording_since >= _LEAD:
+            self._moved, reason = run.start(now)
+            if not self._moved:
+                raise InputError(reason)
+
+    def finish(self, run: MotionRun | None) -> int:
+        """End the recorder, file and check the bag; 1 for one of no use, 0 if none was begun."""
+        if run is None or self._recorder is None:
+            return 0
+        reason = run.reason if run.code is not None else self._reason
+        return file_away(run, self._recorder, reason, self._options.json, sys.stdout)
