@@ -131,7 +131,7 @@ def test_ctrl_c_leaves_the_drives_damped_and_says_that_the_motion_is_not_whole(
         (('seconds: 8', 'seconds: 80'), (), 'would go to 39.79 rad; its limits are -9.42..9.42'),
         (('', ''), ('--drive', 'LF_TAIL'), "no drive 'LF_TAIL' in joint_states; it has LF_HFE"),
         (('', ''), ('--ros-args', '-p', 'rate:=9.0'), 'from 50 to 400'),
-        (('motion/1', 'song/1'), (), 'no motion; it must say format: motion/1'),
+        (('motion/1', 'song/1'), (), "format: expected 'motion/1', there is 'song/1'"),
     ],
 )
 def test_what_may_not_be_executed_ends_with_one_line_and_code_2(
