@@ -1,1 +1,1 @@
-"""Measures the drives of a robot: bus, clocks, DAQ node, recorder, recordings as arrays."""
+"""Measurement of the drives of a robot: bus, clocks, DAQ, supply, recorder and live view."""

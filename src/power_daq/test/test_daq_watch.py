@@ -56,7 +56,7 @@ def a_second(**options):
 
 
 def test_watts_joules_and_what_is_left_for_the_electronics():
-    view = a_second().look(1.0)
+    view = a_second().view(1.0)
     assert [drive.power for drive in view.drives] == [48.0, -24.0]
     assert view.total == 24.0
     assert view.supply == 200.0
@@ -71,11 +71,11 @@ def test_watts_joules_and_what_is_left_for_the_electronics():
 def test_energy_goes_on_from_look_to_look_and_a_gap_adds_nothing():
     state = MonitorState(0.0)
     feed(state, 'drive_supply', supply_messages(500, [1.0, 0.0]), 0.5)
-    state.look(0.5)
+    state.view(0.5)
     feed(state, 'drive_supply', supply_messages(501, [1.0, 0.0], first=500), 1.0)
-    assert state.look(1.0).drive_energy == pytest.approx(48.0)
+    assert state.view(1.0).drive_energy == pytest.approx(48.0)
     feed(state, 'drive_supply', supply_messages(1001, [1.0, 0.0], first=9000), 2.0)
-    view = state.look(2.0)
+    view = state.view(2.0)
     assert view.drive_energy == pytest.approx(96.0)
     assert view.missed == 9000 - 1001
 
@@ -85,7 +85,7 @@ def test_a_gap_is_what_is_long_for_the_stream():
     state = MonitorState(0.0)
     feed(state, 'drive_supply', supply_messages(500, [1.0, 0.0]), 0.5)
     feed(state, 'drive_supply', supply_messages(500, [1.0, 0.0], first=519), 1.0)
-    assert state.look(1.0).drive_energy == pytest.approx(48.0 * 2 * 0.499)
+    assert state.view(1.0).drive_energy == pytest.approx(48.0 * 2 * 0.499)
 
 
 @pytest.mark.parametrize('rate', [1, 5, 20, 100, 200])
@@ -100,20 +100,20 @@ def test_a_supply_of_any_rate_that_its_node_allows_has_an_energy(rate):
         if part:
             batteries = cdr.encode_batteries(part, [50.0] * len(part), [-4.0] * len(part))
             feed(state, 'supply', batteries, now)
-        view = state.look(now)
+        view = state.view(now)
     assert view.supply_energy == pytest.approx(200.0 * 50.0)
 
 
 def test_status_flags_are_words():
     state = a_second(status=0)
     feed(state, 'drive_supply', supply_messages(1, [1, 1], first=1001, status=6), 1.0)
-    assert {drive.status for drive in state.look(1.0).drives} == {'over range, device error'}
+    assert {drive.status for drive in state.view(1.0).drives} == {'over range, device error'}
 
 
 def test_what_no_longer_comes_is_no_longer_shown():
     state = a_second()
-    state.look(1.0)
-    view = state.look(5.0)
+    state.view(1.0)
+    view = state.view(5.0)
     assert not view.drives
     assert np.isnan(view.total)
     assert 'no drive_supply for 4 s' in view.warnings
@@ -121,7 +121,7 @@ def test_what_no_longer_comes_is_no_longer_shown():
 
 
 def test_before_anything_came_it_says_what_to_start():
-    assert 'ros2 run power_daq daq' in MonitorState(0.0).look(1.0).warnings[0]
+    assert 'ros2 run power_daq daq' in MonitorState(0.0).view(1.0).warnings[0]
 
 
 def test_estimates_stand_beside_the_measurement_by_name():
@@ -130,7 +130,7 @@ def test_estimates_stand_beside_the_measurement_by_name():
         cdr.POWER_ESTIMATE, model='ppn:x', name=DRIVES[::-1], power=[-20.0, 50.0], total=30.0
     )
     feed(state, 'power_estimate', [cdr.serialize(cdr.POWER_ESTIMATE, message)], 1.0)
-    view = state.look(1.0)
+    view = state.view(1.0)
     assert [drive.estimate for drive in view.drives] == [50.0, -20.0]
     assert (view.estimate, view.estimate_status, view.model) == (30.0, 'ok', 'ppn:x')
 
@@ -138,7 +138,7 @@ def test_estimates_stand_beside_the_measurement_by_name():
 def test_damaged_messages_are_told_and_do_no_harm():
     state = a_second()
     feed(state, 'drive_supply', [b'', b'\0\1\0\0junk', b'\xff' * 40], 1.0)
-    view = state.look(1.0)
+    view = state.view(1.0)
     assert view.total == 24.0
     assert any('drive_supply: 3 damaged messages' in warning for warning in view.warnings)
 
@@ -176,7 +176,7 @@ def rendered(state, *, width=80, encoding='utf-8', environment=None):
 
     Out.encoding = encoding
     screen = Screen()
-    screen.update(state.look(1.0), '12:00:00')
+    screen.update(state.view(1.0), '12:00:00')
     console = Console(file=Out(), width=width, force_terminal=True, _environ=environment or {})
     console.print(screen)
     return console.file.getvalue()
@@ -258,7 +258,7 @@ def test_a_terminal_without_unicode_gets_bars_of_its_own():
 def test_one_line_has_it_all():
     state = a_second()
     report(state)
-    text = line(state.look(1.0), '12:00:00')
+    text = line(state.view(1.0), '12:00:00')
     assert '\n' not in text
     for shown in ('24.0 W of supply 200.0 W', 'electronics 176.0 W', '24 J of 200 J', '0 missed'):
         assert shown in text

@@ -1,1 +1,1 @@
-"""From bus frames to stamped, published samples."""
+"""Acquisition: stamped, published samples from bus frames."""

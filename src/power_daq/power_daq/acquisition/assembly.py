@@ -1,4 +1,4 @@
-"""Samples of drives from the frames that carry their parts, and what is missing between them."""
+"""Assembly of samples from frames by their counters, and the count of lost samples."""
 
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ class Assembled(NamedTuple):
 
 
 class _Open:
-    """A sample of which frames are missing."""
+    """An incomplete sample."""
 
     __slots__ = ('device_time', 'missing', 'payloads')
 
@@ -39,11 +39,11 @@ class _Seen(NamedTuple):
 
 class Assembler:
     """
-    Puts the frames of one group together by their counter.
+    Combines the frames of one group to samples by their counter.
 
-    A sample is given out only when every frame of it has come; one with a missing frame is lost,
-    never filled up with older values. Indices count samples and do not wrap: a step of more than
-    one is a loss. Devices send in order, so a complete sample closes all before it.
+    A sample needs all of its frames; one with a missing frame is lost and never filled up with
+    older values. Indices count samples and do not wrap: a step of more than one is a loss.
+    Devices send in order, so a complete sample closes all before it.
     """
 
     def __init__(self, group: FrameGroup) -> None:
@@ -64,11 +64,11 @@ class Assembler:
 
     @property
     def lost(self) -> int:
-        """Samples that never became complete, by the counters."""
+        """Number of samples that remained incomplete or never came, by the counters."""
         return 0 if self._first is None else self._closed - self._first + 1 - self.received
 
     def restart(self) -> None:
-        """Take the next counter as it comes: the device started again."""
+        """Accept any next counter, after a restart of the device."""
         self._resync = self._newest is not None
         self._seen = [None] * self._slots
         if self._open:
@@ -78,9 +78,9 @@ class Assembler:
         self, slot: int, raw: int, device_time: int, arrival: int, payload: bytes
     ) -> Assembled | None:
         """
-        Take in the frame of a slot with its raw counter; the sample if that completes it.
+        Take the frame of a slot with its raw counter; return the sample if it is complete.
 
-        device_time and arrival are in ns, of the sample and of the frame on the steady clock.
+        device_time: of the sample, in ns. arrival: of the frame on the steady clock, in ns.
         """
         index = self._index(slot, raw, device_time, arrival)
         if self._first is not None and index <= self._closed:
@@ -111,7 +111,7 @@ class Assembler:
         return Assembled(index, device_time, self._group.decode(payloads))
 
     def _close(self, index: int) -> None:
-        """Everything up to index is over; what is still open there is lost."""
+        """Close all samples up to index; incomplete ones are lost."""
         if self._first is None:
             self._first = index
         for late in [i for i in self._open if i <= index] if self._open else ():
@@ -134,7 +134,7 @@ class Assembler:
         return index
 
     def _follow(self, last: _Seen, raw: int, device_time: int) -> int | None:
-        """Index of the frame after one of the same slot; None if the counter went back."""
+        """Return a frame's index by the last one of its slot; None if the counter went back."""
         expected = (device_time - last.device_time) * self._group.rate * 1e-9
         step = self._counter.advance(last.raw, raw, round(expected))
         if step <= 0 and expected > 0.5:
@@ -146,7 +146,7 @@ class Assembler:
         return last.number + step
 
     def _align(self, raw: int, arrival: int) -> int:
-        """Index of a slot's first frame, by the other slots, or by the time since the last."""
+        """Return the index of a slot's first frame by other slots or the time since the last."""
         newest = self._newest
         if newest is None:
             return 0

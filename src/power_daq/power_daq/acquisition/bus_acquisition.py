@@ -1,4 +1,4 @@
-"""The thread that reads the bus, opens it again when it goes, and says how it is."""
+"""The thread that reads a CAN bus, reopens it after a loss, and knows its state."""
 
 import logging
 import time
@@ -21,7 +21,7 @@ _STEP = 1_000_000  # ns that the system clock may move against the steady one be
 
 
 class BusState(Enum):
-    """How the bus is."""
+    """State of a bus: not there, without frames, or with frames of the mapping."""
 
     ABSENT = 'absent'
     SILENT = 'silent'
@@ -30,7 +30,7 @@ class BusState(Enum):
 
 @dataclass(frozen=True)
 class Patience:
-    """Times in s: between attempts to open the bus, until it counts as silent, per read."""
+    """Times in s: between attempts to open the bus, until it counts as silent, and per read."""
 
     first_retry: float = 0.1
     last_retry: float = 2.0
@@ -43,8 +43,8 @@ class SampleQueue:
     """
     A bounded queue between threads; when it is full, new samples are dropped and counted.
 
-    refused and published count samples by group: those for which there was no room, and those
-    that went out, which whoever publishes them adds.
+    refused and published count samples by group: dropped ones, and published ones, which the
+    publisher adds.
     """
 
     def __init__(self, size: int) -> None:
@@ -66,7 +66,7 @@ class SampleQueue:
             self._queue.put(sample)
 
     def get(self, timeout: float) -> Sample | None:
-        """The oldest sample, or None when none has come within timeout (s)."""
+        """Return the oldest sample, or None if none arrives within timeout (s)."""
         try:
             return self._queue.get(timeout=timeout)
         except Empty:
@@ -78,10 +78,10 @@ class SampleQueue:
 
 class Arrivals:
     """
-    When frames arrived, on the steady clock: now, less the time since the driver stamped them.
+    Arrival times of frames on the steady clock: now, less the age by the driver's stamp.
 
-    The driver stamps in system time. Where that was stepped while a frame waited, its age is not
-    known; for largest_age (s) after a step, frames therefore count as arriving when they are read.
+    The driver stamps in system time. If that was stepped while a frame waited, its age is unknown;
+    for largest_age (s) after a step, frames therefore count as arriving when they are read.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Arrivals:
         self._known_from = 0
 
     def of(self, timestamp: float) -> int:
-        """Steady time in ns at which a frame arrived that was stamped at timestamp (s)."""
+        """Return the steady time in ns at which a frame with a timestamp (s) arrived."""
         now, steady = self._now(), self._steady()
         before, self._offset = self._offset, now - steady
         if before is None or abs(self._offset - before) > _STEP:
@@ -109,9 +109,9 @@ class Acquisition(Worker):
     """
     Reads a bus in a thread of its own and hands samples to a sink.
 
-    open_bus may raise can.CanError or OSError: the bus is absent, and is tried again with growing
-    pauses. Anything else that is raised in the thread ends it, and comes out of `join`. report
-    gets a line whenever the bus comes or goes.
+    open_bus may raise can.CanError or OSError: the bus is absent and is tried again with growing
+    pauses. Any other exception ends the thread and is raised by `join`. report gets a line
+    whenever the bus appears or is lost.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Acquisition(Worker):
 
     @property
     def state(self) -> BusState:
-        """How the bus is now."""
+        """State of the bus now."""
         if self._bus is None:
             return BusState.ABSENT
         age = time.monotonic_ns() - self.receiver.last_mapped

@@ -1,4 +1,4 @@
-"""How the acquisition does, in a sentence and in figures, for `diagnostics`."""
+"""State of the acquisition from a CAN bus for `diagnostics`: a sentence and figures."""
 
 from collections.abc import Mapping
 
@@ -18,7 +18,7 @@ _FAULTS = (
 
 
 class BusHealth:
-    """Compares the counts of an acquisition with those at the report before."""
+    """Reports on an acquisition, by the changes of its counts since the report before."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class BusHealth:
         return counts
 
     def report(self, now: float) -> Report:
-        """How it does since the report before; now in s on a steady clock."""
+        """Return the state since the report before; now in s on a steady clock."""
         counts = self._counts()
         news, span = self._changes.since_last(counts, now)
         rates = {}

@@ -1,4 +1,4 @@
-"""Where samples of drives come from: a CAN bus or an EtherCAT segment, opened by parameters."""
+"""Measuring devices of the DAQ node, a CAN bus or an EtherCAT segment, by its parameters."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ ETHERCAT = 'ethercat'
 
 
 class DeviceThread(Protocol):
-    """A thread that reads a device and hands on its samples."""
+    """A thread that reads a device and passes its samples on."""
 
     @property
     def failed(self) -> bool:
-        """Whether it has ended by an exception."""
+        """Whether an exception has ended it."""
 
     def start(self) -> None:
         """Begin."""
@@ -39,16 +39,16 @@ class DeviceThread(Protocol):
         """Ask it to end."""
 
     def join(self, timeout: float | None = None) -> bool:
-        """Wait for its end; whether it came. Raises what ended it."""
+        """Wait for its end and return whether it has ended; raise the exception that ended it."""
 
 
 @dataclass(frozen=True)
 class MeasuringDevice:
     """
-    A measuring device: its name, drives by group, thread, and how it does.
+    A measuring device: its name, drives by group, thread and reports.
 
-    part: what diagnostics call it; report takes the time in s on a steady clock; ending: s that
-    the thread may take to end; abandoned: what is so if it does not, for the log.
+    part: its name in diagnostics; report takes the time in s on a steady clock; ending: s that
+    the thread may take to end; abandoned: the consequence if it takes longer, for the log.
     """
 
     device: str
@@ -64,7 +64,7 @@ class MeasuringDevice:
 def open_device(
     given: DeviceParameters, queue: SampleQueue, report: Callable[[str], None]
 ) -> MeasuringDevice:
-    """The source that the parameters ask for; InputError for bad ones."""
+    """Declare the parameters and return the device that they ask for; InputError for bad ones."""
     interface = given.text(
         'interface', 'socketcan', 'python-can interface, unixsocket, or ethercat'
     )

@@ -1,4 +1,4 @@
-"""From samples to ROS messages, and the thread that publishes them."""
+"""Conversion of samples to ROS messages, and the thread that publishes them."""
 
 from array import array
 from collections.abc import Callable, Sequence
@@ -28,9 +28,9 @@ class SupplyPublisher:
     Packs samples of voltage and current into DriveSupply.
 
     A message holds samples_per_message consecutive samples, or fewer where one was lost, so that
-    its sequence always tells the place of each. Winding temperatures are the newest, of drives
-    with_temperature; they are left out once they are older than 2 s. One message is used again
-    and again: publishing serialises it.
+    its sequence gives the index of each. Winding temperatures are the newest of the drives in
+    with_temperature, and are left out once they are older than 2 s. The message object is reused:
+    publishing serialises it.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class SupplyPublisher:
         self._temperature_stamp: int | None = None
 
     def take(self, sample: Sample) -> int:
-        """Take a sample; publish what it completes or does not follow; how many went out."""
+        """Take a sample, publish the messages it completes; return how many samples went out."""
         samples, sent = self._samples, 0
         if samples and sample.sequence != samples[-1].sequence + 1:
             sent += self.flush()
@@ -64,14 +64,14 @@ class SupplyPublisher:
         return sent
 
     def take_temperature(self, sample: Sample) -> int:
-        """Take winding temperatures, which go out with the next messages; counts as one."""
+        """Take winding temperatures, which the next messages carry; return 1."""
         celsius = [nan if c is None else sample.values[0, c] for c in self._columns]
         self._message.temperature = array('f', celsius)
         self._temperature_stamp = sample.stamp
         return 1
 
     def flush(self) -> int:
-        """Publish what has been taken and not yet published; how many samples went out."""
+        """Publish the samples that were taken but not yet published, and return their number."""
         samples, message = self._samples, self._message
         if not samples:
             return 0
@@ -100,7 +100,7 @@ class SupplyPublisher:
 
 
 class JointStatePublisher:
-    """Turns samples of position, velocity and torque into JointState."""
+    """Publishes samples of position, velocity and torque as JointState."""
 
     def __init__(self, publisher: Publisher, drives: Sequence[str]) -> None:
         self._publisher = publisher
@@ -108,7 +108,7 @@ class JointStatePublisher:
         self._message.name = list(drives)
 
     def take(self, sample: Sample) -> int:
-        """Publish a sample; how many went out."""
+        """Publish a sample; return 1."""
         message, values = self._message, sample.values
         _set_stamp(message.header, sample.stamp)
         message.position = array('d', values[0].tobytes())
@@ -120,9 +120,9 @@ class JointStatePublisher:
 
 class PublishingThread(Worker):
     """
-    Publishes what a queue holds, so that a slow subscriber never keeps the bus waiting.
+    Publishes the samples of a queue, so that a slow subscriber does not delay the bus.
 
-    Asked to end, it empties the queue first and then calls finish.
+    When asked to end, it empties the queue and then calls finish.
     """
 
     def __init__(

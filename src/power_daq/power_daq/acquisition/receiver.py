@@ -1,4 +1,4 @@
-"""From frames to stamped samples: clocks, assembly, calibration, and a count of all faults."""
+"""Conversion of frames to stamped samples: clocks, assembly, calibration, fault counts."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -21,8 +21,8 @@ class Sample(NamedTuple):
     """
     One sample of the drives of a group: electrical, joints or temperature.
 
-    sequence counts samples (a gap is a loss); stamp is the ROS time in ns at which it was
-    measured, device_time the device's own in ns; values are [Q, D] in SI units.
+    sequence: index of the sample (a gap is a loss); stamp: ROS time of the measurement in ns;
+    device_time: on the device's clock in ns; values: [Q, D] in SI units.
     """
 
     group: str
@@ -34,7 +34,7 @@ class Sample(NamedTuple):
 
 @dataclass
 class FrameCounts:
-    """What came from the bus, since the start."""
+    """Numbers of frames from the bus since the start, by kind."""
 
     frames: int = 0
     payload_bytes: int = 0
@@ -49,10 +49,10 @@ class FrameCounts:
 
 class Receiver:
     """
-    Takes frames in, one by one, and gives complete stamped samples out; no threads, no waiting.
+    Converts frames, one by one, to complete stamped samples, without threads or waiting.
 
-    transport_delay: least time in ns from sample to arrival that is known beforehand and taken
-    off the stamps (the fit cannot see it).
+    transport_delay: known least time in ns from sample to arrival, which the fit cannot observe;
+    it is subtracted from the stamps.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Receiver:
         return self._ros_time
 
     def take(self, message: can.Message, arrival: int) -> list[Sample]:
-        """Samples that a frame completes; arrival in ns on the steady clock."""
+        """Return the samples that a frame completes; arrival in ns on the steady clock."""
         counts = self.counts
         counts.frames += 1
         counts.payload_bytes += len(message.data)
@@ -100,7 +100,7 @@ class Receiver:
         key = message.arbitration_id | message.is_extended_id << 31
         routes = self._routes.get(key)
         if routes is None:
-            self._count_stranger(key)
+            self._count_unrouted(key)
             return []
         self._ros_time.follow(arrival)
         samples = []
@@ -110,7 +110,7 @@ class Receiver:
                 samples.append(sample)
         return samples
 
-    def _count_stranger(self, key: int) -> None:
+    def _count_unrouted(self, key: int) -> None:
         if key in self._description.known:
             self.counts.unmapped += 1
             return
@@ -153,7 +153,7 @@ class Receiver:
         return Sample(route.group, done.number, stamp, done.device_time, values)
 
     def _restart(self, clock: str) -> None:
-        """A device started again, so the counters of its frames do too."""
+        """Restart the counters of the frames of a device that has restarted."""
         for name, group in self._description.groups.items():
             if any(frame.clock == clock for frame in group.frames):
                 self.assemblers[name].restart()

@@ -15,10 +15,10 @@ _STUFFING = 1.1
 @dataclass(frozen=True)
 class BusSettings:
     """
-    Which bus, and how fast; bit rates in bit/s.
+    Interface, channel and bit rates (bit/s) of a bus.
 
-    socketcan takes its bit rates from the network interface (`ip link set … dbitrate …`); there
-    they only serve to tell the load of the bus.
+    socketcan has its bit rates from the network interface (`ip link set … dbitrate …`); there
+    they only serve to compute the bus load.
     """
 
     interface: str = 'socketcan'
@@ -35,9 +35,9 @@ class BusSettings:
 
     def open(self) -> can.BusABC:
         """
-        The bus, for receiving.
+        Open the bus for receiving.
 
-        Raises can.CanError or OSError if it is not there (yet), InputError if it never will be.
+        Raises can.CanError or OSError if it is not there (yet), InputError for wrong settings.
         """
         rates: dict[str, Any] = {}
         channel: str | int = self.channel
@@ -63,7 +63,7 @@ class BusSettings:
             ) from error
 
     def load(self, frames: float, payload_bytes: float) -> float:
-        """Share of the bus that so many FD frames and bytes per second take, 0 … 1, roughly."""
+        """Return the approximate bus load, 0 … 1, of FD frames and payload bytes per second."""
         arbitration = frames * _OVERHEAD_ARBITRATION_BITS / self.bitrate
         data = (frames * _OVERHEAD_DATA_BITS + 8 * payload_bytes) / self.data_bitrate
         return _STUFFING * (arbitration + data)

@@ -1,4 +1,4 @@
-"""What travels on the bus of a robot: a DBC and the mapping of its signals to drives."""
+"""Description of the bus of a robot: a DBC and the mapping of its signals to drives."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -54,9 +54,10 @@ class BusDescription:
     @classmethod
     def load(cls, dbc: Path | None = None, mapping: Path | None = None) -> 'BusDescription':
         """
-        Read both files; without arguments the shipped ones, of an ANYmal's twelve drives.
+        Read both files; the defaults are the shipped ones, of an ANYmal's twelve drives.
 
-        Raises InputError for what cannot be read, does not parse or names what is not there.
+        Raises InputError for a file that cannot be read or names a message or signal that the DBC
+        does not have.
         """
         database = load_database(DEFAULT_DBC if dbc is None else dbc)
         return cls(database, load_mapping(DEFAULT_MAPPING if mapping is None else mapping))
@@ -79,7 +80,7 @@ class BusDescription:
 
     @cached_property
     def routes(self) -> Mapping[int, tuple[Route, ...]]:
-        """By identifier (bit 31 set if extended): where the frames of that identifier belong."""
+        """Routes of the frames of each identifier (bit 31 set if extended)."""
         routes: dict[int, tuple[Route, ...]] = {}
         slots = [
             (group.name, slot, frame)
@@ -99,7 +100,7 @@ class BusDescription:
         return routes
 
     def encode_sync(self, counter: int, device_us: int) -> list[can.Message]:
-        """The frame on which all drives take their sample; none if the bus has no such frame."""
+        """Return the frame on which all drives take their sample; [] if the bus has none."""
         if self._sync is None:
             return []
         payload = self._sync_layout.encode(head_values(self._sync, counter, device_us))
@@ -119,10 +120,10 @@ class BusDescription:
         status: ArrayLike | None = None,
     ) -> list[can.Message]:
         """
-        Frames of one sample of voltage [D] and current [D] with status flags [D].
+        Return the frames of one sample of voltage [D] and current [D] with status flags [D].
 
-        Values beyond the range of the wire are clipped and flagged under- or overrange, values
-        that are not a number become 0 and are flagged as an error of the device.
+        Values beyond the range of their signals are clipped and flagged under- or overrange; NaN
+        becomes 0 and is flagged as an error of the device.
         """
         group = self._group('electrical')
         values = np.zeros((3, len(self.drives)))
@@ -143,7 +144,7 @@ class BusDescription:
         velocity: ArrayLike,
         torque: ArrayLike,
     ) -> list[can.Message]:
-        """Frames of one sample of position [D], velocity [D] and torque [D]."""
+        """Return the frames of one sample of position [D], velocity [D] and torque [D]."""
         values = np.array([position, velocity, torque], float)
         group = self._group('joints')
         return _messages(group, group.encode(counter, device_us, values[:, group.columns]))
@@ -151,13 +152,13 @@ class BusDescription:
     def encode_temperature(
         self, counter: int, device_us: int, temperature: ArrayLike
     ) -> list[can.Message]:
-        """Frames of one sample of winding temperature [D]."""
+        """Return the frames of one sample of winding temperature [D]."""
         values = np.array([temperature], float)
         group = self._group('temperature')
         return _messages(group, group.encode(counter, device_us, values[:, group.columns]))
 
     def quantise_electrical(self, voltage: ArrayLike, current: ArrayLike) -> tuple[Floats, Floats]:
-        """Voltage and current [..., D] as they come off the wire; NaN for drives not on it."""
+        """Return voltage and current [..., D] as received; NaN for drives that are not mapped."""
         status = np.zeros(np.shape(voltage))
         result = self._quantise('electrical', voltage, current, status)
         return result[..., 0, :], result[..., 1, :]
@@ -165,12 +166,12 @@ class BusDescription:
     def quantise_joints(
         self, position: ArrayLike, velocity: ArrayLike, torque: ArrayLike
     ) -> tuple[Floats, Floats, Floats]:
-        """Position, velocity and torque [..., D] as they come off the wire."""
+        """Return position, velocity and torque [..., D] as received."""
         result = self._quantise('joints', position, velocity, torque)
         return result[..., 0, :], result[..., 1, :], result[..., 2, :]
 
     def quantise_temperature(self, temperature: ArrayLike) -> Floats:
-        """Temperature [..., D] as it comes off the wire."""
+        """Return temperature [..., D] as received."""
         return self._quantise('temperature', temperature)[..., 0, :]
 
     def _quantise(self, name: str, *quantities: ArrayLike) -> Floats:
@@ -187,7 +188,7 @@ class BusDescription:
 
 
 def load_database(path: Path) -> Database:
-    """Read a DBC (or what else cantools reads); InputError for what does not parse."""
+    """Read a DBC (or another format of cantools); InputError if it does not parse."""
     try:
         database = cantools.database.load_file(path, cache_dir=None)
     except (OSError, UnicodeDecodeError) as error:

@@ -1,4 +1,4 @@
-"""A group of frames that together are one sample of the drives, bound to its DBC."""
+"""Frames that make up one sample of the drives, bound to their DBC."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -39,9 +39,9 @@ _FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 @dataclass(frozen=True)
 class Frame:
     """
-    A message of the DBC as a carrier of samples: its length on the wire, clock and counter.
+    A message of the DBC that carries samples: its payload length, clock and counter.
 
-    selector: where the multiplexer is and the value at which the message is this frame.
+    selector: multiplexer signal and its value for this frame.
     """
 
     message: Message
@@ -60,7 +60,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Route:
-    """What the receiver needs to know of a frame before its sample is complete."""
+    """The fields of a frame that the receiver reads before its sample is complete."""
 
     message: str
     group: str
@@ -74,10 +74,10 @@ class Route:
 
 class FrameGroup:
     """
-    One sample of D drives × Q quantities, spread over one frame or several.
+    The frames of one sample of Q quantities of D drives.
 
     Values are [Q, D] in SI units, in the order of `quantities` and `drives`; columns are the
-    drives' places among all drives of the bus.
+    drives' indices among all drives of the bus.
     """
 
     def __init__(self, mapping: GroupMapping, database: Database, drives: Sequence[str]) -> None:
@@ -134,13 +134,13 @@ class FrameGroup:
         return len(self.quantities), len(self.drives)
 
     def decode(self, payloads: Sequence[bytes]) -> Floats:
-        """Values [Q, D] of the payloads of all frames; quantities that are not mapped are 0."""
+        """Return the values [Q, D] of all frames' payloads; unmapped quantities are 0."""
         values = np.zeros(self.shape)
         values.reshape(-1)[self._places] = self._layout.decode(b''.join(payloads))
         return values
 
     def quantise(self, values: ArrayLike) -> Floats:
-        """Values [..., Q, D] as they come out of encode and decode."""
+        """Return values [..., Q, D] as they are after encoding and decoding."""
         flat = self._flat(values)
         result = np.zeros_like(flat)
         result[..., self._places] = self._layout.quantise(flat[..., self._places])
@@ -148,13 +148,13 @@ class FrameGroup:
 
     @cached_property
     def limits(self) -> tuple[Floats, Floats]:
-        """Least and greatest value [Q, D] that the wire can carry; infinite where not mapped."""
+        """Least and greatest value [Q, D] of the signals; infinite where not mapped."""
         least, greatest = np.full(self.shape, -np.inf), np.full(self.shape, np.inf)
         least.reshape(-1)[self._places], greatest.reshape(-1)[self._places] = self._layout.limits
         return least, greatest
 
     def encode(self, counter: int, device_us: int, values: ArrayLike) -> list[bytes]:
-        """Payloads, one per frame, of values [Q, D]; counter and clock wrap."""
+        """Return a payload per frame for values [Q, D]; counter and clock wrap."""
         heads: list[int] = []
         for frame in self.frames:
             heads += head_values(frame, counter, device_us)
@@ -176,7 +176,7 @@ class FrameGroup:
 
 
 def head_values(frame: Frame, counter: int, device_us: int) -> list[int]:
-    """Raw clock, counter and, where there is one, multiplexer of a frame."""
+    """Return raw clock, counter and, where there is one, multiplexer of a frame."""
     ticks = round(device_us * 1000 / frame.ns_per_tick) % (1 << frame.time.length)
     head = [ticks, counter % (1 << frame.counter.length)]
     return head if frame.selector is None else [*head, frame.selector[1]]
@@ -200,7 +200,7 @@ def _heads(frames: Sequence[Frame]) -> tuple[list[tuple[Signal, int]], list[floa
 
 
 def find_message(database: Database, entry: FrameMapping) -> Message:
-    """The message of an entry; InputError that lists those which are there."""
+    """Return the message of an entry; InputError lists the messages of the DBC."""
     for message in database.messages:
         if message.name == entry.message:
             return message
@@ -211,7 +211,7 @@ def find_message(database: Database, entry: FrameMapping) -> Message:
 
 
 def find_signal(message: Message, name: str, entry: FrameMapping) -> Signal:
-    """The signal of a message; InputError that lists those which are there."""
+    """Return the signal of a message; InputError lists its signals."""
     for signal in message.signals:
         if signal.name == name:
             return signal
@@ -223,7 +223,7 @@ def find_signal(message: Message, name: str, entry: FrameMapping) -> Signal:
 
 
 def bind_frame(message: Message, entry: FrameMapping, names: Sequence[str]) -> Frame:
-    """Check clock, counter and multiplexing of a message, given the signals it has to carry."""
+    """Return a message as a frame; InputError for its clock, counter or multiplexing."""
     time = find_signal(message, entry.time, entry)
     counter = find_signal(message, entry.counter, entry)
     if (time.unit or '') not in _TIME_UNITS:

@@ -94,7 +94,7 @@ class BusMapping:
 
 
 def load_mapping(path: Path) -> BusMapping:
-    """Read and check a mapping; InputError names the file, the entry and what is wrong."""
+    """Read and check a mapping; InputError names the file, the entry and the reason."""
     file = read(_File, path, 'mapping')
     groups = {
         name: _group(f'{path}: {name}', name, group)

@@ -1,4 +1,4 @@
-"""Where the signals of CAN frames lie in the payload bytes, and fast access to them."""
+"""Positions of signals in the payload of CAN frames, and fast access to them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ _FLOATS = {32: (np.uint32, np.float32), 64: (np.uint64, np.float64)}
 
 
 class LayoutError(ValueError):
-    """A signal that cannot be read; the message says which and why."""
+    """A signal of a form that cannot be read."""
 
 
 def bit_positions(signal: Signal) -> list[int]:
     """
-    Bits of a signal in the payload, least significant first.
+    Return the bits of a signal in the payload, least significant first.
 
     Bit b of byte n is number 8·n + b; cantools' start is the least significant bit of a
     little-endian signal and the most significant one of a big-endian signal.
@@ -43,7 +43,7 @@ class Field:
 
     @classmethod
     def of(cls, signal: Signal) -> 'Field':
-        """The place of a signal in its frame; LayoutError unless it is an unsigned integer."""
+        """Return the field of a signal; LayoutError unless it is an unsigned integer."""
         if signal.is_float or signal.is_signed:
             raise LayoutError(f'signal {signal.name!r} is not an unsigned integer')
         positions = bit_positions(signal)
@@ -52,7 +52,7 @@ class Field:
         return cls(min(ends), max(ends) + 1, big, positions[0] % 8, signal.length)
 
     def read(self, payload: bytes | bytearray) -> int:
-        """The raw value, 0 … 2**bits − 1."""
+        """Return the raw value, 0 … 2**bits − 1."""
         octets = payload[self.first : self.last]
         raw = int.from_bytes(octets, 'big' if self.big_endian else 'little')
         return raw >> self.shift & (1 << self.bits) - 1
@@ -60,13 +60,13 @@ class Field:
 
 class SignalLayout:
     """
-    S linear signals of one payload, which may be several frames one behind the other.
+    S linear signals of one payload, which may consist of several frames.
 
     Each signal is read by gathering the eight bytes that start at its least significant one, so
-    that decoding costs a few numpy calls however many signals there are.
+    that decoding takes a few numpy calls for any number of signals.
 
-    placed: signals, each with the byte at which its frame starts; size: bytes of the payload;
-    factors: what turns each signal's unit into SI (S values, default 1).
+    placed: signals, each with the first byte of its frame; size: bytes of the payload; factors:
+    from each signal's unit to SI (S values, default 1).
     Raises LayoutError for a signal that is too long, or a float that does not start on a byte.
     """
 
@@ -115,7 +115,7 @@ class SignalLayout:
         return [place if 0 <= place < self.size else self.size for place in places]
 
     def decode(self, payload: bytes) -> Floats:
-        """Values [S] in SI units of a payload of `size` bytes."""
+        """Return the values [S] in SI units of a payload of `size` bytes."""
         octets = np.frombuffer(payload + b'\0', np.uint8)
         raw: NDArray[np.uint64] = octets.take(self._gather).view(np.uint64)[:, 0]
         raw = raw >> self._shift & self._mask
@@ -126,7 +126,7 @@ class SignalLayout:
 
     @property
     def limits(self) -> tuple[Floats, Floats]:
-        """Least and greatest value [S] that the wire can carry; infinite for floats."""
+        """Least and greatest value [S] of the signals; infinite for floats."""
         ends = np.stack([self._minimum, self._maximum]) * self._scale + self._offset
         least, greatest = ends.min(axis=0), ends.max(axis=0)
         for index, _, _ in self._floats:
@@ -142,11 +142,11 @@ class SignalLayout:
         return wire
 
     def quantise(self, values: ArrayLike) -> Floats:
-        """Values [..., S] as they come out of encode and decode; NaN in an integer is raw 0."""
+        """Return values [..., S] as after encode and decode; NaN in an integer is raw 0."""
         return self._numbers(values) * self._scale + self._offset
 
     def encode(self, values: ArrayLike) -> bytes:
-        """Payload of `size` bytes that carries values [S], clipped to the range of the wire."""
+        """Return the payload of `size` bytes for values [S], clipped to the signals' ranges."""
         numbers = self._numbers(values)
         raw = numbers.astype(np.int64) if not self._floats else self._mixed(numbers)
         bits = np.unpackbits(raw.view(np.uint8), bitorder='little')

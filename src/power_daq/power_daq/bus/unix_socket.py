@@ -1,4 +1,4 @@
-"""A CAN FD bus over a Unix socket, for processes of one machine that has no vcan."""
+"""A CAN FD bus over a Unix socket, for processes of a machine without vcan."""
 
 import os
 import select
@@ -30,9 +30,9 @@ _PACKETS_PER_SERVICE = 64
 
 def pack(messages: Iterable[can.Message]) -> bytes:
     """
-    Time of sending, then the frames, each laid out as SocketCAN's canfd_frame up to its length.
+    Return the time of sending and the frames, each as SocketCAN's canfd_frame up to its length.
 
-    The time is system time in ns: as on vcan, where the kernel stamps a frame while it is sent.
+    The time is system time in ns, as on vcan, where the kernel stamps a frame when it is sent.
     """
     parts: list[bytes | bytearray] = [_TIME.pack(time.time_ns())]
     for m in messages:
@@ -54,7 +54,7 @@ def pack(messages: Iterable[can.Message]) -> bytes:
 
 
 def unpack(packet: bytes, channel: str) -> list[can.Message]:
-    """Messages of a packet; ValueError if it is not one."""
+    """Return the messages of a packet; ValueError if it is malformed."""
     if len(packet) < _TIME.size:
         raise ValueError(f'{len(packet)} bytes without a time')
     messages = []
@@ -89,7 +89,7 @@ def unpack(packet: bytes, channel: str) -> list[can.Message]:
 
 @dataclass(frozen=True)
 class HostStatistics:
-    """What a host did for its clients; dropped frames are those that a slow client missed."""
+    """Clients of a host now and before, and the frames dropped for each slow client."""
 
     connected: int
     disconnected: int
@@ -100,10 +100,10 @@ class UnixSocketBus(can.BusABC):
     """
     python-can interface 'unixsocket'; the channel is the path of the socket.
 
-    One process is the bus (host=True), the others connect to it. Every frame reaches all others.
-    The host never waits for a client: frames that a slow one has no room for are dropped and
-    counted, one that has gone is forgotten. On the other side CanOperationError tells that the
-    host has gone, CanInitializationError that there is none.
+    One process is the host (host=True), the others connect to it. Every frame reaches all others.
+    The host never waits for a client: frames for which a slow one has no room are dropped and
+    counted. A client gets CanOperationError if the host has gone, CanInitializationError if
+    there is none.
     """
 
     def __init__(
@@ -124,11 +124,11 @@ class UnixSocketBus(can.BusABC):
         super().__init__(channel, can_filters, **kwargs)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Put one frame on the bus; a client waits up to timeout (s) for room."""
+        """Send a frame; a client waits up to timeout (s) for room."""
         self._end.send(pack((msg,)), 1, timeout)
 
     def send_all(self, messages: Sequence[can.Message], timeout: float | None = None) -> None:
-        """Put frames on the bus in one go, which costs little more than one of them."""
+        """Send frames at once, at little more cost than one of them."""
         for first in range(0, len(messages), _FRAMES_PER_PACKET):
             batch = messages[first : first + _FRAMES_PER_PACKET]
             self._end.send(pack(batch), len(batch), timeout)
@@ -140,12 +140,12 @@ class UnixSocketBus(can.BusABC):
                     self._pending.extend(unpack(packet, self.channel))
                 except ValueError as error:
                     raise can.CanOperationError(
-                        f'{self.channel_info} carries what is no CAN frame: {error}'
+                        f'{self.channel_info} carries a malformed packet: {error}'
                     ) from error
         return (self._pending.popleft() if self._pending else None), False
 
     def fileno(self) -> int:
-        """Descriptor that becomes readable when frames arrive."""
+        """Return a descriptor that becomes readable when frames arrive."""
         return self._end.fileno()
 
     @property
@@ -154,7 +154,7 @@ class UnixSocketBus(can.BusABC):
         return self._end.statistics()
 
     def shutdown(self) -> None:
-        """Leave the bus; a host's bus ends for everyone."""
+        """Leave the bus; without its host it ends for all clients."""
         if not self._is_shutdown:
             super().shutdown()
             self._end.close()
@@ -240,7 +240,7 @@ class _Host:
         self._next_service = 0.0
         self._listener = _new_socket()
         try:
-            self._remove_leftover()
+            self._remove_stale_socket()
             self._listener.bind(path)
             Path(path).chmod(0o600)
             self._listener.listen(16)
@@ -253,8 +253,8 @@ class _Host:
         self._poll.register(self._listener, select.POLLIN)
         self._clients: dict[int, socket.socket] = {}
 
-    def _remove_leftover(self) -> None:
-        """Delete the socket of a host that was killed, but nothing else."""
+    def _remove_stale_socket(self) -> None:
+        """Delete the socket file of a killed host, and no other file."""
         try:
             if not stat.S_ISSOCK(os.stat(self._path).st_mode):
                 raise FileExistsError(17, 'a file that is no socket is there')
@@ -306,7 +306,7 @@ class _Host:
             self._poll.register(client, select.POLLIN)
 
     def _read(self, client: socket.socket) -> bool:
-        """Pass a client's packet on; False if there is none (any more)."""
+        """Forward a client's packet; return whether there was one."""
         try:
             packet = client.recv(_PACKET_BYTES)
             frames = len(unpack(packet, ''))

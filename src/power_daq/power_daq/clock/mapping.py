@@ -1,11 +1,11 @@
 """
-From a device's own clock to ROS time, by a running fit of offset and drift.
+Mapping of a device's clock to ROS time by a running fit of offset and drift.
 
-Every frame carries the device time of its sample and arrives some delay later. Delays are never
-negative, so the mapping is the lower envelope of arrival time over device time: the line that
-lies below all points and as close to them as it can (Moon, Skelly and Towsley, "Estimation and
-removal of clock skew from network delay measurements", INFOCOM 1999). Arrivals are taken on the
-steady clock, so that a step of the system time never bends the fit.
+Every frame carries the device time of its sample and arrives after a delay. Delays are never
+negative, so the mapping is the lower envelope of arrival time over device time: the closest line
+below all points (Moon, Skelly and Towsley, "Estimation and removal of clock skew from network
+delay measurements", INFOCOM 1999). Arrivals are on the steady clock, so that steps of the system
+time do not affect the fit.
 """
 
 import time
@@ -21,15 +21,14 @@ _S = 1_000_000_000
 @dataclass(frozen=True)
 class ClockLimits:
     """
-    What the fit takes for noise, what for a change of the clocks; ns where not said otherwise.
+    Limits between noise and changes of the clocks; in ns unless stated otherwise.
 
-    bin: stretch of which the least delayed frame is kept; window: bins that are fitted; settle:
-    span after which stamps are trusted; drift_after: span after which drift is fitted; recent:
-    bins that fix the offset before that; backward: a device clock that goes back by more than
-    this has jumped; early: so has one that gains this on its frames and leaves all delays of the
-    epoch that far below; shift: change of the least delay that makes older bins worthless;
-    shift_bins: how long a rise has to last for that; correction: largest change of the mapping
-    that is faded in; drift: largest believable (1).
+    bin: interval of which the least delayed frame is kept; window: bins that are fitted; settle:
+    time until stamps are valid; drift_after: time until drift is fitted; recent: bins that
+    determine the offset before that; backward: least step back that is a jump of the device
+    clock; early: least step ahead, below all delays of the epoch, that is one; shift: change of
+    the least delay that discards older bins; shift_bins: bins that a rise has to last for that;
+    correction: largest change of the mapping that is faded in; drift: largest accepted (1).
     """
 
     bin: int = 100 * _MS
@@ -46,14 +45,14 @@ class ClockLimits:
 
 
 class WrappingCounter:
-    """A counter of so many bits, unwrapped with the help of how far it should have come."""
+    """A counter of a number of bits, unwrapped by its expected advance."""
 
     def __init__(self, bits: int) -> None:
         self._size = 1 << bits
         self._half = self._size >> 1
 
     def advance(self, previous: int, current: int, expected: int) -> int:
-        """Counts from previous to current (both as read): the possible number next to expected."""
+        """Return the counts from previous to current (raw values) that are nearest to expected."""
         surplus = (current - previous - expected + self._half) % self._size - self._half
         return expected + surplus
 
@@ -63,10 +62,10 @@ Point = tuple[int, int]
 
 def line_below(points: Sequence[Point], largest_slope: float) -> tuple[Point, float] | None:
     """
-    The line below all points that comes closest to them on average: a point on it and its slope.
+    Return a point and the slope of the line below all points with the least mean distance.
 
-    It is the edge of the lower convex hull over the mean of x. None if there is no such edge or
-    it is steeper than believable. Points are in the order of x.
+    It is the edge of the lower convex hull at the mean of x. None if there is no such edge or it
+    is steeper than largest_slope. Points are in the order of x.
     """
     hull: list[Point] = []
     for x, y in points:
@@ -88,8 +87,8 @@ class ClockMapping:
     """
     Maps one device clock to the steady clock of this machine.
 
-    ns_per_tick and bits are those of the clock on the wire. A device clock that jumps or starts
-    again begins a new epoch: nothing is known of its offset, the drift is kept.
+    ns_per_tick, bits: of the clock as transmitted. A device clock that jumps or restarts begins a
+    new epoch: its offset is unknown, its drift is kept.
     """
 
     def __init__(self, ns_per_tick: float, bits: int, limits: ClockLimits | None = None) -> None:
@@ -112,7 +111,7 @@ class ClockMapping:
         self._forget(device, lag)
 
     def _forget(self, device: int, lag: int) -> None:
-        """Start the fit over from one point, with the drift as it is."""
+        """Restart the fit from one point and keep the drift."""
         self._fit_start = device
         self._points: deque[Point] = deque(maxlen=self._limits.window)
         self._floors: deque[float] = deque(maxlen=self._limits.shift_bins)
@@ -127,12 +126,12 @@ class ClockMapping:
 
     @property
     def settled(self) -> bool:
-        """Whether enough was seen in this epoch for stamps to be trusted."""
+        """Whether stamps of this epoch are valid."""
         return self._settled
 
     def update(self, raw: int, arrival: int) -> int:
         """
-        Take in a frame: device time as on the wire, arrival in ns on the steady clock.
+        Take the raw device time of a frame and its arrival in ns on the steady clock.
 
         Returns the device time in ns, unwrapped since the start of the epoch.
         """
@@ -171,23 +170,22 @@ class ClockMapping:
 
     def _below_all(self, device: int, lag: int) -> bool:
         """
-        Whether a frame is earlier than any in this epoch was.
+        Return whether a frame is earlier than all others of this epoch.
 
-        One that only is earlier than the line may end a time in which all were late: the line
-        has risen by then, and a device that started again would be numbered anew. A device that
-        starts again while it is late, less far ahead than it was late, is not noticed here; the
-        counters of its frames tell.
+        A frame that is only earlier than the line may end a period in which all frames were late
+        and the line rose. A restart of a late device, by less than it was late, is not detected
+        here, but by the counters of its frames.
         """
         floor = self._floor + self.drift * (device - self._floor_at)
         return lag - self._base < floor - self._limits.early
 
     def _sink(self, device: int) -> None:
-        """Let the floor follow the line downwards, and the drift always."""
+        """Lower the floor to the line, and move it with the drift."""
         floor = self._floor + self.drift * (device - self._floor_at)
         self._floor, self._floor_at = min(floor, self._line(device)), device
 
     def _move(self, device: int, lag: int, forget: bool) -> None:
-        """Bring the line down to a point below it."""
+        """Lower the line to a point below it."""
         published = self._published(device)
         if forget:
             self._forget(device, lag)
@@ -244,7 +242,7 @@ class ClockMapping:
         return self._line(device) + self._correction * min(1.0, max(0.0, fade))
 
     def to_steady(self, device: int) -> int:
-        """Steady time (ns) at which the device clock showed this time (ns)."""
+        """Return the steady time (ns) of a device time (ns)."""
         return device + self._base + round(self._published(device))
 
     @property
@@ -255,10 +253,10 @@ class ClockMapping:
 
 class RosTime:
     """
-    The system clock seen from the steady one.
+    Conversion of the steady clock to the system clock.
 
-    The difference is followed as it is, so stamps always agree with the ROS time of the other
-    nodes. A step beyond `step` ns is counted and begins a new epoch, since stamps may then
+    Their difference is measured again and again, so that stamps agree with the ROS time of other
+    nodes. A step of more than `step` ns is counted and begins a new epoch, in which stamps may
     repeat.
     """
 
@@ -276,7 +274,7 @@ class RosTime:
         self._next = steady() + period
 
     def _measure(self) -> int:
-        """ROS minus steady time, ns, by the reading that was least interrupted."""
+        """Return ROS minus steady time, ns, by the shortest of three readings."""
         readings = []
         for _ in range(3):
             before = self._steady()
@@ -286,7 +284,7 @@ class RosTime:
         return min(readings)[1]
 
     def follow(self, steady: int) -> None:
-        """Look for a step of the system clock, at most once a period."""
+        """Measure the difference again, at most once a period."""
         if steady < self._next:
             return
         self._next = steady + self._period
@@ -296,19 +294,19 @@ class RosTime:
         self.offset = offset
 
     def of(self, steady: int) -> int:
-        """ROS time (ns) of a steady time (ns)."""
+        """Return the ROS time (ns) of a steady time (ns)."""
         return steady + self.offset
 
 
 class Stamper:
-    """Stamps in ROS time, each later than the one before unless a clock has jumped between."""
+    """Stamps in ROS time, each later than the one before unless a clock jumped in between."""
 
     def __init__(self, ros_time: RosTime) -> None:
         self._ros_time = ros_time
         self._last, self._epoch = 0, -1
 
     def of(self, steady: int, jumps: int = 0) -> int:
-        """Stamp (ns) of a steady time (ns); jumps: how often the device's own clock has jumped."""
+        """Return the stamp (ns) of a steady time (ns); jumps: of the device's clock so far."""
         stamp = self._ros_time.of(steady)
         epoch = jumps + self._ros_time.steps
         if epoch == self._epoch:

@@ -31,7 +31,7 @@ _GONE = DriveSupply.STALE | DriveSupply.DEVICE_ERROR
 
 @dataclass(frozen=True)
 class SegmentPatience:
-    """s between attempts to open a segment, growing; cycles in a row without all slaves."""
+    """Pauses in s between attempts to open a segment; cycles in a row without all slaves."""
 
     first_retry: float = 0.1
     last_retry: float = 5.0
@@ -40,7 +40,7 @@ class SegmentPatience:
 
 @dataclass
 class CycleCounts:
-    """What happened since the start; all but cycles and times operating are faults."""
+    """Numbers of events since the start; all but cycles and times operating are faults."""
 
     cycles: int = 0
     times_operating: int = 0
@@ -56,11 +56,11 @@ class SegmentAcquisition(Worker):
     """
     Exchanges process data each cycle, and hands samples to a sink.
 
-    A value that a frame fetches was converted after the frame before, which triggered it (filter
-    off: synchronous mode), so a sample has the time of the frame before. Cycles are counted by
-    the steady clock: one without a frame is a gap in the sequence. A channel whose toggle bit
-    stands still has no new value: NaN with STALE. After bad_cycles in a row without all slaves
-    the segment is opened again, with growing pauses.
+    The value in a frame was converted after the frame before, which triggered it (filter off:
+    synchronous mode), so a sample has the time of the frame before. Cycles are slots of the steady
+    clock: one without a frame is a gap in the sequence. A channel whose toggle bit has not changed
+    has no new value: NaN with STALE. After bad_cycles in a row without all slaves the segment is
+    opened again, with growing pauses.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class SegmentAcquisition(Worker):
             segment.close()
 
     def _bring_up(self, segment: EthercatSegment) -> int | None:
-        """The working counter of a whole exchange; None where it is to end before that."""
+        """Return the working counter of a complete exchange; None if asked to end before."""
         wanted = self.mapping.segment
         check_order(wanted, segment.find())
         for line in assert_settings(segment, wanted, self._stop.is_set):
@@ -151,16 +151,16 @@ class SegmentAcquisition(Worker):
             else:
                 incomplete = counter < expected
                 self.counts.slaves_missing += incomplete
-                values, flags = self._look(segment, incomplete)
+                values, flags = self._read_channels(segment, incomplete)
                 if triggered is not None:
-                    self._give(slot, triggered, values, flags)
+                    self._emit(slot, triggered, values, flags)
                 triggered = middle
             bad = bad + 1 if counter < expected else 0
             if bad >= self._patience.bad_cycles:
                 raise SegmentError(_missing(counter, expected, bad))
 
-    def _look(self, segment: EthercatSegment, incomplete: bool) -> tuple[Floats, Flags]:
-        """Volts and flags of each channel as the last frame brought them."""
+    def _read_channels(self, segment: EthercatSegment, incomplete: bool) -> tuple[Floats, Flags]:
+        """Return volts and flags of each channel in the last frame."""
         values = np.empty(len(self._channels))
         flags = np.zeros(len(self._channels), np.uint8)
         inputs = [segment.inputs(place) for place in range(len(self.mapping.segment))]
@@ -176,7 +176,7 @@ class SegmentAcquisition(Worker):
             self._toggles[number] = channel.toggle
         return values, flags
 
-    def _give(self, slot: int, triggered: int, values: Floats, flags: Flags) -> None:
+    def _emit(self, slot: int, triggered: int, values: Floats, flags: Flags) -> None:
         self._count(flags)
         voltage, current = np.split(values * self._ratio + self._offset, 2)
         status = np.bitwise_or(*np.split(flags, 2))

@@ -1,4 +1,4 @@
-"""How an EtherCAT segment does, in a sentence and in figures, for `diagnostics`."""
+"""State of an EtherCAT segment for `diagnostics`: a sentence and figures."""
 
 from collections.abc import Mapping
 
@@ -13,7 +13,7 @@ _NO_FAULT = ('cycles', 'times operating')
 
 
 class SegmentHealth:
-    """Compares the counts of an acquisition with those at the report before."""
+    """Reports on an acquisition, by the changes of its counts since the report before."""
 
     def __init__(
         self, acquisition: SegmentAcquisition, queue: SampleQueue, interface: str
@@ -22,7 +22,7 @@ class SegmentHealth:
         self._changes = CountChanges()
 
     def report(self, now: float) -> Report:
-        """How it does since the report before; now in s on a steady clock."""
+        """Return the state since the report before; now in s on a steady clock."""
         acquisition = self._acquisition
         counts = {name.replace('_', ' '): n for name, n in vars(acquisition.counts).items()}
         counts['cycles lost'] = acquisition.lost

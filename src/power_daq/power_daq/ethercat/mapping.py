@@ -77,7 +77,7 @@ class SegmentMapping:
 
     @classmethod
     def load(cls, path: Path) -> 'SegmentMapping':
-        """Read and check a file; InputError names the file, the entry and what is wrong."""
+        """Read and check a file; InputError names the file, the entry and the reason."""
         file = read(_File, path, 'mapping')
         where = f'mapping {path}'
         for place, name in enumerate(file.segment):

@@ -1,4 +1,4 @@
-"""What the acquisition needs of an EtherCAT segment, whoever drives it."""
+"""The interface of an EtherCAT segment that the acquisition uses, and checks of it."""
 
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -7,36 +7,36 @@ from power_daq.ethercat.terminals import SlaveIdentity, TerminalType, describe
 
 
 class SegmentError(Exception):
-    """The segment is not there or not as it should be; the message is one line."""
+    """A segment that is absent or not as the mapping demands; the message is one line."""
 
 
 class EthercatSegment(Protocol):
-    """An EtherCAT segment whose slaves are counted from 0, the first behind the master."""
+    """An EtherCAT segment; slaves are counted from 0, which is next to the master."""
 
     def find(self) -> Sequence[SlaveIdentity]:
-        """Open the interface and count the slaves; SegmentError where there is none."""
+        """Open the interface and return the slaves' identities; SegmentError if none."""
 
     def read(self, slave: int, index: int, subindex: int) -> bytes:
-        """Value of an object (SDO upload); SegmentError where it is refused."""
+        """Return the value of an object (SDO upload); SegmentError if it is refused."""
 
     def write(self, slave: int, index: int, subindex: int, value: bytes) -> None:
-        """Set an object (SDO download); SegmentError where it is refused."""
+        """Set an object (SDO download); SegmentError if it is refused."""
 
     def operate(self) -> int:
-        """Map process data, bring all to OP; the working counter of a whole exchange."""
+        """Bring all slaves to OP; return the working counter of a complete exchange."""
 
     def exchange(self) -> int:
-        """One frame of process data; its working counter, negative where none came back."""
+        """Open the interface and return the slaves' identities, else raise SegmentError."""
 
     def inputs(self, slave: int) -> bytes:
-        """Input bytes of a slave as the last frame left them."""
+        """Return the input bytes of a slave in the last frame."""
 
     def close(self) -> None:
-        """Bring the slaves back to INIT, if they still hear, and leave the interface."""
+        """Bring the slaves that can be reached back to INIT and close the interface."""
 
 
 def check_order(wanted: Sequence[TerminalType], found: Sequence[SlaveIdentity]) -> None:
-    """SegmentError for the first place at which the wrong slave is, or none, or one too many."""
+    """Raise SegmentError for the first position with a wrong, missing or additional slave."""
     for place, kind in enumerate(wanted):
         if place >= len(found):
             raise SegmentError(
@@ -60,10 +60,10 @@ def assert_settings(
     stopped: Callable[[], bool] = lambda: False,
 ) -> list[str]:
     """
-    Make every setting of the terminals hold, and read it back; what was changed, in words.
+    Write the terminals' settings where they differ, read them back, and list what was changed.
 
-    Ends before the next setting once stopped says so.
-    SegmentError where one cannot be made to hold: a filter would eat what is to be measured.
+    Ends before the next setting once stopped() is true. SegmentError for a setting that cannot be
+    changed: a filter would remove what is to be measured.
     """
     changed: list[str] = []
     for place, kind in enumerate(wanted):
@@ -84,7 +84,7 @@ def assert_settings(
 
 
 def check_inputs(segment: EthercatSegment, wanted: Sequence[TerminalType]) -> None:
-    """SegmentError where a terminal's process data are not those that are understood."""
+    """Raise SegmentError for a terminal whose process data have another size."""
     for place, kind in enumerate(wanted):
         size = len(segment.inputs(place))
         if size != kind.input_bytes:

@@ -20,10 +20,10 @@ _OPERATE_FRAMES = 200
 
 def longest_call(slaves: int, timeout: float) -> float:
     """
-    Time in s that a call of SoemSegment takes at most; timeout: s until a frame is lost.
+    Return the longest time in s of a call of SoemSegment; timeout: s until a frame is lost.
 
-    By SOEM's limits: a state and its mailbox (both directions) of each slave, two states of the
-    whole, and the frames in between.
+    Sum of SOEM's limits: state and mailbox (both directions) of each slave, two states of the
+    whole segment, and the frames in between.
     """
     state = max(_STATE_TIMEOUT, 20 * timeout)
     mailbox = max(_MAILBOX_TIMEOUT, 20 * timeout)
@@ -34,8 +34,8 @@ class SoemSegment:
     """
     The slaves behind one network interface; needs the right to raw sockets.
 
-    timeout: s until a frame counts as lost; it also sets SOEM's own limits, which are global to
-    the process. Every call releases the GIL while it waits.
+    timeout: s until a frame counts as lost; it also sets SOEM's limits, which are global to the
+    process. Every call releases the GIL while it waits.
     """
 
     def __init__(self, interface: str, timeout: float) -> None:
@@ -49,13 +49,13 @@ class SoemSegment:
         self._master: Any = None
 
     def find(self) -> Sequence[SlaveIdentity]:
-        """Open the interface and ask who is there."""
+        """Open the interface and return the slaves' identities."""
         master = self._soem.Master()
         master.sdo_read_timeout = master.sdo_write_timeout = self._mailbox
         try:
             master.open(self._interface)
         except ConnectionError as error:
-            raise SegmentError(self._why_not()) from error
+            raise SegmentError(self._reason()) from error
         self._master = master
         if master.config_init(release_gil=True) <= 0:
             raise SegmentError(
@@ -63,7 +63,7 @@ class SoemSegment:
             )
         return [SlaveIdentity(s.man, s.id, s.rev, s.name) for s in master.slaves]
 
-    def _why_not(self) -> str:
+    def _reason(self) -> str:
         names = [name for _, name in socket.if_nameindex()]
         if self._interface not in names:
             return (
@@ -75,14 +75,14 @@ class SoemSegment:
         )
 
     def read(self, slave: int, index: int, subindex: int) -> bytes:
-        """SDO upload."""
+        """Return an object's value (SDO upload)."""
         try:
             return bytes(self._master.slaves[slave].sdo_read(index, subindex, release_gil=True))
         except self._mailbox_errors as error:
             raise self._refused('read', slave, index, subindex, error) from error
 
     def write(self, slave: int, index: int, subindex: int, value: bytes) -> None:
-        """SDO download."""
+        """Set an object (SDO download)."""
         try:
             self._master.slaves[slave].sdo_write(index, subindex, value, release_gil=True)
         except self._mailbox_errors as error:
@@ -101,7 +101,7 @@ class SoemSegment:
         return SegmentError(f'{place} cannot be {what}: {reason}')
 
     def operate(self) -> int:
-        """Map, then SAFE-OP and OP with process data flowing, as slaves demand."""
+        """Map process data and bring all slaves to SAFE-OP, then OP with frames in between."""
         soem, master = self._soem, self._master
         try:
             master.config_map()
@@ -134,16 +134,16 @@ class SoemSegment:
         raise SegmentError(f'the segment does not reach {name}')
 
     def exchange(self) -> int:
-        """LRW there and back."""
+        """Exchange a frame of process data (LRW)."""
         self._master.send_processdata(release_gil=True)
         return int(self._master.receive_processdata(self._timeout, release_gil=True))
 
     def inputs(self, slave: int) -> bytes:
-        """From the image of the last frame."""
+        """Return a slave's inputs in the image of the last frame."""
         return bytes(self._master.slaves[slave].input)
 
     def close(self) -> None:
-        """INIT, if anybody hears it."""
+        """Bring the slaves back to INIT if they can be reached, and close the interface."""
         master, self._master = self._master, None
         if master is None:
             return

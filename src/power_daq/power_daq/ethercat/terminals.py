@@ -1,5 +1,5 @@
 """
-The terminals that are understood, and what their process data mean.
+The supported EtherCAT terminals and the meaning of their process data.
 
 EL3102: two differential inputs of ±10 V, 16 bit. Each channel has a status word and a value;
 bits as in Beckhoff's documentation of the EL31xx, object 0x60n0 (AI inputs).
@@ -23,7 +23,7 @@ _FLAGS = (
 
 
 class SlaveIdentity(NamedTuple):
-    """What a slave says of itself in its EEPROM."""
+    """Identity of a slave by its EEPROM."""
 
     vendor: int
     product: int
@@ -32,7 +32,7 @@ class SlaveIdentity(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """An object of one byte that must have a value, or figures would not be what they seem."""
+    """An object of one byte and the value without which measurements would be wrong."""
 
     entry: int
     subindex: int
@@ -41,7 +41,7 @@ class Setting(NamedTuple):
 
 
 class ChannelReading(NamedTuple):
-    """One channel in one cycle: V, flags of DriveSupply, the bit that turns with each value."""
+    """One channel in one cycle: V, flags of DriveSupply, the bit that toggles with each value."""
 
     volts: float
     flags: int
@@ -51,7 +51,7 @@ class ChannelReading(NamedTuple):
 
 @dataclass(frozen=True)
 class TerminalType:
-    """A kind of slave: identity, channels, bytes of inputs, settings that must hold."""
+    """A type of slave: identity, channels, bytes of inputs and required settings."""
 
     name: str
     vendor: int
@@ -64,7 +64,7 @@ class TerminalType:
         return f'{self.name} (vendor {self.vendor:#x}, product {self.product:#010x})'
 
     def is_it(self, found: SlaveIdentity) -> bool:
-        """Whether a slave is of this kind."""
+        """Return whether a slave is of this type."""
         return (found.vendor, found.product) == (self.vendor, self.product)
 
     def channel(self, inputs: bytes, number: int) -> ChannelReading:
@@ -98,7 +98,7 @@ TYPES: Mapping[str, TerminalType] = {
 
 
 def describe(found: SlaveIdentity) -> str:
-    """A slave in words."""
+    """Return name, vendor and product of a slave."""
     known = next((kind.name for kind in TYPES.values() if kind.is_it(found)), None)
     name = known or found.name or 'a slave'
     return f'{name} (vendor {found.vendor:#x}, product {found.product:#010x})'

@@ -1,4 +1,4 @@
-"""A view as rows on a terminal of at least 60 columns, or as one line."""
+"""Rendering of a view on a terminal of at least 60 columns, or as one line."""
 
 from collections.abc import Mapping, Sequence
 from math import floor, isfinite, log10
@@ -15,7 +15,7 @@ _BLUE, _ORANGE, _FAINT = 'blue', 'dark_orange', 'dim'
 
 
 class Screen:
-    """A view to print with rich, as wide as the console; the bars' scale only grows."""
+    """A view for rich, as wide as the console; the scale of the bars only grows."""
 
     def __init__(self) -> None:
         self._view: View | None = None
@@ -23,13 +23,13 @@ class Screen:
         self.clock = ''
 
     def update(self, view: View, clock: str) -> None:
-        """Show a view from now on; clock: the time of day in words."""
+        """Replace the view; clock: the time of day as text."""
         self._view, self.clock = view, clock
         largest = max((abs(d.power) for d in view.drives if isfinite(d.power)), default=0.0)
         self._scale = max(self._scale, _round_up(largest))
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Rows of the view."""
+        """Yield the rows of the view."""
         view = self._view
         if view is None:
             return
@@ -70,7 +70,7 @@ class Screen:
 
 
 def line(view: View, clock: str) -> str:
-    """All of a view in one line, for a log."""
+    """Return a view as one line for a log."""
     topics = {topic.name: topic for topic in view.topics}
     parts = [
         clock,
@@ -91,7 +91,7 @@ def line(view: View, clock: str) -> str:
 
 
 def _fitting(warnings: Sequence[str]) -> Sequence[str]:
-    """Two lines at most: of more than two, the names alone of all but the first."""
+    """Return at most two lines: of more, all but the first by name alone."""
     if len(warnings) <= 2:
         return warnings
     names = ', '.join(warning.split(':', 1)[0] for warning in warnings[1:])
@@ -164,7 +164,7 @@ def _devices(bus: StatusReport | None, segment: StatusReport | None) -> str:
 
 
 def _clock(report: StatusReport | None) -> str:
-    """Offset, drift and worst delay of the first clock that is mapped."""
+    """Return offset, drift and worst delay of the first mapped clock."""
     figures = {} if report is None else report.figures
     for key in figures:
         if key.startswith('clock ') and key.endswith(' offset [s]'):
@@ -212,7 +212,7 @@ def _of(reports: Mapping[str, StatusReport], part: str) -> StatusReport | None:
 
 
 def _bar(value: float, scale: float, width: int, plain: bool) -> Text:
-    """A bar to the right; what is given back is hollow."""
+    """Return a bar to the right, hollow for negative values."""
     if not isfinite(value):
         return Text('')
     length = min(abs(value) / scale, 1.0) * width
@@ -225,7 +225,7 @@ def _bar(value: float, scale: float, width: int, plain: bool) -> Text:
 
 
 def _round_up(value: float) -> float:
-    """The next of 10, 20, 50, 100 and so on."""
+    """Return the next of 10, 20, 50, 100 and so on."""
     power = 10.0 ** max(1, floor(log10(value))) if value > 10.0 else 10.0
     return next(power * step for step in (1.0, 2.0, 5.0, 10.0) if power * step >= value)
 

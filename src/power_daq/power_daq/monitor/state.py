@@ -1,4 +1,4 @@
-"""What is known of a running measurement, and the figures of the latest look at it."""
+"""State of a running measurement, and views of it."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -34,7 +34,7 @@ class StatusReport:
 
 @dataclass(frozen=True)
 class TopicView:
-    """Rate since the last look, age of the newest message in s; None before the first."""
+    """Rate since the last view and age of the newest message in s (None: no message)."""
 
     name: str
     rate: float
@@ -43,7 +43,7 @@ class TopicView:
 
 @dataclass(frozen=True)
 class DriveView:
-    """One drive: means since the last look in W, °C; NaN where nothing is known."""
+    """One drive: means since the last view in W and °C; NaN if unknown."""
 
     name: str
     power: float
@@ -54,7 +54,7 @@ class DriveView:
 
 @dataclass(frozen=True)
 class View:
-    """All that a look shows. W, V, A, J; NaN is unknown."""
+    """The measurement at one time, in W, V, A and J; NaN if unknown."""
 
     seconds: float
     drives: tuple[DriveView, ...]
@@ -74,12 +74,12 @@ class View:
 
     @property
     def electronics(self) -> float:
-        """What of the supply's power does not reach the drives, W."""
+        """Power of the supply less that of the drives, W."""
         return self.supply - self.total
 
 
 class _StreamEnergy:
-    """Energy of a stream whose period is not told: it is the median of its latest steps."""
+    """Energy of a stream whose period is the median of its latest steps."""
 
     def __init__(self) -> None:
         self._counter = EnergyCounter(_SLOWEST)
@@ -99,7 +99,7 @@ class _StreamEnergy:
 
     @property
     def joule(self) -> float:
-        """Energy so far, J; NaN where no time is covered."""
+        """Energy so far, J; NaN before the second sample."""
         energy = self._counter.total()
         return energy.joule if energy.seconds else nan
 
@@ -107,7 +107,7 @@ class _StreamEnergy:
 @dataclass
 class MonitorState:
     """
-    Takes messages at any rate; `look` turns what came since the last look into a view.
+    Takes messages at any rate; `view` summarises those since the last view.
 
     Times are in s on a steady clock.
     """
@@ -122,26 +122,26 @@ class MonitorState:
         self.counters = {name: TopicCounter() for name in ('joint_states', 'diagnostics')}
         self._sequence = SequenceCheck()
         self._drive_energy, self._supply_energy = _StreamEnergy(), _StreamEnergy()
-        self._looked = self.started
+        self._last_view = self.started
         self._before = dict.fromkeys(TOPICS, 0)
         self._drives: DriveSamples | None = None
         self._supply: SupplySamples | None = None
         self._estimates: EstimateSamples | None = None
 
     def source(self, topic: str) -> TopicBuffer | TopicCounter:
-        """What takes the messages of a topic."""
+        """Return the buffer or counter of a topic's messages."""
         return self.buffers.get(topic) or self.counters[topic]
 
     def report(
         self, name: str, level: int, sentence: str, figures: Mapping[str, str], now: float
     ) -> None:
-        """A status came on `diagnostics`."""
+        """Keep a status from `diagnostics`."""
         self.reports[name] = StatusReport(level, sentence, figures, now)
 
-    def look(self, now: float) -> View:
-        """The view of what came since the last look."""
-        span = max(now - self._looked, 1e-3)
-        self._looked = now
+    def view(self, now: float) -> View:
+        """Return the view of what arrived since the last one."""
+        span = max(now - self._last_view, 1e-3)
+        self._last_view = now
         topics = []
         for name in TOPICS:
             source = self.source(name)
@@ -237,7 +237,7 @@ def _mean(values: NDArray[np.floating]) -> float:
 
 
 def _words(drives: DriveSamples) -> list[str]:
-    """The status of each drive in words: every flag that came up since the last look."""
+    """Return the status of each drive in words: every flag since the last view."""
     seen = np.bitwise_or.reduce(drives.status, axis=0).tolist()
     return [
         ', '.join(word for bit, word in _FLAGS.items() if flags & bit)

@@ -1,4 +1,4 @@
-"""Messages of a topic as they come, decoded many at a time."""
+"""Buffers of a topic's messages, decoded many at a time."""
 
 from collections import deque
 
@@ -14,14 +14,13 @@ _MOST = 20_000  # messages
 
 class TopicBuffer:
     """
-    Takes the CDR bytes of a topic's messages; decoding waits until somebody looks.
+    Keeps the CDR bytes of a topic's messages and decodes them when it is drained.
 
-    Arrival times are in s on a steady clock. More than 20,000 messages that nobody looked at push
-    the oldest out.
+    Arrival times are in s on a steady clock. Beyond 20,000 messages the oldest are dropped.
     """
 
     def __init__(self, topic: str) -> None:
-        """topic: one of `recording.topics.KINDS`."""
+        """topic: one of `power_recordings.messages.topics.KINDS`."""
         self._kind = KINDS[topic]
         self._topic = Topic(topic, self._kind.type_name, 'cdr', '')
         self._columns = Columns(topic, self._kind.type_name, self._kind.paths)
@@ -31,13 +30,13 @@ class TopicBuffer:
         self.fault = ''
 
     def take(self, cdr: bytes, now: float) -> None:
-        """Keep a message for later; the only thing that is done at its full rate."""
+        """Keep a message for later."""
         self._waiting.append(cdr)
         self.count += 1
         self.last = now
 
     def drain(self) -> tuple[list[bytes], Samples | None]:
-        """What came since the last time: the bytes, and their samples where they are whole."""
+        """Return the bytes since the last call, and their samples if they can be decoded."""
         raw = [self._waiting.popleft() for _ in range(len(self._waiting))]
         if not raw:
             return raw, None
@@ -56,13 +55,13 @@ class TopicBuffer:
 
 
 class TopicCounter:
-    """Counts the messages of a topic and remembers when the newest came."""
+    """Counts the messages of a topic and keeps the arrival of the newest."""
 
     def __init__(self) -> None:
         self.count = 0
         self.last: float | None = None
 
     def take(self, cdr: object, now: float) -> None:
-        """A message came."""
+        """Count a message."""
         self.count += 1
         self.last = now

@@ -1,4 +1,4 @@
-"""The live view: what a running measurement measures, in the terminal."""
+"""The live view of a running measurement in the terminal."""
 
 import argparse
 import io
@@ -42,7 +42,7 @@ examples:
 
 
 class WatchNode(Node):
-    """Takes the bytes of messages as they come; looks at them once in a while."""
+    """Keeps the bytes of messages and shows a view of them periodically."""
 
     def __init__(self, show: Callable[[View], None], period: float, duration: float) -> None:
         super().__init__('watch')
@@ -55,10 +55,10 @@ class WatchNode(Node):
                 kind = message_class(TYPES[topic])
                 take = partial(_take, self._state.source(topic).take)
                 self.create_subscription(kind, topic, take, _QOS, raw=True)
-        self.create_subscription(DiagnosticArray, 'diagnostics', self._hear, _QOS)
+        self.create_subscription(DiagnosticArray, 'diagnostics', self._note_status, _QOS)
         self.create_timer(period, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _hear(self, message: DiagnosticArray) -> None:
+    def _note_status(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
         self._state.source('diagnostics').take(b'', now)
         for status in message.status:
@@ -66,8 +66,8 @@ class WatchNode(Node):
             figures = {pair.key: pair.value for pair in status.values}
             self._state.report(status.name, level, status.message, figures, now)
 
-    def _look(self) -> None:
-        view = self._state.look(time.monotonic())
+    def _refresh(self) -> None:
+        view = self._state.view(time.monotonic())
         self._show(view)
         if self._duration and view.seconds >= self._duration and not self.done.done():
             self.done.set_result(None)

@@ -1,1 +1,1 @@
-"""A bench supply that is asked for voltage and current over SCPI, and the books kept on it."""
+"""A bench supply that is polled for voltage and current over SCPI, and its energy balance."""

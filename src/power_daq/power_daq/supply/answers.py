@@ -1,5 +1,5 @@
 """
-What a bench supply's answers mean, taken strictly.
+Strict parsing of a bench supply's answers.
 
 The dialect is that of EA's PSB, PSI and PS series: a number with its unit (`48.02 V`), three of
 them for `MEAS:ARR?` (`48.02 V, 3.14 A, 150.8 W`), and errors as `-113,"Undefined header"`
@@ -22,7 +22,7 @@ _IDENTITY_PARTS = 2
 
 
 class AnswerError(ValueError):
-    """An answer that is none to the question; the message quotes it."""
+    """An answer that does not fit the question; the message quotes it."""
 
     def __init__(self, answer: str, wanted: str) -> None:
         shown = answer if len(answer) <= _LONGEST_SHOWN else answer[:_LONGEST_SHOWN] + '…'
@@ -30,7 +30,7 @@ class AnswerError(ValueError):
 
 
 class SupplyMeasurement(NamedTuple):
-    """Terminal voltage (V), current out of the supply (A), and its own power (W) if it told."""
+    """Terminal voltage (V), current out of the supply (A) and its power (W), None if not given."""
 
     voltage: float
     current: float
@@ -38,7 +38,7 @@ class SupplyMeasurement(NamedTuple):
 
 
 class ScpiError(NamedTuple):
-    """An entry of the error queue; code 0 is none."""
+    """An entry of the error queue; code 0 means no error."""
 
     code: int
     text: str
@@ -48,7 +48,7 @@ class ScpiError(NamedTuple):
 
 
 class InstrumentIdentity(NamedTuple):
-    """Answer to `*IDN?`; what an instrument leaves out is empty."""
+    """Answer to `*IDN?`; parts that an instrument omits are empty."""
 
     maker: str
     model: str
@@ -57,7 +57,7 @@ class InstrumentIdentity(NamedTuple):
 
 
 def quantity(answer: str, unit: str) -> float:
-    """Number of an answer in V, A or W; AnswerError for any other unit, or none."""
+    """Parse a number in V, A or W; AnswerError for another unit or none."""
     found = _QUANTITY.fullmatch(answer)
     if found is None or found['unit'] != unit:
         raise AnswerError(answer, f'a number in {unit}')
@@ -65,7 +65,7 @@ def quantity(answer: str, unit: str) -> float:
 
 
 def measured(answer: str) -> SupplyMeasurement:
-    """Answer to `MEAS:ARR?`: V, A and W in this order; AnswerError for anything else."""
+    """Parse the answer to `MEAS:ARR?`: V, A and W in this order; else AnswerError."""
     parts = answer.split(',')
     if len(parts) != len(SupplyMeasurement._fields):
         raise AnswerError(answer, 'a voltage, a current and a power')
@@ -78,7 +78,7 @@ def measured(answer: str) -> SupplyMeasurement:
 
 
 def scpi_error(answer: str) -> ScpiError:
-    """Answer to `SYST:ERR?`; AnswerError for what is no error, such as a measurement."""
+    """Parse the answer to `SYST:ERR?`; AnswerError for another one, such as a measurement."""
     found = _ERROR.fullmatch(answer)
     if found is None:
         raise AnswerError(answer, 'a number and a text in quotes')
@@ -86,7 +86,7 @@ def scpi_error(answer: str) -> ScpiError:
 
 
 def identity(answer: str) -> InstrumentIdentity:
-    """Answer to `*IDN?`: maker, model, serial number, firmware; AnswerError for less than two."""
+    """Parse maker, model, serial number and firmware; AnswerError for less than two of them."""
     parts = [part.strip() for part in answer.split(',')]
     if len(parts) < _IDENTITY_PARTS or not all(parts[:_IDENTITY_PARTS]):
         raise AnswerError(answer, 'maker, model, serial number and firmware')
@@ -95,7 +95,7 @@ def identity(answer: str) -> InstrumentIdentity:
 
 
 def switch(answer: str) -> bool:
-    """Answer to `OUTP?`: ON or OFF, also 1 or 0; AnswerError for anything else."""
+    """Parse the answer to `OUTP?`: ON or OFF, also 1 or 0; else AnswerError."""
     word = answer.strip().upper()
     if word not in ('ON', 'OFF', '1', '0'):
         raise AnswerError(answer, 'ON or OFF')

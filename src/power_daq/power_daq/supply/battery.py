@@ -1,4 +1,4 @@
-"""A supply as sensor_msgs/BatteryState: current is negative while it is drawn from."""
+"""Readings of a supply as sensor_msgs/BatteryState, with negative current while it supplies."""
 
 from math import nan
 
@@ -11,7 +11,7 @@ _S = 1_000_000_000
 
 
 def empty_battery() -> BatteryState:
-    """A supply of which voltage and current are measured and nothing else."""
+    """Return a message of which only voltage and current are to be set."""
     message = BatteryState()
     for name in ('temperature', 'charge', 'capacity', 'design_capacity', 'percentage'):
         setattr(message, name, nan)
@@ -21,7 +21,7 @@ def empty_battery() -> BatteryState:
 
 
 class BatteryPublisher:
-    """Publishes readings; one message is used again and again, publishing serialises it."""
+    """Publishes readings; the message object is reused, since publishing serialises it."""
 
     def __init__(self, publisher: Publisher, frame_id: str, location: str) -> None:
         self._publisher = publisher
@@ -30,7 +30,7 @@ class BatteryPublisher:
         self._message.location = location
 
     def publish(self, reading: Reading, serial_number: str) -> None:
-        """Publish a reading, with the sign of a battery."""
+        """Publish a reading with a battery's sign of current."""
         message = self._message
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(reading.stamp, _S)
         message.voltage, message.current = reading.voltage, -reading.current

@@ -1,4 +1,4 @@
-"""Energy out of a supply, and what of its power the drives do not account for."""
+"""Energy from a supply, and the balance of its power with that of the drives."""
 
 import math
 import threading
@@ -14,12 +14,12 @@ _WH = 3600.0
 _LEAST_SPAN = 0.9
 _LATE = 2
 _BRIDGED = 10.0  # periods
-_STEPPED = 10  # s that the clock goes back before the books start over
+_STEPPED = 10  # s back in time that restart the balance
 
 
 @dataclass(frozen=True)
 class Energy:
-    """J drawn from the supply (negative: given back), over how many s, and s left out as gaps."""
+    """Energy from the supply in J (negative: returned), s counted, and s of gaps not counted."""
 
     joule: float = 0.0
     seconds: float = 0.0
@@ -35,19 +35,18 @@ class EnergyCounter:
     """
     Integral of power by the trapezoid rule.
 
-    Between readings further apart than ten periods, and beside one that is not a number, nothing
-    is known, so nothing is counted.
+    Nothing is counted between readings more than ten periods apart and next to NaN.
     """
 
     def __init__(self, period: float = 0.01) -> None:
-        """period: s between readings; may be set anew when it turns out to be another."""
+        """period: s between readings; may be changed later."""
         self.period = period
         self._lock = threading.Lock()
         self._last: tuple[int, float] | None = None
         self._energy = Energy()
 
     def add(self, steady: int, power: float) -> None:
-        """Take a reading: ns on the steady clock, W drawn; a clock that goes back adds nothing."""
+        """Add a reading: ns on the steady clock, W drawn; a clock that goes back adds nothing."""
         with self._lock:
             if self._last is not None:
                 since, before = self._last
@@ -62,12 +61,12 @@ class EnergyCounter:
             self._last = steady, power
 
     def total(self) -> Energy:
-        """What was counted so far."""
+        """Return the energy since the last reset."""
         with self._lock:
             return self._energy
 
     def reset(self) -> Energy:
-        """Start at nothing; returns what was counted until now."""
+        """Set the counter to zero and return the energy until now."""
         with self._lock:
             counted, self._energy = self._energy, Energy()
             return counted
@@ -75,7 +74,7 @@ class EnergyCounter:
 
 @dataclass(frozen=True)
 class Balance:
-    """Means over the same second, W: supply, sum of drives; and of the rest over `seconds`."""
+    """Means over one second, W: supply and sum of drives; the rest's mean over `seconds`."""
 
     supply: float
     drives: float
@@ -85,13 +84,13 @@ class Balance:
 
     @property
     def rest(self) -> float:
-        """What the drives do not account for: electronics, cables, and errors of both meters."""
+        """Power of electronics and cables, with the errors of both meters, W."""
         return self.supply - self.drives
 
 
 @dataclass
 class _Mean:
-    """Mean of power within one second, with the stretch of it that was seen."""
+    """Mean of power within one second, and the interval that the samples cover."""
 
     total: NDArray[np.float64] | float = 0.0
     count: int = 0
@@ -107,7 +106,7 @@ class _Mean:
 
     @property
     def whole(self) -> bool:
-        """Whether the second was seen from about its beginning to its end."""
+        """Whether the samples cover nearly all of the second."""
         return self.last - self.first >= _LEAST_SPAN * _S
 
     @property
@@ -126,7 +125,7 @@ class _Second:
 
 class PowerBalance:
     """
-    Sets the power of the supply against the sum of the drives, second by second of their stamps.
+    Compares the power of the supply with the sum of the drives for each second of their stamps.
 
     Only seconds that both cover count. A drive that two devices measure counts once.
     """
@@ -139,7 +138,7 @@ class PowerBalance:
         self._balance: Balance | None = None
 
     def add_supply(self, stamp: int, power: float) -> None:
-        """Take a reading of the supply: ROS time in ns, W drawn."""
+        """Add a reading of the supply: ROS time in ns, W drawn."""
         with self._lock:
             self._at(stamp).supply.add(stamp, stamp, power, 1)
 
@@ -150,7 +149,7 @@ class PowerBalance:
         names: tuple[str, ...],
         power: NDArray[np.float64],
     ) -> None:
-        """Take good samples of a device: ROS time in ns [samples], W [samples, drives]."""
+        """Add good samples of a device: ROS time in ns [samples], W [samples, drives]."""
         seconds = stamps // _S
         with self._lock:
             for second in np.unique(seconds):
@@ -167,7 +166,7 @@ class PowerBalance:
         return self._open.setdefault(second, _Second())
 
     def report(self) -> Balance | None:
-        """Newest balance; None while no second of the last `seconds` has both sides."""
+        """Return the newest balance; None if none of the last `seconds` has both sides."""
         with self._lock:
             newest = max(self._open, default=0)
             for second in sorted(s for s in self._open if s <= newest - _LATE):

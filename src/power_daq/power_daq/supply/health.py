@@ -1,4 +1,4 @@
-"""How a bench supply does, in a sentence and in figures, for `diagnostics`."""
+"""State of a bench supply for `diagnostics`: a sentence and figures."""
 
 from collections.abc import Mapping
 
@@ -16,14 +16,14 @@ _LONGEST_NAMES = 4
 
 
 class SupplyHealth:
-    """Compares the counts of a poller with those at the report before."""
+    """Reports on a poller, by the changes of its counts since the report before."""
 
     def __init__(self, poller: Poller, rate: float, resource: str) -> None:
         self._poller, self._rate, self._resource = poller, rate, resource
         self._changes = CountChanges()
 
     def report(self, now: float, energy: Energy, balance: Balance | None) -> Report:
-        """How it does since the report before; now in s on a steady clock."""
+        """Return the state since the report before; now in s on a steady clock."""
         state = self._poller.state
         counts = {name.replace('_', ' '): n for name, n in vars(state.counts).items()}
         counts['readings lost'] = self._poller.lost

@@ -1,4 +1,4 @@
-"""The connection to a bench supply: questions and answers over a TCP socket, by pyvisa."""
+"""The connection to a bench supply: SCPI over a TCP socket, by pyvisa."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -30,16 +30,16 @@ _LOST = (VisaIOError, OSError)
 
 
 class LostError(Exception):
-    """No answer within the time limit, or no connection; the message says which."""
+    """No answer within the time limit, or no connection."""
 
 
 @dataclass(frozen=True)
 class InstrumentSettings:
     """
-    Where the supply is and how it is asked.
+    Address of the supply and form of the queries.
 
-    timeout: s until an answer counts as missing; separate: ask for voltage and current one after
-    the other, of supplies that do not know `MEAS:ARR?`.
+    timeout: s until an answer counts as missing; separate: query voltage and current one after
+    the other, for supplies without `MEAS:ARR?`.
     """
 
     host: str
@@ -56,21 +56,20 @@ class InstrumentSettings:
 
     @property
     def resource(self) -> str:
-        """VISA's name of the instrument."""
+        """VISA name of the instrument."""
         return f'TCPIP::{self.host}::{self.port}::SOCKET'
 
 
 class Instrument:
     """
-    A supply that answers.
+    A connected supply.
 
-    Only `tell` changes anything in it, and nothing but `output.switch_on` calls that. Methods
-    raise LostError where the connection can no longer be used, AnswerError where an answer
-    is none to the question.
+    Only `tell` changes its state, and only `output.switch_on` uses `tell` for that. Methods raise
+    LostError if the connection can no longer be used, AnswerError for an answer that does not fit.
     """
 
     def __init__(self, settings: InstrumentSettings) -> None:
-        """Connect, identify and ask for the ratings."""
+        """Connect and query identity and ratings."""
         self.settings = settings
         self._manager = pyvisa.ResourceManager('@py')
         try:
@@ -100,7 +99,7 @@ class Instrument:
         return resource
 
     def close(self) -> None:
-        """Leave the instrument as it is."""
+        """Close the connection; the instrument stays as it is."""
         with suppress(*_LOST):
             self._manager.close()
 
@@ -113,7 +112,7 @@ class Instrument:
             raise LostError(f'connection lost at {command}: {_reason(error)}') from error
 
     def ask(self, question: str) -> str:
-        """The line that answers a question."""
+        """Send a question and return the line that answers it."""
         self.tell(question)
         return self._line(question)
 
@@ -126,7 +125,7 @@ class Instrument:
             raise LostError(f'no answer to {question}: {_reason(error)}') from error
 
     def measure(self) -> SupplyMeasurement:
-        """Voltage, current and power now; AnswerError also for values beyond the ratings."""
+        """Measure voltage, current and power; AnswerError also for values beyond the ratings."""
         if self.settings.separate:
             voltage = quantity(self.ask('MEAS:VOLT?'), 'V')
             found = SupplyMeasurement(voltage, quantity(self.ask('MEAS:CURR?'), 'A'), None)
@@ -141,7 +140,7 @@ class Instrument:
         return found
 
     def errors(self) -> list[ScpiError]:
-        """Empty the error queue; what was in it, oldest first."""
+        """Empty the error queue and return its entries, oldest first."""
         found: list[ScpiError] = []
         while len(found) < _MOST_ERRORS:
             error = scpi_error(self.ask('SYST:ERR?'))
@@ -151,7 +150,7 @@ class Instrument:
         return found
 
     def resynchronise(self) -> None:
-        """Throw away lines until the identity comes, so that answers belong to questions again."""
+        """Discard lines until the identity arrives, so that answers belong to questions again."""
         self.tell('*IDN?')
         for _ in range(_MOST_LINES):
             with suppress(AnswerError):
@@ -160,7 +159,7 @@ class Instrument:
         raise LostError(f'{_MOST_LINES} lines came and none was the answer to *IDN?')
 
     def _rating(self, question: str, unit: str) -> float:
-        """Rated value; infinite for a supply that does not tell it."""
+        """Return a rated value; infinite for a supply that does not give it."""
         try:
             return quantity(self.ask(question), unit)
         except AnswerError:

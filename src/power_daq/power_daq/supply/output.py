@@ -1,4 +1,4 @@
-"""Switching a supply's output on: only on request, within limits, and each step read back."""
+"""Switching a supply's output on: on request only, within limits, each step read back."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -19,7 +19,7 @@ class OutputRequest:
     """
     An output to be switched on, with its voltage (V) and the current it may give (A).
 
-    InputError for one that is not wholly given or beyond 60 V (touch-safe DC) and 120 A.
+    InputError for a missing value or one beyond 60 V (touch-safe DC) or 120 A.
     """
 
     voltage: float
@@ -38,11 +38,11 @@ class OutputRequest:
 
     def switch_on(self, instrument: Instrument) -> str:
         """
-        Set voltage and current, read them back, switch on; a sentence that says what is on.
+        Set voltage and current, read them back, switch on; return a sentence for the log.
 
-        Only an output that is off is touched. Whatever fails, lost connections included, is an
-        InputError that says what state the output is in; after `OUTP ON` it is switched off
-        again, and read back.
+        Only an output that is off is changed. Each failure, lost connections included, is an
+        InputError that gives the state of the output; after `OUTP ON` the output is switched off
+        again and read back.
         """
         self._check_ratings(instrument)
         with _told('nothing was set or switched'):
@@ -94,7 +94,7 @@ class OutputRequest:
 
 @contextmanager
 def _told(state: str) -> Iterator[None]:
-    """Make every failure an InputError that says what state the output is in."""
+    """Turn every failure into an InputError that gives the state of the output."""
     try:
         yield
     except (LostError, AnswerError, InputError) as error:
@@ -102,7 +102,7 @@ def _told(state: str) -> Iterator[None]:
 
 
 def _switch(instrument: Instrument) -> None:
-    """Switch on, or off again where that fails."""
+    """Switch on, or off again if that fails."""
     try:
         instrument.tell('OUTP ON')
         _check(instrument, 'OUTP ON')
@@ -113,7 +113,7 @@ def _switch(instrument: Instrument) -> None:
 
 
 def _switch_off(instrument: Instrument) -> str:
-    """Switch off and read back; what state the output is in now."""
+    """Switch off, read back and return the state of the output in words."""
     try:
         instrument.tell('OUTP OFF')
         instrument.resynchronise()

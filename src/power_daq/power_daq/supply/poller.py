@@ -28,7 +28,7 @@ class Retry:
 
 @dataclass
 class PollCounts:
-    """What happened since the start; all but readings and connections are faults."""
+    """Numbers of events since the start; all but readings and connections are faults."""
 
     readings: int = 0
     connections: int = 0
@@ -40,7 +40,7 @@ class PollCounts:
 
 @dataclass
 class PollState:
-    """What is known of the instrument now; absence is why it is not there, empty if it is."""
+    """State of the instrument; absence: the reason why it is not connected, empty if it is."""
 
     identity: InstrumentIdentity | None = None
     absence: str = 'not connected yet'
@@ -52,13 +52,12 @@ class PollState:
 
 class Poller(Worker):
     """
-    Asks `rate` times a second; each answer goes to the sink once, or nowhere.
+    Polls `rate` times a second and gives each answer to the sink once.
 
-    Readings belong to slots of 1/rate s. A slot without an answer is lost, and never made up
-    for: neither repeated nor filled by two questions in a row. connect may raise LostError
-    or AnswerError: it is tried again with growing pauses. prepare is called once, with the first
-    connection, and never again, even if it fails. What it raises, whatever that is, ends the
-    thread and comes out of `join`, as does anything else that is raised in the thread.
+    Readings belong to slots of 1/rate s. A slot without an answer is lost; it is neither repeated
+    nor made up for. connect may raise LostError or AnswerError: it is tried again with growing
+    pauses. prepare is called once, with the first connection, and not again if it fails. All
+    exceptions but these two end the thread and are raised by `join`, any of prepare included.
     """
 
     def __init__(
@@ -154,7 +153,7 @@ class Poller(Worker):
         self._sink(Reading(stamp, middle, found.voltage, found.current, found.power, trip))
 
     def _check(self, instrument: Instrument) -> None:
-        """Empty the error queue once a second; an answer out of step shows here as well."""
+        """Empty the error queue once a second; this also detects answers out of step."""
         if time.monotonic() < self._next_check:
             return
         self._next_check += _CHECK
@@ -164,13 +163,13 @@ class Poller(Worker):
             self.state.last_errors = errors
 
     def take_worst_round_trip(self) -> float:
-        """Longest round trip since the last call, s."""
+        """Return the longest round trip since the last call, s."""
         worst, self.state.worst_round_trip = self.state.worst_round_trip, 0.0
         return worst
 
 
 def _disagrees(found: SupplyMeasurement) -> bool:
-    """Whether the supply's own power is far from V·I, as it is not even while a load steps."""
+    """Return whether the supply's power is further from V·I than even during a load step."""
     if found.power is None:
         return False
     product = found.voltage * found.current

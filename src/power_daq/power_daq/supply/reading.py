@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 class Reading(NamedTuple):
     """
-    What a supply measured; current in A is positive out of the supply.
+    Voltage (V), current (A, positive out of the supply) and power (W, None if not given).
 
-    stamp: ROS time in ns of the middle between question and answer; steady: the same instant on
-    the steady clock; round_trip: s between them, so the stamp is off by half of it at most.
+    stamp: ROS time in ns halfway between question and answer; steady: the same instant on the
+    steady clock; round_trip: s between them, so the stamp is off by at most half of it.
     """
 
     stamp: int

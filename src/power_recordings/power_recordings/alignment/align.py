@@ -1,4 +1,4 @@
-"""From recordings to aligned datasets: the one way in which measured signals are prepared."""
+"""Alignment of recordings on one time grid, for all that uses measured signals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,27 +27,27 @@ def align(
     need_power: bool = True,
 ) -> AlignedDataset:
     """
-    One recording on one time grid.
+    Align one recording on one time grid.
 
     Samples are placed by their stamps. Power is voltage × current of each 1 kHz sample; it is
-    low-passed (`filters.antialias`) and evaluated on a 400 Hz grid that runs with the joint
-    states, to which everything else is interpolated; commands are held. With `smooth` all signals
-    but `cmd_vel` pass the same Savitzky-Golay filter of 12.5 Hz (paper, Section II-A), else, for
-    rates under 400 Hz, the anti-alias filter (all but the held ones); then every n-th sample is
+    low-passed (`filters.antialias`) and evaluated on a 400 Hz grid in step with the joint states,
+    to which all other signals are interpolated; commands are held. With `smooth` all signals but
+    `cmd_vel` pass the same Savitzky-Golay filter of 12.5 Hz (paper, Section II-A), else, for rates
+    under 400 Hz, all but the held ones pass the anti-alias filter; then every n-th sample is
     taken. No filter shifts a signal in time.
 
-    Gaps end a segment and nothing is carried across: time without joint states or electrical
-    samples for more than 2.5 periods, any missing sequence number, samples with a bad status or
-    NaN of a measured drive, and time before the first command. Each segment also loses half the
-    length of its filters at both ends; `notes` of the result says what was left out.
+    Segments end at gaps, and nothing is carried across: more than 2.5 periods without joint states
+    or electrical samples, missing sequence numbers, samples with a bad status or NaN of a measured
+    drive, and the time before the first command. Each segment also loses half the length of its
+    filters at both ends; `notes` of the result lists what was left out.
 
-    `drives` are the joints wanted, in that order (default: all of joint_states); those whose
-    power was not measured have NaN for it, and a drive whose samples are mostly bad counts as
-    such. `need_power=False` admits recordings without drive_supply.
+    `drives`: the joints wanted, in that order (default: all of joint_states); the power of those
+    that were not measured, or whose samples are mostly bad, is NaN. `need_power=False` admits
+    recordings without drive_supply.
 
-    Raises InputError, naming the recording and the field, where a topic is missing, where
-    drive_supply names drives that joint_states lacks and `drives` does not leave them out, for
-    values that are mostly NaN or in other units, and where no segment is long enough.
+    Raises InputError, which names recording and field, if a topic is missing, if joint_states
+    lacks a drive of drive_supply and `drives` does not leave it out, for values that are mostly
+    NaN or in other units, and if no segment is long enough.
     """
     if rate not in RATES:
         raise InputError(f'rate is {rate:g} Hz; it is one of {", ".join(f"{r:g}" for r in RATES)}')
@@ -73,11 +73,10 @@ def load_aligned(
     need_power: bool = True,
 ) -> AlignedDataset:
     """
-    Several recordings, aligned as by `align` and joined; segments and recordings stay apart.
+    Align several recordings as by `align` and join them.
 
-    Paths are opened one after the other; what is open already is not read again.
-    Raises InputError where `align` does, and for recordings of different joints unless `drives`
-    says which to take.
+    Raises InputError as `align` does, and for recordings of different joints unless `drives` gives
+    those to take.
     """
     if not recordings:
         raise InputError('no recording given')
@@ -97,7 +96,7 @@ def load_aligned(
 
 
 def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
-    """Datasets of the same drives and rate one after the other."""
+    """Concatenate datasets of the same drives and rate."""
     if len(parts) == 1:
         return parts[0]
     segments: list[NDArray[np.int32]] = []
@@ -145,7 +144,7 @@ class _Piece:
 
 
 class _Segments:
-    """The gap-free stretches of a source on the grid."""
+    """The segments of the signals of a recording on the grid."""
 
     def __init__(self, source: signals.RecordedSignals, rate: float, smooth: bool) -> None:
         self._source = source
@@ -156,13 +155,13 @@ class _Segments:
 
     @property
     def shortest(self) -> float:
-        """Seconds without gap that make a segment."""
+        """Least length of a segment, s."""
         electrics = self._source.electrics
         lost = 2 * electrics.half(GRID) * electrics.period if electrics is not None else 0.0
         return lost + (len(self._taps) + self._every) / GRID
 
     def spans(self) -> list[tuple[float, float]]:
-        """Start and end of the times [s] at which all that is needed is there."""
+        """Return start and end [s] of the intervals in which all needed signals are known."""
         source = self._source
         joints = source.joints.spans(GRID)
         if source.electrics is None:
@@ -173,7 +172,7 @@ class _Segments:
         return [(max(a, begin), b) for a, b in found.tolist() if b > max(a, begin)]
 
     def pieces(self, start: float, end: float) -> list[_Piece]:
-        """The segment in a span; none if it is too short for the filters."""
+        """Return the segment of an interval; [] if it is too short for the filters."""
         grid = _grid(self._source.joints, start, end)
         half = len(self._taps) // 2
         if len(grid) < len(self._taps) + self._every:
@@ -193,7 +192,7 @@ class _Segments:
         return [_Piece(grid[inner], result)]
 
     def notes(self, pieces: Sequence[_Piece]) -> list[str]:
-        """What was left out, in words."""
+        """Return notes on what was left out."""
         joints = self._source.joints.time
         whole = float(joints[-1] - joints[0])
         kept = sum(float(piece.time[-1] - piece.time[0]) for piece in pieces)
@@ -206,7 +205,7 @@ class _Segments:
 
 
 def _grid(joints: Stream, start: float, end: float) -> Times:
-    """Times at 400 Hz from start to end; in step with joint states of about that rate."""
+    """Return times at 400 Hz from start to end, in step with joint states of about that rate."""
     low, high = np.searchsorted(joints.time, [start - 1e-7, end + 1e-7]).tolist()
     times = joints.time[low:high]
     period = 1 / GRID
@@ -219,7 +218,7 @@ def _grid(joints: Stream, start: float, end: float) -> Times:
 
 
 def _common(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The overlaps of two ascending lists of intervals [R, 2]."""
+    """Return the overlaps of two ascending lists of intervals [R, 2]."""
     found = []
     i = j = 0
     while i < len(a) and j < len(b):

@@ -1,4 +1,4 @@
-"""Which samples to keep where stamps do not ascend."""
+"""Selection of samples with ascending stamps."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,10 @@ _JUMP = 50.0  # usual steps
 
 def ascending(stamps: Stamps) -> NDArray[np.bool_]:
     """
-    The samples to keep so that stamps [N] ascend strictly, as many as there can be.
+    Return a mask [N] of the most samples whose stamps ascend strictly.
 
-    Kept are stretches in which time ran forwards: a single stamp far ahead goes, rather than all
-    that come after it; after a clock was set back, those go that lie in a time that was already
-    there.
+    Runs in which time moves forwards are kept: of a single stamp far ahead and all that follow,
+    the single one is dropped; after a clock was set back, samples are dropped until time goes on.
     """
     keep = np.ones(len(stamps), np.bool_)
     keep[1:] = np.diff(stamps) != 0
@@ -37,7 +36,7 @@ def ascending(stamps: Stamps) -> NDArray[np.bool_]:
 
 
 def _chain(times: Stamps, edges: NDArray[np.intp]) -> list[tuple[int, int]]:
-    """The runs, each shortened to what lies after the one before, that hold most samples."""
+    """Return the runs with most samples, each cut to begin after the one before."""
     starts, stops = edges[:-1], edges[1:]
     ends = times[stops - 1]
     best = stops - starts

@@ -1,4 +1,4 @@
-"""The signals of one recording, checked and cut at their gaps, ready for a common grid."""
+"""Signals of one recording, checked and cut at their gaps."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -57,7 +57,7 @@ class RecordedSignals:
         return float(self.commands[0][0])
 
     def sample(self, grid: Times) -> dict[str, Floats]:
-        """All signals that vary continuously, and the command, at the times of a grid."""
+        """Return continuous signals and the command at the times of a grid."""
         count, there = len(self.names), len(self.measured)
         joints = self.joints.sample(grid).reshape(len(grid), 3, count)
         result = {name: joints[:, i] for i, name in enumerate(('position', 'velocity', 'torque'))}
@@ -77,7 +77,7 @@ class RecordedSignals:
         return held(*self.commands, grid)
 
     def held(self, grid: Times) -> dict[str, Floats]:
-        """Signals that are held and never filtered, at the times of a grid."""
+        """Return signals that are held and never filtered at the times of a grid."""
         return {} if self.cmd_vel is None else {'cmd_vel': held(*self.cmd_vel, grid)}
 
 
@@ -290,7 +290,7 @@ class _Collector:
 
 
 def _continuous(orientation: Floats) -> Floats:
-    """Quaternions of which none is on the other side of its neighbour (q and −q are one)."""
+    """Return quaternions with signs that do not jump (q and −q are the same rotation)."""
     flips = np.where((orientation[1:] * orientation[:-1]).sum(axis=1) < 0, -1, 1)
     signs = np.concatenate([[1], np.cumprod(flips)]).astype(np.float32)
     return orientation * signs[:, None]

@@ -1,4 +1,4 @@
-"""Signals with common stamps, cut at their gaps, and their values at any time in between."""
+"""Signals with common stamps, cut at their gaps, and their interpolation."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,8 +19,8 @@ class Stream:
     """
     K signals at N times, in runs without gaps.
 
-    A run ends where the next sample comes later than 2.5 periods, where a sample was marked bad
-    (it belongs to no run), and where `apart` says that a sample does not follow on the last one.
+    A run ends before a step of more than 2.5 periods, at a sample that is marked bad (which is in
+    no run), and before a sample that is marked `apart` from the one before.
     """
 
     time: Times  # s [N], ascending
@@ -37,7 +37,7 @@ class Stream:
         bad: NDArray[np.bool_] | None = None,
         apart: NDArray[np.bool_] | None = None,
     ) -> 'Stream':
-        """A stream from samples; `bad` and `apart` [N] default to none. Needs two samples."""
+        """Build a stream of at least two samples; `bad` and `apart` [N] default to none."""
         steps = np.diff(time)
         period = float(np.median(steps))
         good = np.ones(len(time), np.bool_) if bad is None else ~bad
@@ -57,14 +57,14 @@ class Stream:
         )
 
     def half(self, rate: float) -> int:
-        """Samples lost at each end of a run to the filter for `rate` Hz."""
+        """Return the samples that each end of a run loses to the filter for `rate` Hz."""
         return len(self._taps(rate)) // 2
 
     def _taps(self, rate: float) -> NDArray[np.float64]:
         return antialias(round(1 / self.period, 1), rate)
 
     def spans(self, rate: float) -> NDArray[np.float64]:
-        """Start and end [s] of what each run gives at `rate` Hz, [R, 2]; empty ones left out."""
+        """Return start and end [s] of each run after the filter for `rate` Hz, [R, 2]."""
         half = self.half(rate)
         long = self.stops - self.starts > 2 * half + 1
         first, last = self.starts[long] + half, self.stops[long] - 1 - half
@@ -72,10 +72,10 @@ class Stream:
 
     def sample(self, grid: Times) -> Floats:
         """
-        The values at the times of a uniform grid, [T, K]; NaN outside the runs.
+        Return the values at the times of a uniform grid, [T, K]; NaN outside the runs.
 
-        Where the stream is faster than the grid it is low-passed first (`filters.antialias`).
-        Between samples the values follow a cubic through the four nearest.
+        A stream that is faster than the grid is low-passed first (`filters.antialias`).
+        Interpolation is by a cubic through the four nearest samples.
         """
         result = np.full((len(grid), self.values.shape[1]), np.nan, np.float32)
         if not len(grid):
@@ -104,11 +104,7 @@ _EDGE = 1e-7  # s
 
 
 def held(time: Times, values: NDArray[Any], grid: Times) -> Floats:
-    """
-    Zero-order hold: for each time of grid the last finite value at or before it, [T, K].
-
-    NaN before the first.
-    """
+    """Return for each time of a grid the last finite value until then, [T, K]; NaN if none."""
     finite = np.isfinite(values)
     latest = np.where(finite, np.arange(len(values))[:, None], -1)
     latest = np.maximum.accumulate(latest, axis=0)
@@ -120,7 +116,7 @@ def held(time: Times, values: NDArray[Any], grid: Times) -> Floats:
 
 
 def cubic(time: Times, values: Floats, at: Times) -> Floats:
-    """Values [N, K] at times between samples, by Lagrange's cubic through four neighbours."""
+    """Interpolate values [N, K] by Lagrange's cubic through the four nearest samples."""
     count = len(time)
     if count < 4:
         columns = [np.interp(at, time, column) for column in values.T]

@@ -1,4 +1,4 @@
-"""Messages as CDR bytes, without ROS: one at a time or whole blocks at once."""
+"""Encoding and decoding of messages as CDR bytes, without ROS."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -30,9 +30,9 @@ _PACKAGE = 'drive_power_msgs'
 
 def definitions() -> Path:
     """
-    The folder of drive_power_msgs' .msg files: a sourced ROS workspace, else the checkout.
+    Return the folder of drive_power_msgs' .msg files: of a ROS workspace, else the checkout.
 
-    Raises InputError where there is neither.
+    Raises InputError if there is neither.
     """
     prefixes = [Path(p) for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
     folders = [prefix / 'share' / _PACKAGE / 'msg' for prefix in prefixes]
@@ -48,7 +48,7 @@ def definitions() -> Path:
 
 @cache
 def typestore() -> Typestore:
-    """The message types of ROS 2 Jazzy and of drive_power_msgs."""
+    """Return the message types of ROS 2 Jazzy and of drive_power_msgs."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for file in sorted(definitions().glob('*.msg')):
         store.register(get_types_from_msg(file.read_text(), f'{_PACKAGE}/msg/{file.stem}'))
@@ -56,7 +56,7 @@ def typestore() -> Typestore:
 
 
 def full_name(type_name: str) -> str:
-    """`package/msg/Type` for `package/msg/Type` or `package/Type`; InputError if unknown."""
+    """Return `package/msg/Type` for that or `package/Type`; InputError if unknown."""
     parts = type_name.split('/')
     name = f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else type_name
     if name not in typestore().fielddefs:
@@ -66,21 +66,21 @@ def full_name(type_name: str) -> str:
 
 @cache
 def definition(type_name: str) -> str:
-    """The message definition with those of all nested types, as MCAP's ros2msg schemas hold it."""
+    """Return the definition with those of nested types, in the form of MCAP's ros2msg."""
     return str(typestore().generate_msgdef(full_name(type_name), ros_version=2)[0])
 
 
 @cache
 def type_hash(type_name: str) -> str:
-    """The type's hash as ROS 2 computes it (REP-2016)."""
+    """Return the type's hash as ROS 2 computes it (REP-2016)."""
     return str(typestore().hash_rihs01(full_name(type_name)))
 
 
 def serialize(type_name: str, message: Any) -> bytes:
     """
-    The CDR bytes (little-endian, with encapsulation header) of a message made by `message`.
+    Return the CDR bytes (little-endian, with encapsulation header) of a message by `message`.
 
-    Raises InputError where a field is missing or has the wrong type.
+    Raises InputError if a field is missing or has a wrong type.
     """
     try:
         return bytes(typestore().serialize_cdr(message, full_name(type_name)))
@@ -89,7 +89,7 @@ def serialize(type_name: str, message: Any) -> bytes:
 
 
 def deserialize(type_name: str, cdr: bytes | memoryview) -> Any:
-    """The message, numeric arrays as numpy; InputError if damaged."""
+    """Return the message, with numeric arrays of numpy; InputError if it is damaged."""
     try:
         return typestore().deserialize_cdr(bytes(cdr), full_name(type_name))
     except (SerdeError, AssertionError, IndexError) as error:
@@ -98,9 +98,9 @@ def deserialize(type_name: str, cdr: bytes | memoryview) -> Any:
 
 def message(type_name: str, **values: Any) -> Any:
     """
-    A message with the given fields; the rest is zero or empty.
+    Build a message with the given fields; the others are zero or empty.
 
-    A nested message may be given as a dict of its fields, numeric arrays as any array-like.
+    Nested messages may be dicts of their fields, numeric arrays any array-like.
     Raises InputError for a field that the type does not have.
     """
     name = full_name(type_name)
@@ -139,11 +139,10 @@ def encode(
     **constant: Any,
 ) -> list[bytes]:
     """
-    N messages that differ in numbers only, at once.
+    Encode N messages that differ in numbers only, with the same bytes as by `serialize`.
 
-    `constant` holds what all messages share, as for `message`; it fixes the lengths of the arrays.
-    `columns` maps the dotted path of a field to its values, [N] or [N, length].
-    The bytes are those that `serialize` gives for each message.
+    constant: fields that all messages share, as for `message`; they set the lengths of arrays.
+    columns: values by the dotted path of a field, [N] or [N, length].
     """
     stamps = np.asarray(stamps_ns, np.int64)
     if not len(stamps):
@@ -165,9 +164,9 @@ def encode_joint_states(
     frame_id: str = '',
 ) -> list[bytes]:
     """
-    N sensor_msgs/JointState of D joints from [N, D] arrays; None leaves a field's array empty.
+    Encode N sensor_msgs/JointState of D joints from arrays [N, D]; None: an empty array.
 
-    Also the form of joint_commands (position only) and foot_force (effort only).
+    Also the type of joint_commands (position only) and foot_force (effort only).
     """
     given = {'position': position, 'velocity': velocity, 'effort': effort}
     columns = {field: np.asarray(values) for field, values in given.items() if values is not None}
@@ -189,7 +188,7 @@ def encode_drive_supply(
     frame_id: str = '',
 ) -> list[bytes]:
     """
-    ceil(N / samples_per_message) drive_power_msgs/DriveSupply from N samples of D drives.
+    Encode N samples of D drives as ceil(N / samples_per_message) drive_power_msgs/DriveSupply.
 
     stamps_ns, device_time [N] ns; voltage V, current A, status [N, D]; temperature °C [D] or
     [N, D] (of a message's first sample), None if unknown. sequence0 is the index of sample 0.
@@ -234,7 +233,7 @@ def encode_drive_supply(
 def encode_batteries(
     stamps_ns: NDArray[np.int64], voltage: ArrayLike, current: ArrayLike, frame_id: str = ''
 ) -> list[bytes]:
-    """N sensor_msgs/BatteryState; current [N] A is negative while drawing. Unmeasured is NaN."""
+    """Encode N sensor_msgs/BatteryState; current [N] A is negative while drawing."""
     unmeasured = ('temperature', 'charge', 'capacity', 'design_capacity', 'percentage')
     return encode(
         BATTERY_STATE,
@@ -254,7 +253,7 @@ def encode_imu(
     linear_acceleration: NDArray[np.float64],
     frame_id: str = 'base',
 ) -> list[bytes]:
-    """N sensor_msgs/Imu; orientation [N, 4] x y z w, rates [N, 3] rad/s, acceleration m/s²."""
+    """Encode N sensor_msgs/Imu: quaternion x y z w [N, 4], rad/s [N, 3] and m/s² [N, 3]."""
     columns = {
         **_vector('orientation', 'xyzw', orientation),
         **_vector('angular_velocity', 'xyz', angular_velocity),
@@ -272,7 +271,7 @@ def encode_odometry(
     frame_id: str = 'odom',
     child_frame_id: str = 'base',
 ) -> list[bytes]:
-    """N nav_msgs/Odometry; pose in frame_id, twist in child_frame_id, [N, 3] or [N, 4]."""
+    """Encode N nav_msgs/Odometry: pose in frame_id, twist in child_frame_id."""
     columns = {
         **_vector('pose.pose.position', 'xyz', position),
         **_vector('pose.pose.orientation', 'xyzw', orientation),
@@ -286,7 +285,7 @@ def encode_odometry(
 def encode_twists(
     stamps_ns: NDArray[np.int64], velocity: NDArray[np.float64], frame_id: str = 'base'
 ) -> list[bytes]:
-    """N geometry_msgs/TwistStamped from velocity [N, 3]: vx, vy m/s, yaw rate rad/s."""
+    """Encode N geometry_msgs/TwistStamped from velocity [N, 3]: vx, vy m/s, yaw rate rad/s."""
     columns = {
         'twist.linear.x': velocity[:, 0],
         'twist.linear.y': velocity[:, 1],

@@ -1,4 +1,4 @@
-"""Many messages of one shape as columns: where the numbers lie in the CDR bytes."""
+"""Offsets of numbers in CDR bytes, to encode and decode many messages of one form at once."""
 
 import struct
 from collections.abc import Mapping
@@ -42,8 +42,8 @@ class Layout:
     """
     Offsets of all numbers in a CDR message, taken from an example.
 
-    They hold for every message of the type whose strings and array lengths are the same.
-    `columns` and `strings` go by dotted path, e.g. `header.stamp.sec`.
+    They are valid for all messages of the type with the same strings and array lengths.
+    Keys of `columns` and `strings` are dotted paths, e.g. `header.stamp.sec`.
     Raises ValueError for an example that is cut off or not plain CDR (XCDR version 1).
     """
 
@@ -71,19 +71,19 @@ class Layout:
         self._fixed_bytes = np.frombuffer(self._example, np.uint8)[self._fixed]
 
     def matches(self, messages: Bytes) -> NDArray[np.bool_]:
-        """Which of messages [N, size] have this layout."""
+        """Return a mask of those of messages [N, size] that have this layout."""
         same = messages[:, self._fixed] == self._fixed_bytes
         return np.asarray(same.all(axis=1), np.bool_)
 
     def decode(self, messages: Bytes, path: str) -> NDArray[Any]:
-        """The numbers of a field out of messages [N, size]: [N] or [N, count], native order."""
+        """Return the numbers of a field of messages [N, size]: [N] or [N, count]."""
         column = self.columns[path]
         raw = np.ascontiguousarray(messages[:, column.offset : column.end])
         values = raw.view(column.dtype) if column.count != 0 else np.zeros((len(raw), 0))
         return values[:, 0] if column.count is None else values
 
     def encode(self, count: int, columns: Mapping[str, ArrayLike]) -> list[bytes]:
-        """`count` messages: the example with the given columns put in; KeyError if unknown."""
+        """Return `count` messages: the example with the given columns; KeyError if unknown."""
         block = np.tile(np.frombuffer(self._example, np.uint8), (count, 1))
         for path, values in columns.items():
             column = self.columns[path]

@@ -1,4 +1,4 @@
-"""What a recording holds, as arrays: one class for each kind of topic."""
+"""Samples of each kind of topic, as arrays."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
@@ -12,7 +12,7 @@ Stamps = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Samples:
-    """N samples at the times at which they were measured, in ns of ROS time, ascending."""
+    """N samples with the ROS time of their measurement in ns, ascending."""
 
     stamp_ns: Stamps  # [N]
 
@@ -20,7 +20,7 @@ class Samples:
         return len(self.stamp_ns)
 
     def rows(self, index: Any) -> Self:
-        """The samples at index."""
+        """Return the samples at index."""
         arrays = {
             f.name: getattr(self, f.name)[index]
             for f in fields(self)

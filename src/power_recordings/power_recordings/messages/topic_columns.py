@@ -1,4 +1,4 @@
-"""Turns the messages of one topic into columns, whatever their order of names."""
+"""Columns of numbers from the messages of one topic, in one order of names."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ _MOST_LAYOUTS = 256
 
 @dataclass
 class Block:
-    """Messages of one layout: their places in the topic and their numbers."""
+    """Messages of one layout: their indices in the topic and their numbers."""
 
     layout: Layout
     order: NDArray[np.int64]
@@ -25,14 +25,14 @@ class Block:
     columns: dict[str, NDArray[Any]]
 
     def strings(self, path: str) -> tuple[str, ...]:
-        """The strings that all messages of the block have at path."""
+        """Return the strings that all messages of the block have at path."""
         found = self.layout.strings[path]
         return (found,) if isinstance(found, str) else found
 
 
 @dataclass
 class Columns:
-    """The numbers of the messages of a topic, gathered batch by batch."""
+    """The numbers of the messages of a topic, collected batch by batch."""
 
     topic: str
     type_name: str
@@ -40,7 +40,7 @@ class Columns:
     blocks: list[Block] = field(default_factory=list)
     count: int = 0
     damaged: int = 0
-    restless: bool = False  # names or lengths change in nearly every message
+    _too_many_layouts: bool = False  # names or lengths change in nearly every message
     _layouts: dict[int, list[Layout]] = field(default_factory=dict)
 
     def add(self, batch: Batch) -> None:
@@ -72,7 +72,7 @@ class Columns:
                 rows, order = rows[1:], order[1:]
                 continue
             if len(layouts) == _MOST_LAYOUTS:
-                self.restless = True
+                self._too_many_layouts = True
                 return
             layouts.append(layout)
             matched = layout.matches(rows)
@@ -86,38 +86,38 @@ class Columns:
         self.blocks.append(Block(layout, order, stamp, columns))
 
     def check(self) -> None:
-        """InputError if there are too many sets of names to make columns of."""
-        if self.restless:
+        """Raise InputError for too many different sets of names."""
+        if self._too_many_layouts:
             raise InputError(
                 f'{self.topic}: the names or array lengths change in nearly every message; '
                 'expected one set of names'
             )
 
     def stamps(self) -> NDArray[np.int64]:
-        """Header stamps of all messages in recorded order, ns [N]."""
+        """Return the header stamps of all messages in recorded order, ns [N]."""
         return self.in_order([block.stamp_ns for block in self.blocks])
 
     def scalars(self, path: str) -> NDArray[Any]:
-        """The values of a field that is a single number, [N]."""
+        """Return the values of a field that is a single number, [N]."""
         return self.in_order([block.columns[path] for block in self.blocks])
 
     def vector(self, path: str, axes: str) -> NDArray[Any]:
-        """The values of the fields `path`.x, .y … side by side, [N, len(axes)]."""
+        """Return the values of the fields `path`.x, .y … , [N, len(axes)]."""
         return np.stack([self.scalars(f'{path}.{axis}') for axis in axes], axis=1)
 
     def names(self, path: str = 'name') -> tuple[str, ...]:
-        """All names that occur, in the order in which they come up."""
+        """Return all names in the order of their first occurrence."""
         blocks = sorted(self.blocks, key=lambda block: int(block.order[0]))
         return tuple(dict.fromkeys(name for block in blocks for name in block.strings(path)))
 
     def by_name(self, path: str, names: Sequence[str]) -> NDArray[Any]:
-        """The values of an array field put in the order of names, [N, D]; NaN where missing."""
+        """Return the values of an array field in the order of names, [N, D]; NaN if missing."""
         return self.in_order([self.remapped(block, path, names) for block in self.blocks])
 
     def remapped(
         self, block: Block, path: str, names: Sequence[str], per_message: int = 1
     ) -> NDArray[Any]:
-        """The values of one block put in the order of names, [N · per_message, D]."""
+        """Return the values of one block in the order of names, [N · per_message, D]."""
         own = block.strings('name')
         values = block.columns[path]
         if values.dtype.kind == 'f':
@@ -142,7 +142,7 @@ class Columns:
     def in_order(
         self, parts: Sequence[NDArray[Any]], places: Sequence[NDArray[np.int64]] | None = None
     ) -> NDArray[Any]:
-        """Values of all blocks joined in recorded order."""
+        """Concatenate the values of all blocks in recorded order."""
         joined = np.concatenate(parts)
         order = np.concatenate(places or [block.order for block in self.blocks])
         if (np.diff(order) >= 0).all():

@@ -1,4 +1,4 @@
-"""The suite's topics: their types, and how their messages become samples."""
+"""The suite's topics, their types, and the conversion of their messages to samples."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from power_recordings.messages.topic_columns import Columns
 
 @dataclass(frozen=True)
 class Kind:
-    """A topic that becomes samples: the numbers it takes from a message and what they make."""
+    """Conversion of a topic to samples: type, paths of the numbers, and constructor."""
 
     type_name: str
     paths: tuple[str, ...]

@@ -1,1 +1,1 @@
-"""Recordings of any writer, read back whole or as far as they go."""
+"""Reading of recordings of any writer, complete or cut off."""

@@ -1,4 +1,4 @@
-"""Which files a recording is made of, and their messages, whatever wrote it."""
+"""The files of a recording and their messages, for each kind of storage."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ _BLOCK = 4096
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag folder, or a single file of one."""
+    """A bag folder or a single file of one."""
 
     path: Path
     folder: Path
     files: tuple[Path, ...]
-    promised: int | None  # messages according to metadata.yaml
+    promised: int | None  # number of messages in metadata.yaml
     problems: tuple[str, ...]
 
     @property
@@ -31,7 +31,7 @@ class Bag:
         return self.files[0].suffix == '.db3'
 
     def batches(self, problems: list[str], topics: dict[str, Topic]) -> Iterator[Batch]:
-        """All messages; fills in what is wrong with the files and the topics they declare."""
+        """Yield all messages; add to `problems` and to the declared `topics`."""
         if self.is_sqlite:
             yield from _sqlite(self.folder, topics)
             return
@@ -44,9 +44,9 @@ class Bag:
 
 def find(path: Path) -> Bag:
     """
-    The bag at path: its folder or its .mcap file.
+    Return the bag at path, which is its folder or its .mcap file.
 
-    Raises InputError where there is none, or it is in a form that cannot be read.
+    Raises InputError if there is none, or if it is compressed as a whole.
     """
     if not path.exists():
         raise InputError(f'there is no recording {path}')
@@ -119,7 +119,7 @@ def _sqlite(folder: Path, topics: dict[str, Topic]) -> Iterator[Batch]:
 
 
 def joined(topic: Topic, messages: Sequence[tuple[int, bytes]]) -> Batch:
-    """Messages of a topic, (log time in ns, CDR bytes) each, as a batch."""
+    """Return messages of a topic, (log time in ns, CDR bytes) each, as a batch."""
     sizes = np.array([len(raw) for _, raw in messages], np.int64)
     data = np.frombuffer(b''.join(raw for _, raw in messages), np.uint8)
     times = np.array([time for time, _ in messages], np.int64)

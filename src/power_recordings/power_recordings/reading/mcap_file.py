@@ -1,4 +1,4 @@
-"""The messages of an MCAP file in blocks, as far as the file is whole."""
+"""The messages of an MCAP file in batches, as far as the file is undamaged."""
 
 import struct
 import zlib
@@ -52,7 +52,7 @@ class Batch:
 
 
 def windows(data: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
-    """All stretches of `size` bytes, [len(data) − size + 1, size], without copying."""
+    """Return all windows of `size` bytes, [len(data) − size + 1, size], without copying."""
     return np.ndarray((len(data) - size + 1, size), np.uint8, data, strides=(1, 1))
 
 
@@ -80,7 +80,7 @@ class McapFile:
             raise InputError(f'{path} is not an MCAP file: it begins with {start!r}')
 
     def batches(self) -> Iterator[Batch]:
-        """The messages, block by block; damaged parts are left out and noted in `problems`."""
+        """Yield the messages; damaged parts are left out and noted in `problems`."""
         chunk: _Chunk | None = None
         loose: list[bytes] = []
         for code, body in self._records():
@@ -158,7 +158,7 @@ class McapFile:
 
 
 class _Records:
-    """Records in memory. Iterating gives code, start and length of each."""
+    """Records in memory; iteration gives code, start and length of each."""
 
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
@@ -182,9 +182,9 @@ class _Records:
 
     def indexed(self) -> _Found | None:
         """
-        Offsets, sizes and log times of the messages by channel, by means of the index.
+        Return offsets, sizes and log times of the messages by channel, from the index.
 
-        None unless the index accounts for every byte here.
+        None unless the index covers every byte.
         """
         found: _Found = {}
         total = 0
@@ -205,7 +205,7 @@ class _Records:
         return found if total == len(self.data) else None
 
     def scanned(self) -> _Found:
-        """The same as `indexed`, found record by record."""
+        """Return the same as `indexed`, found record by record."""
         rows = [
             (*_MESSAGE.unpack_from(self.raw, start - _RECORD.size)[2:5:2], start, length)
             for code, start, length in self
@@ -220,7 +220,7 @@ class _Records:
 
 
 class _Chunk(_Records):
-    """A compressed chunk, unpacked; ValueError if its checksum or size does not fit."""
+    """An unpacked chunk; ValueError if its checksum or size is wrong."""
 
     def __init__(self, body: bytes, path: Path) -> None:
         _, _, size, checksum, name_length = _CHUNK.unpack_from(body)

@@ -1,4 +1,4 @@
-"""Reads recordings back, whole or as far as they go."""
+"""Recordings in memory: reading of bags, checks and order of stamps."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -46,10 +46,10 @@ class Recording:
     """
     A recording in memory.
 
-    `problems` says in words what is missing or was left out. The methods named like topics give
-    their samples, in ascending order of measurement time; they raise InputError, which names the
-    topics that are there, if a topic is not. Topics go by their last name: `joint_states` is also
-    found as `/anymal/joint_states`, as long as there is but one.
+    `problems` lists what is missing or was left out. The methods named like topics return their
+    samples in ascending order of measurement time, or raise InputError, which lists the topics
+    there are, if a topic is missing. Topics go by their last name: `joint_states` is also found
+    as `/anymal/joint_states`, if there is only one.
     """
 
     path: Path
@@ -65,11 +65,11 @@ class Recording:
     @classmethod
     def open(cls, path: Path) -> Self:
         """
-        Read a bag folder or .mcap file, by whatever program it was recorded.
+        Read a bag folder or .mcap file of any program.
 
-        A recording that was cut off is read as far as it goes. Raises InputError for one that
-        is empty, truncated to nothing or no bag at all. What is wrong with a topic (another type
-        or definition, arrays of the wrong length) is raised by the method that asks for it.
+        A recording that was cut off is read up to there. Raises InputError if it is empty or not a
+        bag. Errors of a topic (another type or definition, arrays of a wrong length) are raised by
+        the method that returns it.
         """
         path = Path(path)
         bag = bag_folder.find(path)
@@ -104,9 +104,9 @@ class Recording:
     @classmethod
     def in_memory(cls, name: str, samples: Mapping[str, Samples]) -> Self:
         """
-        A recording that was never on disk, from samples by topic (`joint_states` and so on).
+        Make a recording from samples by topic (`joint_states` and so on).
 
-        Raises InputError for a topic that is not one of the suite's, or without samples at all.
+        Raises InputError for a topic that is not one of the suite's, or if there are no samples.
         """
         if unknown := samples.keys() - KINDS.keys():
             raise InputError(f'no topic {min(unknown)!r}; there are {", ".join(KINDS)}')
@@ -139,11 +139,11 @@ class Recording:
         return Card.load(self.folder) if (self.folder / FILE).exists() else Card()
 
     def has(self, name: str) -> bool:
-        """Whether there are messages of a topic."""
+        """Return whether there are messages of a topic."""
         return name in self._samples or name in self._errors
 
     def breaks(self, name: str) -> NDArray[np.int64]:
-        """Stamps [ns] of samples of a topic that do not follow on the one before: a cut."""
+        """Return the stamps [ns] of samples of a topic before which samples were cut out."""
         return self._breaks[name]
 
     def drive_supply(self) -> DriveSamples:
@@ -192,7 +192,7 @@ class Recording:
 
 
 class _Loader:
-    """Sorts the messages of a recording by topic."""
+    """Collects the messages of a recording by topic."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -266,7 +266,7 @@ class _Loader:
 
 
 def _check_definition(path: Path, topic: Topic) -> None:
-    """Refuse messages whose fields are not those of the type as this software knows it."""
+    """Raise InputError for messages whose fields are not those of the known type."""
     if topic.definition in ('', definition(topic.type_name)):
         return
     try:
@@ -283,7 +283,7 @@ def _check_definition(path: Path, topic: Topic) -> None:
 
 
 def _in_time(samples: S, topic: str, problems: list[str]) -> tuple[S, NDArray[np.int64]]:
-    """Samples with ascending stamps, and the stamps at which others were cut out before."""
+    """Return samples with ascending stamps, and stamps before which samples were cut out."""
     stamps = samples.stamp_ns
     if len(stamps) < 2 or (np.diff(stamps) > 0).all():
         return samples, np.zeros(0, np.int64)

@@ -1,4 +1,4 @@
-"""Writes messages to a bag in a thread of its own, so that a slow disk holds nothing up."""
+"""A thread that writes messages to a bag, so that a slow disk delays nothing."""
 
 import struct
 import threading
@@ -19,7 +19,7 @@ _FLUSH_PERIOD = 0.5  # s
 
 
 class SequenceCheck:
-    """Counts the samples that never came, from the sequence numbers of DriveSupply messages."""
+    """Counts lost samples by the sequence numbers of DriveSupply messages."""
 
     def __init__(self) -> None:
         self.samples = 0
@@ -28,7 +28,7 @@ class SequenceCheck:
         self._expected: int | None = None
 
     def feed(self, cdr: bytes) -> None:
-        """Take a message's CDR bytes; one that is cut off is passed over."""
+        """Take a message's CDR bytes; a truncated one is ignored."""
         try:
             order = '<' if cdr[1] == 1 else '>'
             (frame,) = struct.unpack_from(f'{order}I', cdr, 12)
@@ -52,7 +52,7 @@ class SequenceCheck:
 
 @dataclass(frozen=True)
 class RecordingProgress:
-    """How a recording stands."""
+    """Progress of a recording."""
 
     seconds: float
     counts: Mapping[str, int]  # messages by topic
@@ -61,7 +61,7 @@ class RecordingProgress:
     waiting: int  # bytes that the disk has not taken yet
 
     def rates(self, before: 'RecordingProgress') -> dict[str, float]:
-        """Messages per second by topic since an earlier progress."""
+        """Return messages per second by topic since an earlier progress."""
         span = max(self.seconds - before.seconds, 1e-9)
         return {name: (n - before.counts.get(name, 0)) / span for name, n in self.counts.items()}
 
@@ -70,8 +70,8 @@ class BackgroundRecorder:
     """
     A bag and the thread that writes it.
 
-    Up to 64 MiB wait for the disk; what comes beyond is dropped and counted. What came is with
-    the operating system after half a second at the latest. A topic enters the bag with its first
+    Up to 64 MiB wait for the disk; further messages are dropped and counted. Messages are with
+    the operating system within half a second. A topic is declared in the bag with its first
     message.
     """
 
@@ -94,7 +94,7 @@ class BackgroundRecorder:
         self._thread.start()
 
     def put(self, name: str, log_time_ns: int, cdr: bytes) -> None:
-        """Take a message of a topic; never waits for the disk."""
+        """Take a message of a topic without waiting for the disk."""
         if self.failed is not None or self._taken - self._written > self._most:
             self._dropped[name] += 1
             return
@@ -103,12 +103,12 @@ class BackgroundRecorder:
         self._queue.append((name, log_time_ns, cdr))
 
     def declare(self, name: str, type_name: str, reliability: str = 'reliable') -> None:
-        """Say what a topic is, before its first message."""
+        """Set type and reliability of a topic, before its first message."""
         self._types[name] = type_name
         self._qos[name] = Qos(reliability)
 
     def progress(self) -> RecordingProgress:
-        """How the recording stands now."""
+        """Return the progress now."""
         return RecordingProgress(
             time.monotonic() - self._started,
             dict(self._counts),
@@ -118,7 +118,7 @@ class BackgroundRecorder:
         )
 
     def summary(self) -> str:
-        """What came and what was lost, a line each."""
+        """Return counts, rates and losses, a line each."""
         end = self.progress()
         lines = [
             f'{name:<24}{count:>10} messages{count / end.seconds:>10.1f} Hz'
@@ -135,11 +135,11 @@ class BackgroundRecorder:
         return '\n'.join([*lines, f'{end.seconds:.1f} s, {end.size / 1e6:.1f} MB'])
 
     def measured(self) -> tuple[str, ...]:
-        """The drives that the first drive_supply names."""
+        """Return the drives of the first drive_supply."""
         return () if self._supply is None else tuple(deserialize(DRIVE_SUPPLY, self._supply).name)
 
     def close(self) -> None:
-        """Write what waits and close the bag; raises RecordingError if the disk refused."""
+        """Write waiting messages and close the bag; RecordingError if the disk refused."""
         self._stop.set()
         self._thread.join()
         if self.failed is not None:

@@ -18,7 +18,7 @@ _CHOICES = {
 
 @dataclass(frozen=True)
 class Qos:
-    """What the publishers of a topic offered, so that `ros2 bag play` offers the same."""
+    """QoS that a topic's publishers offered, for `ros2 bag play` to offer the same."""
 
     reliability: str = 'reliable'
     durability: str = 'volatile'
@@ -35,7 +35,7 @@ class Qos:
             raise InputError(f'QoS depth is {self.depth}; it must be at least 1')
 
     def profile(self) -> dict[str, Any]:
-        """The profile as rosbag2 spells it."""
+        """Return the profile with rosbag2's keys."""
         return {
             'history': self.history,
             'depth': self.depth,
@@ -49,7 +49,7 @@ class Qos:
         }
 
     def dump(self) -> str:
-        """The profile as the YAML that stands in the metadata of an MCAP channel."""
+        """Return the profile as YAML for the metadata of an MCAP channel."""
         return yaml.safe_dump([self.profile()], sort_keys=False).rstrip()
 
 
@@ -67,7 +67,7 @@ class TopicSummary:
 def information(
     file_name: str, topics: Sequence[TopicSummary], start_ns: int, end_ns: int
 ) -> dict[str, Any]:
-    """The content of `rosbag2_bagfile_information` for a bag of one file."""
+    """Return the content of `rosbag2_bagfile_information` for a bag of one file."""
     duration = {'nanoseconds': end_ns - start_ns}
     start = {'nanoseconds_since_epoch': start_ns}
     count = sum(topic.count for topic in topics)

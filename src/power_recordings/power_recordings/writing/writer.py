@@ -1,4 +1,4 @@
-"""Writes rosbag2 MCAP bags that survive a killed process and a full disk."""
+"""A writer of rosbag2 MCAP bags that survive a killed process and a full disk."""
 
 import os
 import shutil
@@ -22,7 +22,7 @@ _LIBRARY = 'power_daq'
 
 
 class _Spool:
-    """What the MCAP writer has produced and the file does not hold yet."""
+    """Output of the MCAP writer that is not in the file yet."""
 
     def __init__(self) -> None:
         self._parts: list[bytes] = []
@@ -51,7 +51,7 @@ class _Spool:
 
 
 class _Output:
-    """The file: whole records or nothing, and room in reserve for the end of the bag."""
+    """A file of complete records, with space reserved for the end of the bag."""
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(
@@ -68,7 +68,7 @@ class _Output:
             raise
 
     def append(self, records: bytes) -> None:
-        """Write all of records; on OSError the file ends where it ended before."""
+        """Write all records; on OSError the file keeps its former end."""
         rest = memoryview(records)
         try:
             while rest:
@@ -80,7 +80,7 @@ class _Output:
         self.size += len(records)
 
     def release_reserve(self) -> None:
-        """Give the room in reserve back to the disk."""
+        """Free the reserved space."""
         if self._reserve is not None:
             self._reserve.close()
             self._reserve = None
@@ -99,16 +99,16 @@ class BagWriter:
     """
     A rosbag2 bag `path/` with `<name>_0.mcap` and, once closed, metadata.yaml.
 
-    Messages are gathered in zstd-compressed chunks. A chunk goes to the operating system as soon
-    as its log times span `flush_period` seconds (or it holds 1 MiB), or on `flush`; so a killed
-    process loses no more than that. The disk is synced at `close` alone: a power cut may cost what
-    the operating system had not written yet. The same calls give the same bytes.
+    Messages are collected in zstd-compressed chunks. A chunk is given to the operating system once
+    its log times span `flush_period` seconds (or it has 1 MiB), or on `flush`; a killed process
+    loses no more than that. The disk is synced at `close` only: a power cut may lose what the
+    operating system has not written yet. The same calls give the same bytes.
 
-    Where the disk fills, space that was reserved in the folder takes the chunk at hand and the
-    index, the bag is closed, and RecordingError says so; nothing given to `write` is lost. Where
-    even that fails, the bag ends with the last whole chunk and the error counts what is missing.
+    If the disk fills, space that was reserved in the folder takes the last chunk and the index,
+    the bag is closed, and RecordingError is raised; nothing given to `write` is lost. If that
+    fails too, the bag ends with the last complete chunk and the error counts the lost messages.
 
-    Raises InputError if path exists (unless `overwrite`, which replaces nothing but a bag) and
+    Raises InputError if path exists (unless `overwrite`, which replaces only bags) and
     RecordingError if it cannot be written.
     """
 
@@ -139,7 +139,7 @@ class BagWriter:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Messages given to `write` so far, by topic."""
+        """Number of messages given to `write`, by topic."""
         return {self._topics[topic][0]: count for topic, count in self._counts.items()}
 
     @property
@@ -195,14 +195,14 @@ class BagWriter:
             self._save()
 
     def flush(self) -> None:
-        """Hand what was written so far to the operating system; RecordingError if it refuses."""
+        """Give all messages so far to the operating system; RecordingError if it refuses."""
         self._must_be_open()
         self._mcap.flush()
         self._save()
 
     def close(self) -> None:
         """
-        Write the index and metadata.yaml and sync the disk; harmless when closed already.
+        Write the index and metadata.yaml and sync the disk; a second call does nothing.
 
         Raises RecordingError if the disk refuses; the messages are then readable without index.
         """
@@ -243,7 +243,7 @@ class BagWriter:
         self._saved = sum(self._counts.values())
 
     def _rescue(self, data: bytes, cause: OSError) -> RecordingError:
-        """Close the bag with what the reserve can still take."""
+        """Close the bag in the reserved space and return the error to raise."""
         stopped = f'recording to {self.path} stopped: {advice(cause)}'
         self._output.release_reserve()
         try:
