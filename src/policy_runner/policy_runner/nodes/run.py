@@ -2,21 +2,18 @@
 
 from collections.abc import Sequence
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TwistStamped
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from wattwalk_core.nodes.running import interrupt_on_signals
+from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
+from wattwalk_core.nodes.running import run_node
 
 from policy_runner.nodes.parameters import real_parameter
 from policy_runner.nodes.run_options import InputError, Options, command, parse
@@ -62,7 +59,7 @@ class PolicyRunner(Node):
 
         Listener(self, self._supervisor.inputs, self._now)
         self._commands = self.create_publisher(JointState, 'joint_commands', _COMMANDS)
-        self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        self._reporter = Reporter(self)
         if source is not None:
             self._told_velocity = self.create_publisher(TwistStamped, 'cmd_vel', _COMMANDS)
             self.create_timer(0.1, self._tell_velocity, clock=self._time)
@@ -97,7 +94,7 @@ class PolicyRunner(Node):
             self._timer = self._make_timer(policy)
         return SetParametersResult(successful=True)
 
-    def damp(self) -> None:
+    def stop(self) -> None:
         """Send a last damping command, if any was sent before."""
         if self._supervisor.state is not State.IDLE:
             self._send(Output(None))
@@ -169,31 +166,12 @@ class PolicyRunner(Node):
         }
         fault = self._supervisor.fault
         sound = fault is None or fault.kind is FaultKind.STOP
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.OK if sound else DiagnosticStatus.ERROR,
-            name='policy_runner',
-            message=self._supervisor.reason,
-            values=[KeyValue(key=key, value=value) for key, value in figures.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        level = Level.OK if sound else Level.ERROR
+        self._reporter.publish(Report(level, self._supervisor.reason, figures))
 
 
 @command
-def main(arguments: Sequence[str]) -> None:
+def main(arguments: Sequence[str]) -> int:
     """Run the node until it is interrupted; the drives are damped when it ends."""
     options = parse(remove_ros_args(list(arguments)))
-    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-    interrupt_on_signals()
-    node = None
-    try:
-        node = PolicyRunner(options)
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        if node is not None:
-            node.damp()
-            node.destroy_node()
-        rclpy.try_shutdown()
+    return run_node(lambda: PolicyRunner(options), arguments)

@@ -8,18 +8,16 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import rclpy
 from power_recordings.calibration import NONE, label
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from wattwalk_core.command import command
 from wattwalk_core.nodes.diagnostics import Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
-from wattwalk_core.nodes.running import ignore_signals, interrupt_on_signals, spin
+from wattwalk_core.nodes.running import run_node
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.bus_acquisition import SampleQueue
@@ -149,18 +147,4 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(remove_ros_args(arguments))
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    interrupt_on_signals()
-    node = None
-    try:
-        node = DaqNode()
-        spin(node)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        ignore_signals()
-        if node is not None:
-            node.stop()
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return 0
+    return run_node(DaqNode, arguments)

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
+from power_recordings.card import Card
 from power_recordings.writing.background import BackgroundRecorder, RecordingProgress
 from power_recordings.writing.writer import BagWriter
 from rclpy.clock import Clock, ClockType
@@ -22,7 +22,8 @@ from rclpy.utilities import remove_ros_args
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import check_room
-from wattwalk_core.nodes.running import spin
+from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
+from wattwalk_core.nodes.running import run_node
 
 from power_daq.nodes.recorder_options import card_of, message_class, topics_of
 
@@ -37,13 +38,25 @@ example, one minute of two topics:
 
 
 class RecorderNode(Node):
-    """Puts the bytes of each message into the recorder as it arrives."""
+    """
+    Puts the bytes of each message into the recorder as it arrives.
 
-    def __init__(self, recorder: BackgroundRecorder, topics: dict[str, str], duration: float):
+    topics: their types by name. card: what the user says of the recording, to be completed and
+    saved in the folder `bag` at the end. duration: s until the node ends by itself, 0 for never.
+    """
+
+    def __init__(
+        self,
+        recorder: BackgroundRecorder,
+        topics: dict[str, str],
+        card: Card,
+        bag: Path,
+        duration: float,
+    ) -> None:
         super().__init__('recorder')
         self.done: Future = Future()
         self._recorder = recorder
-        self._duration = duration
+        self._card, self._bag, self._duration = card, bag, duration
         self._best_effort: set[str] = set()
         self._types = {self.resolve_topic_name(name): topics[name] for name in topics}
         self._subscriptions_by_topic = {
@@ -52,7 +65,7 @@ class RecorderNode(Node):
         self._calibrations: dict[str, None] = {}
         self.create_subscription(DiagnosticArray, 'diagnostics', self._note_calibration, 10)
         self._before = recorder.progress()
-        self._publisher = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        self._reporter = Reporter(self, 'bag')
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_HOUSEKEEPING, self._keep_house, clock=steady)
         self.create_timer(1.0, self._report, clock=steady)
@@ -71,10 +84,16 @@ class RecorderNode(Node):
             event_callbacks=events,
         )
 
-    @property
-    def calibration(self) -> str:
-        """What the measuring nodes said that they apply, as for a card; empty if none spoke."""
-        return ', '.join(self._calibrations)
+    def stop(self) -> int:
+        """Close the bag, complete its card and print a summary; 1 for a bag without messages."""
+        if sys.stdout.isatty():
+            print()
+        recorder = self._recorder
+        recorder.close()
+        applied = ', '.join(self._calibrations)
+        self._card.with_drives(recorder.measured()).with_calibration(applied).save(self._bag)
+        print(f'{recorder.summary()}\n{self._bag}')
+        return 0 if recorder.progress().counts else 1
 
     def _note_calibration(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -99,27 +118,19 @@ class RecorderNode(Node):
         rates = now.rates(self._before)
         self._before = now
         _show(now, rates, self.get_logger().info)
-        level, sentence = DiagnosticStatus.OK, 'recording'
+        level, sentence = Level.OK, 'recording'
         if not now.counts:
-            level, sentence = DiagnosticStatus.WARN, 'no message yet'
+            level, sentence = Level.WARN, 'no message yet'
         if self._recorder.sequence.lost:
-            level, sentence = DiagnosticStatus.WARN, str(self._recorder.sequence)
+            level, sentence = Level.WARN, str(self._recorder.sequence)
         if now.dropped:
-            level = DiagnosticStatus.ERROR
+            level = Level.ERROR
             sentence = f'the disk is too slow: {sum(now.dropped.values())} messages dropped'
         values = {f'{name} rate [Hz]': f'{rate:.1f}' for name, rate in rates.items()}
         values |= {f'{name} messages': str(count) for name, count in now.counts.items()}
         values |= {'size [B]': str(now.size), 'waiting [B]': str(now.waiting)}
         values['samples lost'] = str(self._recorder.sequence.lost)
-        status = DiagnosticStatus(
-            level=level,
-            name=f'{self.get_name()}: bag',
-            message=sentence,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._publisher.publish(message)
+        self._reporter.publish(Report(level, sentence, values))
 
 
 def _take(put: Callable[[str, int, bytes], None], name: str, cdr: bytes) -> None:
@@ -170,35 +181,21 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if args is None else list(args)
     options = _parse(arguments)
     card = card_of(options.card)
-    rclpy.init(args=arguments)
-    node = recorder = None
-    try:
-        topics = topics_of(options.topics)
-        for type_name in topics.values():
-            message_class(type_name)
+    topics = topics_of(options.topics)
+    for type_name in topics.values():
+        message_class(type_name)
+
+    def make() -> RecorderNode:
         check_room(options.output)
         bag = BagWriter(options.output, flush_period=10.0)
         card.save(options.output)
         recorder = BackgroundRecorder(bag)
-        node = RecorderNode(recorder, topics, options.duration)
-        print(f'recording to {options.output}; Ctrl-C ends it', flush=True)
-        spin(node, node.done)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        if sys.stdout.isatty():
-            print()
         try:
-            if recorder is not None:
-                recorder.close()
-                said = '' if node is None else node.calibration
-                card = card.with_drives(recorder.measured()).with_calibration(said)
-                card.save(options.output)
-        finally:
-            if node is not None:
-                node.destroy_node()
-            rclpy.try_shutdown()
-    if recorder is None:
-        return 1
-    print(f'{recorder.summary()}\n{options.output}')
-    return 0 if recorder.progress().counts else 1
+            node = RecorderNode(recorder, topics, card, options.output, options.duration)
+        except BaseException:
+            recorder.close()
+            raise
+        print(f'recording to {options.output}; Ctrl-C ends it', flush=True)
+        return node
+
+    return run_node(make, arguments)

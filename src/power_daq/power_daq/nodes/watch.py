@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from power_recordings.messages.topics import TYPES
 from rclpy.clock import Clock, ClockType
@@ -22,7 +21,7 @@ from rich.live import Live
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
-from wattwalk_core.nodes.running import spin
+from wattwalk_core.nodes.running import run_node
 
 from power_daq.monitor.screen import Screen, line
 from power_daq.monitor.state import TOPICS, MonitorState, View
@@ -127,20 +126,16 @@ def main(args: Sequence[str] | None = None) -> int:
         else:
             print(line(view, _now()), flush=True)
 
-    rclpy.init(args=arguments)
-    node = None
-    try:
+    def make() -> WatchNode:
         node = WatchNode(show, _PERIOD if on_screen else _LINE_PERIOD, options.duration)
         if on_screen:
             live.start()
-        spin(node, node.done)
-    except KeyboardInterrupt:
-        pass
+        return node
+
+    try:
+        run_node(make, arguments)
     finally:
         live.stop()
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
     if on_screen and last:
         print(line(last[0], _now()))
     if options.save is not None:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -17,6 +16,7 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
+from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.running import run_node
 
@@ -58,7 +58,7 @@ class PowerEstimator(Node):
         self._estimates = self.create_publisher(
             PowerEstimate, 'power_estimate', QoSProfile(depth=10, reliability=_RELIABLE)
         )
-        self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        self._reporter = Reporter(self, 'estimate')
         self.create_subscription(JointState, 'joint_commands', self._on_command, qos)
         self.create_subscription(JointState, 'joint_states', self._on_state, qos)
         if compare:
@@ -126,15 +126,8 @@ class PowerEstimator(Node):
             else:
                 self.get_logger().warning(sentence)
             self._said = sentence
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.OK if well else DiagnosticStatus.WARN,
-            name=f'{self.get_name()}: estimate',
-            message=sentence,
-            values=[KeyValue(key=key, value=value) for key, value in figures.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        level = Level.OK if well else Level.WARN
+        self._reporter.publish(Report(level, sentence, figures))
 
 
 def _ns(stamp: Time) -> int:
@@ -153,5 +146,4 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(remove_ros_args(arguments))
-    run_node(PowerEstimator, arguments)
-    return 0
+    return run_node(PowerEstimator, arguments)

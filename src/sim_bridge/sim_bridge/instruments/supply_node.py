@@ -81,5 +81,4 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(remove_ros_args(arguments))
-    run_node(SupplyInstrumentNode, arguments)
-    return 0
+    return run_node(SupplyInstrumentNode, arguments)

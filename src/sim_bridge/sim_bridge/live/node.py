@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from threading import Event, Thread
 
 import numpy as np
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from power_daq.bus.description import BusDescription
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from wattwalk_core.command import command
-from wattwalk_core.nodes.running import spin
+from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
+from wattwalk_core.nodes.running import run_node
 
 from sim_bridge.commands import sim as sim_command
 from sim_bridge.live.frames import FrameEncoder, SimulatedBus
@@ -47,12 +47,12 @@ class SimNode(Node):
         self._absent = frozenset(bus.drives) - set(simulation.joints)
         self._device_clock = instruments.clock
         self._publisher = SamplePublisher(self, instruments.clock, settings.publish_clock)
-        self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
+        self._reporter = Reporter(self, hardware_id='simulation')
         self._bus = SimulatedBus(settings.interface, settings.channel)
         self.plant = LivePlant(
             simulation, instruments, encoder, self._bus.send, self._publisher.publish
         )
-        self.failure: Exception | None = None
+        self.done: Future = Future()
         self._reported = self._down_seconds = 0
         self.create_subscription(JointState, 'joint_commands', self._command, QoSProfile(depth=1))
         self.create_service(Trigger, 'push', self._push)
@@ -67,7 +67,7 @@ class SimNode(Node):
             f'{settings.interface} {settings.channel}'
         )
 
-    def close(self) -> None:
+    def stop(self) -> None:
         """Stop the plant and leave the bus."""
         self._stop.set()
         self._thread.join()
@@ -80,8 +80,8 @@ class SimNode(Node):
             self.plant.run(self._stop)
         except Exception as error:
             if self.context.ok():
-                self.failure = error
-                self.context.try_shutdown()
+                print(f'sim: {error}', file=sys.stderr)
+                self.done.set_result(1)
 
     def _follow_ros_time(self) -> None:
         elapsed = time.monotonic_ns() - self._steady_start
@@ -133,32 +133,30 @@ class SimNode(Node):
             self.get_logger().info('resetting after the fall')
             plant.reset()
         late = progress.worst > 0.1
-        level, text = DiagnosticStatus.OK, 'running'
+        level, text = Level.OK, 'running'
         if plant.down:
-            level, text = DiagnosticStatus.ERROR, f'fallen: {plant.down}'
+            level, text = Level.ERROR, f'fallen: {plant.down}'
         elif late:
-            level, text = DiagnosticStatus.WARN, 'behind real time'
+            level, text = Level.WARN, 'behind real time'
         elif plant.stale:
-            level, text = DiagnosticStatus.WARN, 'joint_commands are stale: drives damp'
-        status = DiagnosticStatus(
-            level=level, name='sim_bridge', message=text, hardware_id='simulation'
-        )
-        status.values = [
-            KeyValue(key=key, value=str(value))
-            for key, value in {
-                'real_time_factor': f'{progress.factor:.4f}',
-                'worst_lateness_ms': f'{1e3 * progress.worst:.2f}',
-                'falls': plant.falls,
-                'frames_refused': self._bus.refused,
-                'steps': plant.simulation.steps,
-                'start_ns': self._publisher.start_ns,
-                'device_clock_offset_s': self._device_clock.offset,
-                'device_clock_drift_ppm': self._device_clock.drift,
-            }.items()
-        ]
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+            level, text = Level.WARN, 'joint_commands are stale: drives damp'
+        figures = {
+            'real_time_factor': f'{progress.factor:.4f}',
+            'worst_lateness_ms': f'{1e3 * progress.worst:.2f}',
+            'falls': plant.falls,
+            'frames_refused': self._bus.refused,
+            'steps': plant.simulation.steps,
+            'start_ns': self._publisher.start_ns,
+            'device_clock_offset_s': self._device_clock.offset,
+            'device_clock_drift_ppm': self._device_clock.drift,
+        }
+        self._reporter.publish(Report(level, text, figures))
+
+
+def _make() -> SimNode:
+    node = SimNode()
+    gc.freeze()
+    return node
 
 
 @command
@@ -168,19 +166,4 @@ def main(args: Sequence[str] | None = None) -> int:
     options = sim_command.parse(remove_ros_args(given)[1:])
     if options.offline:
         return sim_command.offline(options)
-    rclpy.init(args=given)
-    failure = None
-    try:
-        node = SimNode()
-        gc.freeze()
-        try:
-            spin(node)
-        finally:
-            node.close()
-            failure = node.failure
-            node.destroy_node()
-    finally:
-        rclpy.try_shutdown()
-    if failure is not None:
-        print(f'sim: {failure}', file=sys.stderr)
-    return 0 if failure is None else 1
+    return run_node(_make, given)

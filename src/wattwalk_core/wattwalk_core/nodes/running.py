@@ -144,15 +144,3 @@ def _run(node: Any, signals: EndSignals) -> int | None:
         signals.hold()
         code = stop()
     return done.result() if code is None and done is not None and done.done() else code
-
-
-def interrupt_on_signals() -> None:
-    """Make SIGINT and SIGTERM a KeyboardInterrupt; to be replaced by `run_node`."""
-    for number in SIGNALS:
-        signal.signal(number, signal.default_int_handler)
-
-
-def ignore_signals() -> None:
-    """Ignore SIGINT and SIGTERM; to be replaced by `run_node`."""
-    for number in SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
