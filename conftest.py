@@ -2,27 +2,23 @@
 
 import os
 import re
-import shutil
 import signal
 import socket
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import domains
 import pytest
 from hypothesis import settings
 from synthetic_walk import Walk
+from wattwalk_core.processes import PATIENCE, ChildProcess, ProcessError, find_program
 
 # The same examples in every run; HYPOTHESIS_RANDOM=1 looks for new ones.
 settings.register_profile('same', derandomize=not os.environ.get('HYPOTHESIS_RANDOM'))
 settings.load_profile('same')
 
-PATIENCE = 30.0
 DAEMON_PORT = 11511
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
 
@@ -50,96 +46,33 @@ def walk() -> Callable[..., Walk]:
     return Walk
 
 
-class NodeProcess:
-    """A running process whose output, stderr included, can be waited for."""
+class NodeProcess(ChildProcess):
+    """A running process of a test, which fails where what is waited for does not come."""
 
-    def __init__(self, command: Sequence[str], environment: dict[str, str]):
-        self.command = list(command)
+    def __init__(self, command: Sequence[str], log: Path, environment: dict[str, str]):
+        super().__init__(command, log, environment)
         self.ended_by_interrupt: tuple[int, ...] = ENDED_BY_INTERRUPT
-        self.lines: list[str] = []
-        self._news = threading.Condition()
-        self._process = subprocess.Popen(
-            self.command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env=environment,
-            start_new_session=True,
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            with self._news:
-                self.lines.append(line.rstrip('\n'))
-                self._news.notify_all()
-        with self._news:
-            self._news.notify_all()
-
-    @property
-    def output(self) -> str:
-        """Everything written so far."""
-        return '\n'.join(self.lines)
-
-    @property
-    def pid(self) -> int:
-        """Process id."""
-        return self._process.pid
-
-    @property
-    def returncode(self) -> int | None:
-        """Exit code, None while it runs."""
-        return self._process.poll()
 
     def wait_for_output(self, pattern: str, timeout: float = PATIENCE) -> re.Match[str]:
         """Wait for a line that a regular expression is found in; fail where none comes."""
-        deadline = time.monotonic() + timeout
-        seen = 0
-        with self._news:
-            while True:
-                while seen < len(self.lines):
-                    match = re.search(pattern, self.lines[seen])
-                    seen += 1
-                    if match is not None:
-                        return match
-                left = deadline - time.monotonic()
-                if left <= 0 or not self._reader.is_alive():
-                    break
-                self._news.wait(min(left, 0.2))
-        pytest.fail(f'no {pattern!r} in the output of {self.command}:\n{self.output}')
-
-    def send_signal(self, number: int) -> None:
-        """Send a signal to the process and, as a terminal does, to its children."""
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, number)
-
-    def interrupt(self) -> None:
-        """Do what Ctrl-C does."""
-        self.send_signal(signal.SIGINT)
+        try:
+            return self.wait_for_line(pattern, timeout)
+        except ProcessError as error:
+            pytest.fail(f'{self.command}: {error}\n{self.output}')
 
     def wait(self, timeout: float = PATIENCE) -> int:
         """Wait for the end and return the exit code; fail where it does not end."""
         try:
-            code = self._process.wait(timeout)
-        except subprocess.TimeoutExpired:
-            pytest.fail(f'{self.command} did not end; its output:\n{self.output}')
-        self._reader.join(timeout)
-        return code
+            return super().wait(timeout)
+        except ProcessError as error:
+            pytest.fail(f'{self.command}: {error}\n{self.output}')
 
     def stop(self) -> None:
         """Interrupt what still runs and make sure that it ends in good order."""
-        if self.returncode is None:
+        if self.running:
             self.interrupt()
             code = self.wait()
             assert code in self.ended_by_interrupt, f'{self.command} exited {code}:\n{self.output}'
-
-    def kill(self) -> None:
-        """End it and its children without asking."""
-        self.send_signal(signal.SIGKILL)
-        self._process.wait()
 
 
 def _stop_daemon(domain: int) -> None:
@@ -147,16 +80,16 @@ def _stop_daemon(domain: int) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         if probe.connect_ex(('127.0.0.1', DAEMON_PORT + domain)) != 0:
             return
-    ros2 = shutil.which('ros2')
-    assert ros2 is not None, 'a daemon of ROS 2 runs without the ros2 command'
-    subprocess.run([ros2, 'daemon', 'stop'], check=True, stdout=subprocess.DEVNULL)
+    command = [find_program('ros2'), 'daemon', 'stop']
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
 class NodeProcesses:
     """Starts processes in the test's domain and remembers them."""
 
-    def __init__(self) -> None:
+    def __init__(self, folder: Path) -> None:
         self.started: list[NodeProcess] = []
+        self._folder = folder
         if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
             # Started in the background of a shell; children would inherit deafness to Ctrl-C.
             signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -178,17 +111,16 @@ class NodeProcesses:
     def command(self, *arguments: str | Path, **environment: str) -> NodeProcess:
         """Start any command; keywords are added to its environment."""
         first, *rest = map(str, arguments)
-        beside = Path(sys.executable).parent / first
-        found = str(beside) if beside.is_file() else shutil.which(first)
-        assert found is not None, f'{first} is not installed'
-        added = {'PYTHONUNBUFFERED': '1', **environment}
-        process = NodeProcess([found, *rest], {**os.environ, **added})
+        log = self._folder / f'{len(self.started)}.log'
+        process = NodeProcess([find_program(first), *rest], log, environment)
         self.started.append(process)
         return process
 
 
 @pytest.fixture
-def node_process(ros_domain: int) -> Iterator[NodeProcesses]:
+def node_process(
+    ros_domain: int, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[NodeProcesses]:
     """
     Start processes in a domain of the test's own.
 
@@ -196,7 +128,7 @@ def node_process(ros_domain: int) -> Iterator[NodeProcesses]:
     package; `.ros2(…)`, `.python(…)` and `.command(…)` run the rest. At the end, whatever still
     runs is interrupted and must exit with 0 or as Ctrl-C makes it.
     """
-    processes = NodeProcesses()
+    processes = NodeProcesses(tmp_path_factory.mktemp('processes'))
     try:
         yield processes
         for process in reversed(processes.started):

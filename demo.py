@@ -11,8 +11,6 @@ Everything runs as a user would run it: by `ros2 run`, each node in a process of
 import argparse
 import json
 import os
-import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -25,9 +23,9 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from wattwalk_core.processes import PATIENCE, ChildProcess, ProcessError, find_program
 
 ROOT = Path(__file__).resolve().parent
-PATIENCE = 30.0
 DOMAIN = '83'
 PROXIES = (
     'torque_squared',
@@ -39,78 +37,7 @@ PROXIES = (
 
 
 class DemoError(Exception):
-    """A step of the demo failed; the message says which and where its log lies."""
-
-
-def ros2_command() -> str:
-    """The ros2 beside this Python, or that of a sourced ROS 2."""
-    beside = Path(sys.executable).with_name('ros2')
-    found = str(beside) if beside.is_file() else shutil.which('ros2')
-    if found is None:
-        raise DemoError('no ros2 command: run `make setup`, or source ROS 2')
-    return found
-
-
-class Node:
-    """A process whose output goes to a log and can be waited for."""
-
-    def __init__(self, name: str, command: Sequence[str], log: Path) -> None:
-        self.name, self.log = name, log
-        self._file = log.open('w')
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=self._file,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            env={**os.environ, 'PYTHONUNBUFFERED': '1'},
-        )
-
-    def check(self) -> None:
-        """Raise DemoError if the process ended before its time."""
-        code = self._process.poll()
-        if code is not None:
-            raise DemoError(
-                f'{self.name} ended with code {code}: {self._last_line()} ({self.log})'
-            )
-
-    def wait_for(self, pattern: str) -> None:
-        """Wait until a line of the output matches."""
-        deadline = time.monotonic() + PATIENCE
-        while not re.search(pattern, self.log.read_text(errors='replace')):
-            self.check()
-            if time.monotonic() > deadline:
-                raise DemoError(f'{self.name} did not say {pattern!r} in time ({self.log})')
-            time.sleep(0.1)
-
-    def wait(self, patience: float) -> None:
-        """Wait for an end in good order."""
-        code = self._process.wait(patience)
-        if code != 0:
-            raise DemoError(
-                f'{self.name} ended with code {code}: {self._last_line()} ({self.log})'
-            )
-
-    @property
-    def running(self) -> bool:
-        """Whether the process still runs."""
-        return self._process.poll() is None
-
-    def stop(self) -> None:
-        """Do what Ctrl-C does, and insist after a while."""
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-            if not self.running:
-                break
-            os.killpg(self._process.pid, number)
-            try:
-                self._process.wait(8.0)
-            except subprocess.TimeoutExpired:
-                continue
-        self._file.close()
-
-    def _last_line(self) -> str:
-        lines = self.log.read_text(errors='replace').strip().splitlines()
-        return lines[-1] if lines else 'no output'
+    """A step of the demo failed; the message says which."""
 
 
 class Demo:
@@ -118,7 +45,7 @@ class Demo:
 
     def __init__(self, output: Path, console: Console) -> None:
         self.output, self.console = output, console
-        self._ros2 = ros2_command()
+        self._ros2 = find_program('ros2')
         self._logs = output / 'logs'
         self._logs.mkdir(parents=True)
         self._started = time.monotonic()
@@ -138,14 +65,16 @@ class Demo:
             raise DemoError(f'`{" ".join(command)}` ended with code {code}')
 
     @contextmanager
-    def node(self, log: str, package: str, executable: str, *arguments: str) -> Iterator[Node]:
+    def node(
+        self, log: str, package: str, executable: str, *arguments: str
+    ) -> Iterator[ChildProcess]:
         """Run a node in the background until the block ends."""
         command = [self._ros2, 'run', package, executable, *arguments]
-        node = Node(executable, command, self._logs / f'{log}_{executable}.log')
+        node = ChildProcess(command, self._logs / f'{log}_{executable}.log')
         try:
             yield node
         finally:
-            node.stop()
+            node.end(8.0)
 
     def live(
         self, name: str, policy: str, seconds: float, seed: int, model: Path | None = None
@@ -166,15 +95,17 @@ class Demo:
             walk = ('--policy', policy, '--start', '--random-commands', '--restart-after', '1')
             runner = start(self.node(name, 'policy_runner', 'run', *walk, '--seed', str(seed)))
             nodes.append(runner)
-            runner.wait_for('running')
+            runner.wait_for_line('running')
             card = ('--card', 'robot=anymal_c', f'controller={policy}', 'notes=demo, simulated')
             record = ('-o', str(bag), '--duration', str(seconds), *card)
             recorder = start(self.node(name, 'power_daq', 'record', *record))
             self._watch(recorder, nodes, seconds)
-            recorder.wait(PATIENCE)
+            recorder.succeed()
         return bag
 
-    def _watch(self, recorder: Node, nodes: Sequence[Node], seconds: float) -> None:
+    def _watch(
+        self, recorder: ChildProcess, nodes: Sequence[ChildProcess], seconds: float
+    ) -> None:
         columns = (
             TextColumn('recording'),
             BarColumn(),
@@ -214,7 +145,7 @@ class Demo:
                 for index, (policy, bag) in enumerate(zip(policies, bags, strict=True))
             ]
             for node in nodes:
-                node.wait(20 * PATIENCE)
+                node.succeed(20 * PATIENCE)
         return bags
 
 
@@ -328,7 +259,7 @@ def main(args: Sequence[str] | None = None) -> int:
     console = Console()
     try:
         run(Demo(output.resolve(), console), options)
-    except DemoError as error:
+    except (DemoError, ProcessError) as error:
         console.print(f'[bold red]demo stopped:[/] {error}')
         return 1
     except KeyboardInterrupt:

@@ -9,8 +9,6 @@ Signals and weights are random numbers; the cost does not depend on them.
 
 import argparse
 import os
-import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -25,6 +23,7 @@ from power_estimator.network.checkpoint import Checkpoint, Network, NetworkConfi
 from power_estimator.network.features import Scaling
 from power_estimator.network.lstm import LstmBank, Weights
 from power_estimator.network.ppn import PowerPredictionNetwork
+from wattwalk_core.processes import ChildProcess
 
 JOINTS = [f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')]
 HIDDEN = 100
@@ -163,12 +162,6 @@ def bench_stream(checkpoint: Checkpoint) -> None:
     row('estimate within the process, p99', f'{1e3 * np.percentile(costs, 99):.2f} ms', '')
 
 
-def cpu_seconds(pid: int) -> float:
-    """CPU time that a process has used, user and system."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-
 def bench_node(checkpoint: Checkpoint, seconds: float) -> None:
     """The node as a process of its own: from the last joint state sent to the estimate heard."""
     import rclpy
@@ -182,9 +175,8 @@ def bench_node(checkpoint: Checkpoint, seconds: float) -> None:
     with tempfile.TemporaryDirectory() as folder:
         checkpoint.save(Path(folder) / 'model.safetensors')
         code = 'from power_estimator.live.node import main; raise SystemExit(main())'
-        node = subprocess.Popen(
-            [sys.executable, '-c', code, '--ros-args', '-p', f'model:=ppn:{folder}']
-        )
+        command = [sys.executable, '-c', code, '--ros-args', '-p', f'model:=ppn:{folder}']
+        node = ChildProcess(command, Path(folder) / 'node.log')
         rclpy.init()
         robot = rclpy.create_node('bench')
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
@@ -224,14 +216,14 @@ def bench_node(checkpoint: Checkpoint, seconds: float) -> None:
             states.publish(state)
             index += 1
             if measuring is None and len(ages) > 50:
-                measuring, used = time.monotonic(), cpu_seconds(node.pid)
+                measuring, used = time.monotonic(), node.cpu_seconds()
                 ages.clear()
             if measuring is None and time.monotonic() - begin > 60:
-                raise SystemExit('the node gave no estimate')
-        share = (cpu_seconds(node.pid) - used) / (time.monotonic() - measuring)
+                node.end(10.0)
+                raise SystemExit(f'the node gave no estimate:\n{node.output}')
+        share = (node.cpu_seconds() - used) / (time.monotonic() - measuring)
         found = list(ages)
-        node.send_signal(signal.SIGINT)
-        node.wait(10)
+        node.end(10.0)
         robot.destroy_node()
         rclpy.try_shutdown()
         thread.join(5)

@@ -19,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from soak_devices import SoakDrives, SoakSupply
 from stepped_clock import ClockFile
+from wattwalk_core.processes import ChildProcess, wait_until
 
 PATIENCE = 120.0  # s
 _SHIM = Path(__file__).with_name('stepped_clock.py')
@@ -30,66 +31,23 @@ class SoakError(Exception):
     """The soak itself does not work."""
 
 
-def until(condition: Callable[[], object], what: str, patience: float = PATIENCE) -> None:
+def until(condition: Callable[[], object], what: str) -> None:
     """Wait for a condition; SoakError where it never comes."""
-    deadline = time.monotonic() + patience
-    while not condition():
-        if time.monotonic() > deadline:
-            raise SoakError(f'{what} never came')
-        time.sleep(0.02)
+    if not wait_until(condition, PATIENCE):
+        raise SoakError(f'{what} never came')
 
 
-class Process:
-    """A node in a process of its own, with what it says in a file."""
+class SoakProcess(ChildProcess):
+    """A node in a process of its own, on the clock that can be stepped."""
 
     def __init__(self, module: str, arguments: Sequence[str], clock: Path, log: Path) -> None:
-        self.log = log
-        with log.open('w') as out:
-            self.popen = subprocess.Popen(
-                [sys.executable, str(_SHIM), str(clock), module, *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, 'PYTHONUNBUFFERED': '1'},
-                start_new_session=True,
-            )
-
-    @property
-    def said(self) -> str:
-        """All that it has said."""
-        return self.log.read_text(errors='replace')
-
-    @property
-    def running(self) -> bool:
-        """Whether it runs."""
-        return self.popen.poll() is None
-
-    def wait_for(self, words: str) -> None:
-        """Wait until it has said something."""
-        until(lambda: words in self.said or not self.running, f'{words!r} of {self.log.name}')
-        if words not in self.said:
-            raise SoakError(f'{self.log.stem} ended:\n{self.said}')
-
-    def end(self, number: signal.Signals = signal.SIGINT) -> None:
-        """Send a signal and wait for the end."""
-        with suppress(ProcessLookupError):
-            self.popen.send_signal(number)
-        try:
-            self.popen.wait(PATIENCE)
-        except subprocess.TimeoutExpired:
-            self.popen.kill()
-            self.popen.wait()
+        super().__init__([sys.executable, str(_SHIM), str(clock), module, *arguments], log)
 
     def memory(self) -> int:
-        """Resident memory, bytes."""
-        text = Path(f'/proc/{self.popen.pid}/status').read_text()
+        """Return the resident memory [B]."""
+        text = Path(f'/proc/{self.pid}/status').read_text()
         found = re.search(r'VmRSS:\s+(\d+) kB', text)
         return 1024 * int(found[1]) if found else 0
-
-    def cpu(self) -> float:
-        """Processor time spent, s."""
-        fields = Path(f'/proc/{self.popen.pid}/stat').read_text().rsplit(')', 1)[1].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 class Diagnostics:
@@ -132,7 +90,7 @@ class Take:
     """One recording: its process, and how much had been measured when it was ready and ended."""
 
     path: Path
-    process: Process
+    process: SoakProcess
     begun: dict[str, int]
     ended: dict[str, int]
     how: str = 'stopped'
@@ -161,7 +119,7 @@ class SmallDisk:
         """Leave little room for a recording that is under way."""
         if self.why_not:
             size = next(take.path.glob('*.mcap')).stat().st_size + _LEFT
-            resource.prlimit(take.process.popen.pid, resource.RLIMIT_FSIZE, (size, size))
+            resource.prlimit(take.process.pid, resource.RLIMIT_FSIZE, (size, size))
             return
         free = shutil.disk_usage(self.folder).free
         with (self.folder / 'ballast').open('wb') as ballast:
@@ -192,8 +150,8 @@ class System:
         }
         self.used: dict[str, tuple[float, float, int]] = {}
 
-    def _start(self, module: str, arguments: Sequence[str], name: str) -> Process:
-        return Process(module, arguments, self.folder / 'clock', self.folder / f'{name}.log')
+    def _start(self, module: str, arguments: Sequence[str], name: str) -> SoakProcess:
+        return SoakProcess(module, arguments, self.folder / 'clock', self.folder / f'{name}.log')
 
     def measured(self) -> dict[str, int]:
         """Samples by stream that the devices have measured by now."""
@@ -204,7 +162,7 @@ class System:
         name = f'bag_{len(self.takes) + 1}'
         path = (folder or self.folder) / name
         process = self._start('power_daq.nodes.recorder', ['-o', str(path)], name)
-        process.wait_for('recording to')
+        process.wait_for_line('recording to', PATIENCE)
         now = self.measured()
         self.takes.append(Take(path, process, now, now))
         return self.takes[-1]
@@ -217,7 +175,7 @@ class System:
             until(lambda: not take.process.running, 'the end of a recorder whose disk is full')
         take.ended = self.measured()
         if how != 'disk full':
-            take.process.end(signal.SIGKILL if how == 'killed' else signal.SIGINT)
+            take.process.end(PATIENCE, () if how == 'killed' else (signal.SIGINT,))
 
     def matched(self) -> bool:
         """Whether recorder, DAQ and supply have found each other, as far as this node sees."""
@@ -228,14 +186,14 @@ class System:
     def mark(self) -> None:
         """Count processor time and memory from now on."""
         now = time.monotonic()
-        self.used = {n: (now, p.cpu(), p.memory()) for n, p in self.nodes.items()}
+        self.used = {n: (now, p.cpu_seconds(), p.memory()) for n, p in self.nodes.items()}
 
     def usage(self) -> dict[str, dict[str, float]]:
         """Share of a core and growth of memory (MB) of each node since the mark."""
         now = time.monotonic()
         return {
             name: {
-                'cpu_percent': 100.0 * (self.nodes[name].cpu() - cpu) / (now - since),
+                'cpu_percent': 100.0 * (self.nodes[name].cpu_seconds() - cpu) / (now - since),
                 'memory_mb': self.nodes[name].memory() / 1e6,
                 'memory_grown_mb': (self.nodes[name].memory() - memory) / 1e6,
             }
@@ -246,7 +204,7 @@ class System:
         """End all."""
         for process in [*(take.process for take in self.takes), *self.nodes.values()]:
             if process.running:
-                process.end()
+                process.end(PATIENCE)
         self.drives.close()
         self.supply.unplug()
         self.diagnostics.close()
