@@ -23,10 +23,10 @@ from sim_bridge.live.real_time import BLOCK
 from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import DEFAULT_POSE
 from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.plant.world import walking_world
 from sim_bridge.sensors.blocks import Instruments
+from wattwalk_core.anymal import DEFAULT_POSE
 
 TARGET = 5.0
 LIVE_TARGET = 0.6

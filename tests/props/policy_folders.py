@@ -9,8 +9,8 @@ from policy_runner.policies.folder import (
     PolicyNetwork,
     write_folder,
 )
-from policy_runner.policies.kinematics import DEFAULT_POSE, JOINT_NAMES
 from policy_runner.policies.observations import STANDARD
+from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 
 HIDDEN = (4,)
 

@@ -6,10 +6,10 @@ import pytest
 import yaml
 from policy_runner.policies.by_name import load_policy
 from policy_runner.policies.inputs import Inputs
-from policy_runner.policies.kinematics import DEFAULT_POSE, JOINT_NAMES
 from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.observations import CLOCKED, STANDARD
 from policy_runner.supervisor.handover import Handover
+from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.errors import InputError
 
 VELOCITY = np.array([0.3, -0.1, 0.02])

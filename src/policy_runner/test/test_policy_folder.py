@@ -4,9 +4,9 @@ import pytest
 import yaml
 from policy_runner.policies.by_name import load_policy
 from policy_runner.policies.folder import read_folder, write_folder
-from policy_runner.policies.kinematics import JOINT_NAMES
 from policy_runner.policies.observations import CLOCKED, STANDARD
 from safetensors.numpy import load_file, save_file
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 
 

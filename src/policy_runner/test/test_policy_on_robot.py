@@ -5,10 +5,10 @@ import policy_folders
 import pytest
 from policy_runner.policies.base_velocity import BaseVelocity
 from policy_runner.policies.by_name import load_policy
-from policy_runner.policies.kinematics import DEFAULT_POSE, JOINT_NAMES
 from policy_runner.policies.trot import TROTS, ScriptedTrot
 from policy_runner.supervisor.safety import FaultKind
 from policy_runner.supervisor.supervisor import Output, State, Supervisor
+from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 
 mujoco = pytest.importorskip('mujoco')
 robot = pytest.importorskip('sim_bridge.plant.robot')

@@ -4,8 +4,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from peers import Peer, wait_until
-from policy_runner.policies.kinematics import DEFAULT_POSE, JOINT_NAMES
 from sensor_msgs.msg import Imu, JointState
+from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 
 PATIENT = ('--ros-args', '-p', 'stale_after:=1.0')
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from policy_runner.policies.by_name import load_policy
 from policy_runner.policies.inputs import Inputs
-from policy_runner.policies.kinematics import DEFAULT_POSE, JOINT_NAMES
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig, SafetyMonitor, TargetLimiter
 from policy_runner.supervisor.supervisor import State, Supervisor
+from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.errors import InputError
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

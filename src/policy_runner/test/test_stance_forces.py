@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from policy_runner.policies.kinematics import DEFAULT_POSE, FOOT_RADIUS, forward
+from policy_runner.policies.kinematics import forward
 from policy_runner.policies.stance_torque import stance_torque
 from policy_runner.policies.trot_gait import Feedback
+from wattwalk_core.anymal import DEFAULT_POSE, FOOT_RADIUS
 
 LEVEL = np.array([0.0, 0.0, -1.0])
 LEGS = forward(DEFAULT_POSE)

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from policy_runner.policies.kinematics import DEFAULT_POSE, LIMITS, forward, inverse
+from policy_runner.policies.kinematics import forward, inverse
 from policy_runner.policies.trot import TARGET_LIMITS, TROTS, Feedback, ScriptedTrot, TrotConfig
 from policy_runner.policies.trot_gait import GaitCycle
+from wattwalk_core.anymal import DEFAULT_POSE, LIMITS
 
 LEVEL = np.array([0.0, 0.0, -1.0])
 STILL = np.zeros(3)

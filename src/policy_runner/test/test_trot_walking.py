@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 from policy_runner.policies.trot import TROTS, ScriptedTrot
 
+from wattwalk_core import anymal
+
 mujoco = pytest.importorskip('mujoco')
 robot = pytest.importorskip('sim_bridge.plant.robot')
 terrain = pytest.importorskip('sim_bridge.plant.terrain')
@@ -43,7 +45,7 @@ class Walk:
                 torque = 80.0 * (targets - data.qpos[7:]) - 2.0 * data.qvel[6:]
                 data.ctrl = np.clip(torque, -80.0, 80.0)
                 mujoco.mj_step(self.model, data)
-            feet = [data.site(name).xpos[2] for name in robot.FOOT_NAMES]
+            feet = [data.site(name).xpos[2] for name in anymal.FOOT_NAMES]
             rows.append([*velocity[:2], data.qvel[5], np.hypot(*rotation[2, :2]), *feet])
             assert data.qpos[2] > 0.35, f'fell at {data.time:.2f} s'
         return np.array(rows)
@@ -69,7 +71,7 @@ def test_it_reaches_the_commanded_velocity(command, tolerance):
 
 def test_feet_are_lifted_clear_of_the_ground_in_every_stride():
     rows = Walk().run((0.4, 0.0, 0.0), 6.0)
-    heights = rows[700:, 4:] - robot.FOOT_RADIUS
+    heights = rows[700:, 4:] - anymal.FOOT_RADIUS
     assert heights.max(axis=0).min() > 0.05
     airborne = heights > 0.01
     lifts = (np.diff(airborne.astype(int), axis=0) > 0).sum(axis=0)

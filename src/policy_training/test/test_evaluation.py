@@ -25,9 +25,9 @@ from power_recordings.card import Card
 from sim_bridge.offline.controllers import PolicyWalk, make_controller
 from sim_bridge.offline.run import OfflineRun, write_bag
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import DEFAULT_POSE
 from sim_bridge.plant.simulation import Simulation
 from sim_bridge.plant.world import walking_world
+from wattwalk_core.anymal import DEFAULT_POSE
 from wattwalk_core.errors import InputError
 
 

@@ -8,7 +8,7 @@ from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.power_term import WindowedNetwork, load_power, predict_step
 from policy_training.environment.vec_env import Mirror, TorchEnvironment
 from policy_training.learning.export import export_policy
-from sim_bridge.plant.robot import JOINT_NAMES
+from wattwalk_core.anymal import JOINT_NAMES
 
 QUIET = {
     'noise.base_velocity': 0.0,

@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 from policy_training.environment.ground import Ground, Relief, add_planes
-from sim_bridge.plant.robot import FOOT_NAMES, FOOT_RADIUS, build_model, build_spec
+from sim_bridge.plant.robot import build_model, build_spec
 from sim_bridge.plant.terrain import FLAT, Terrain
+from wattwalk_core.anymal import FOOT_NAMES, FOOT_RADIUS
 
 ROUGH = Terrain(noise=0.02, slope=0.02, extent=30.0, seed=4)
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -3,7 +3,7 @@ import pytest
 from policy_training.config import RewardConfig
 from policy_training.environment.rewards import FootClock, Moment, Rewards
 from policy_training.environment.robots import Motion
-from sim_bridge.plant.robot import DEFAULT_POSE
+from wattwalk_core.anymal import DEFAULT_POSE
 
 STEP = 0.02
 

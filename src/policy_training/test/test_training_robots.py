@@ -8,7 +8,7 @@ from policy_training.environment.drives import BatchDrives
 from policy_training.environment.robots import Robots
 from sim_bridge.plant.drive import Drives, JointCommand
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import DEFAULT_POSE, JOINT_NAMES
+from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 
 CALM = RandomConfig(
     friction_low=0.9,

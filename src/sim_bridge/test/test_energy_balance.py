@@ -5,9 +5,9 @@ import pytest
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.effects import Effects
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import DEFAULT_POSE
 from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.plant.world import Stand, stand_world, walking_world
+from wattwalk_core.anymal import DEFAULT_POSE
 
 EFFECTS = [name for name, _ in Effects() if name != 'cross_talk']
 CHANNELS = {

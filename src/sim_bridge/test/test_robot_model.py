@@ -4,6 +4,8 @@ import pytest
 from sim_bridge.plant import robot
 from sim_bridge.plant.terrain import FLAT, Terrain, rough
 
+from wattwalk_core import anymal
+
 
 @pytest.fixture(scope='module')
 def model():
@@ -18,12 +20,12 @@ def standing(model):
 
 
 def feet(data):
-    return np.array([data.site(name).xpos for name in robot.FOOT_NAMES])
+    return np.array([data.site(name).xpos for name in anymal.FOOT_NAMES])
 
 
 def hold(model, data, seconds):
     for _ in range(round(seconds / model.opt.timestep)):
-        data.ctrl = 80 * (robot.DEFAULT_POSE - data.qpos[7:]) - 2 * data.qvel[6:]
+        data.ctrl = 80 * (anymal.DEFAULT_POSE - data.qpos[7:]) - 2 * data.qvel[6:]
         mujoco.mj_step(model, data)
 
 
@@ -41,7 +43,7 @@ def test_robot_weighs_what_the_urdf_says(model):
 
 def test_actuators_and_joints_are_in_the_order_of_the_contract(model):
     names = [model.actuator(index).name for index in range(model.nu)]
-    assert names == list(robot.JOINT_NAMES)
+    assert names == list(anymal.JOINT_NAMES)
     assert names[:4] == ['LF_HAA', 'LF_HFE', 'LF_KFE', 'RF_HAA']
     assert [model.joint(index + 1).name for index in range(12)] == names
     assert np.array_equal(model.actuator_gear[:, 0], np.ones(12))
@@ -52,7 +54,7 @@ def test_a_torque_acts_on_the_joint_of_its_name_and_nothing_else(model):
     data.ctrl[4] = 7.0
     mujoco.mj_fwdActuation(model, data)
     expected = np.zeros(18)
-    expected[6 + robot.JOINT_NAMES.index('RF_HFE')] = 7.0
+    expected[6 + anymal.JOINT_NAMES.index('RF_HFE')] = 7.0
     assert np.allclose(data.qfrc_actuator, expected)
 
 
@@ -64,10 +66,10 @@ def test_joint_friction_and_damping_are_left_to_the_drives(model):
 
 
 def test_limits_are_mirrored_between_left_and_right(model):
-    assert np.allclose(model.jnt_range[1:], robot.LIMITS)
-    assert robot.LIMITS[0].tolist() == [-0.72, 0.49]
-    assert robot.LIMITS[3].tolist() == [-0.49, 0.72]
-    assert robot.LIMITS[1].tolist() == robot.LIMITS[11].tolist() == [-9.42, 9.42]
+    assert np.allclose(model.jnt_range[1:], anymal.LIMITS)
+    assert anymal.LIMITS[0].tolist() == [-0.72, 0.49]
+    assert anymal.LIMITS[3].tolist() == [-0.49, 0.72]
+    assert anymal.LIMITS[1].tolist() == anymal.LIMITS[11].tolist() == [-9.42, 9.42]
 
 
 def test_legs_are_mirror_images_in_the_default_pose(model):
@@ -87,7 +89,7 @@ def test_mirrored_legs_have_mirrored_mass_matrices(model):
 
 
 def test_default_pose_puts_the_soles_on_the_ground(model):
-    soles = feet(standing(model))[:, 2] - robot.FOOT_RADIUS
+    soles = feet(standing(model))[:, 2] - anymal.FOOT_RADIUS
     assert np.allclose(soles, 0.0, atol=3e-4)
 
 
@@ -174,6 +176,6 @@ def test_a_robot_slides_down_a_slope_that_is_steeper_than_its_friction(friction,
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     for _ in range(200):
-        data.ctrl[:] = 400.0 * (robot.DEFAULT_POSE - data.qpos[7:]) - 10.0 * data.qvel[6:]
+        data.ctrl[:] = 400.0 * (anymal.DEFAULT_POSE - data.qpos[7:]) - 10.0 * data.qvel[6:]
         mujoco.mj_step(model, data)
     assert bool(data.qpos[0] > 0.2) is slides

@@ -10,10 +10,10 @@ from sim_bridge.live.joint_commands import joint_command
 from sim_bridge.live.real_time import LivePlant
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import JOINT_NAMES
 from sim_bridge.plant.simulation import Simulation
 from sim_bridge.plant.world import Stand, stand_world, walking_world
 from sim_bridge.sensors.blocks import Instruments
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 
 SYNC, ELECTRICAL = 128, 256

@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sim_bridge.plant.parameters import MeterParameters, Plant
-from sim_bridge.plant.robot import DEFAULT_POSE, FOOT_NAMES
 from sim_bridge.plant.simulation import STEP, PlantBlock, Simulation
 from sim_bridge.plant.world import stand_world, walking_world
 from sim_bridge.sensors.blocks import Instruments
@@ -16,6 +15,7 @@ from sim_bridge.sensors.meter import (
     Meter,
 )
 from sim_bridge.sensors.sensors import JointSensors, SupplySensor, into_base
+from wattwalk_core.anymal import DEFAULT_POSE, FOOT_NAMES
 
 DRIVES = ('LF_HAA', 'LF_HFE', 'LF_KFE')
 

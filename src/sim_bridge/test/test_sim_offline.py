@@ -13,10 +13,10 @@ from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
 from sim_bridge.offline.session import Pushes, Session
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import FOOT_NAMES, JOINT_NAMES
 from sim_bridge.plant.simulation import Simulation
 from sim_bridge.plant.world import walking_world
 from sim_bridge.sensors.blocks import Instruments
+from wattwalk_core.anymal import FOOT_NAMES, JOINT_NAMES
 from wattwalk_core.errors import InputError
 
 TYPES = {

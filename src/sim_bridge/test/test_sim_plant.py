@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sim_bridge.plant.effects import Effects
 from sim_bridge.plant.parameters import PLANTS, Plant
-from sim_bridge.plant.robot import JOINT_NAMES
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 
 

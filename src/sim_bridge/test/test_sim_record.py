@@ -3,7 +3,7 @@ import pytest
 import yaml
 from power_recordings.reading.reader import Recording
 from sim_bridge.commands import record as record_command
-from sim_bridge.plant.robot import JOINT_NAMES
+from wattwalk_core.anymal import JOINT_NAMES
 
 
 @pytest.fixture(scope='module')

@@ -7,11 +7,11 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from policy_runner.policies.kinematics import JOINT_NAMES, LIMITS
+from wattwalk_core.anymal import JOINT_NAMES, LIMITS, TORQUE_LIMIT
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, read, schema
 
-_SPEED, _TORQUE = 8.0, 80.0  # rad/s and N·m, of ANYmal's drives
+_SPEED: Final = 8.0  # rad/s, just above that of ANYmal's drives
 
 _Angle = Annotated[float, Quantity(-1e3, 1e3, 'rad')]
 
@@ -26,7 +26,7 @@ class JointLimits:
     low: float = -math.inf
     high: float = math.inf
     speed: float = _SPEED
-    torque: float = _TORQUE
+    torque: float = TORQUE_LIMIT
 
 
 @schema

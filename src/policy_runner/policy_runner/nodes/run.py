@@ -12,6 +12,7 @@ from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.running import run_node
 
@@ -19,7 +20,6 @@ from policy_runner.nodes.parameters import real_parameter
 from policy_runner.nodes.run_options import InputError, Options, command, parse
 from policy_runner.nodes.topic_inputs import Listener
 from policy_runner.policies.by_name import Policy, load_policy
-from policy_runner.policies.kinematics import JOINT_NAMES
 from policy_runner.supervisor.loop_timing import LoopTiming
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig
 from policy_runner.supervisor.supervisor import Output, State, Supervisor

@@ -15,11 +15,11 @@ import yaml
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.schema import Quantity, read, schema
 
-from policy_runner.policies.kinematics import JOINT_NAMES
 from policy_runner.policies.observations import Observation
 
 Floats = NDArray[np.float64]

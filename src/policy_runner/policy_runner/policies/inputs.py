@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from policy_runner.policies.kinematics import JOINT_NAMES
+from wattwalk_core.anymal import JOINT_NAMES
 
 Floats = NDArray[np.float64]
 

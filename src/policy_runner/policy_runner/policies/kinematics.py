@@ -5,33 +5,37 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.anymal import (
+    FOOT_IN_SHANK,
+    FRONT,
+    HIP_CENTRE,
+    HIP_IN_BASE,
+    HIP_MASS,
+    LEFT,
+    SHANK_CENTRE,
+    SHANK_IN_THIGH,
+    SHANK_MASS,
+    THIGH_CENTRE,
+    THIGH_IN_HIP,
+    THIGH_MASS,
+)
 
 Floats = NDArray[np.float64]
 
-LEGS: Final = ('LF', 'RF', 'LH', 'RH')
-JOINT_NAMES: Final = tuple(f'{leg}_{joint}' for leg in LEGS for joint in ('HAA', 'HFE', 'KFE'))
-FRONT: Final = np.array([1.0, 1.0, -1.0, -1.0])
-LEFT: Final = np.array([1.0, -1.0, 1.0, -1.0])
-DEFAULT_POSE: Final = np.outer(FRONT, [0.0, 0.4, -0.8]).ravel() + 0.0
-"""Joint angles of standing, rad [12]."""
-LIMITS: Final = np.array(
-    [((-0.72, 0.49) if s > 0 else (-0.49, 0.72), (-9.42, 9.42), (-9.42, 9.42)) for s in LEFT]
-).reshape(12, 2)
-"""Lowest and highest joint angle, rad [12, 2]."""
-FOOT_RADIUS: Final = 0.03  # m
 GRAVITY: Final = 9.81  # m/s²
 
-_HIP: Final = np.column_stack([0.2999 * FRONT, 0.104 * LEFT, np.zeros(4)])
-_AHEAD: Final = 0.0599 * FRONT
-_ASIDE: Final = (0.0838 + 0.1003 + 0.0131) * LEFT
-_THIGH: Final = 0.285
-_SHANK: Final = float(np.hypot(0.0880, 0.3155))
-_BEND: Final = -FRONT * float(np.arctan2(0.0880, 0.3155))
+_HIP: Final = np.column_stack([HIP_IN_BASE[0] * FRONT, HIP_IN_BASE[1] * LEFT, np.zeros(4)])
+_AHEAD: Final = THIGH_IN_HIP[0] * FRONT
+_ASIDE: Final = (THIGH_IN_HIP[1] + SHANK_IN_THIGH[1] + FOOT_IN_SHANK[1]) * LEFT
+_THIGH: Final = -SHANK_IN_THIGH[2]
+_SHANK: Final = float(np.hypot(FOOT_IN_SHANK[0], FOOT_IN_SHANK[2]))
+_BEND: Final = -FRONT * float(np.arctan2(FOOT_IN_SHANK[0], -FOOT_IN_SHANK[2]))
 _REACH: Final = (abs(_THIGH - _SHANK) + 0.02, _THIGH + _SHANK - 0.005)
-_HIP_MASS, _THIGH_MASS, _SHANK_MASS = 2.781, 3.071, 0.5884
-_THIGH_ASIDE: Final = (0.0838 + 0.0308) * LEFT
-_SHANK_ASIDE: Final = (0.0838 + 0.1003 + 0.0055) * LEFT
-_SHANK_CENTRE: Final = (0.0613 * FRONT, -0.0807)
+_MOMENT_ASIDE: Final = (
+    HIP_MASS * HIP_CENTRE[1] * LEFT
+    + THIGH_MASS * ((THIGH_IN_HIP[1] + THIGH_CENTRE[1]) * LEFT)
+    + SHANK_MASS * ((THIGH_IN_HIP[1] + SHANK_IN_THIGH[1] + SHANK_CENTRE[1]) * LEFT)
+)
 
 
 @dataclass(frozen=True)
@@ -98,18 +102,18 @@ def leg_weight_torque(angles: Floats, gravity: Floats) -> Floats:
     c, s = np.cos(haa), np.sin(haa)
     pull = GRAVITY * gravity
     pull_x, pull_y, pull_z = pull[0], c * pull[1] + s * pull[2], c * pull[2] - s * pull[1]
-    centre_x, centre_z = _SHANK_CENTRE
+    centre_x, centre_z = SHANK_CENTRE[0] * FRONT, SHANK_CENTRE[2]
     knee_x, knee_z = -_THIGH * np.sin(hfe), -_THIGH * np.cos(hfe)
-    thigh_x, thigh_z = 0.2457 / _THIGH * knee_x, 0.2457 / _THIGH * knee_z
+    share = -THIGH_CENTRE[2] / _THIGH
+    thigh_x, thigh_z = share * knee_x, share * knee_z
     cs, ss = np.cos(hfe + kfe), np.sin(hfe + kfe)
     shank_x, shank_z = centre_x * cs + centre_z * ss, centre_z * cs - centre_x * ss
-    moment_x = _THIGH_MASS * thigh_x + _SHANK_MASS * (knee_x + shank_x)
-    moment_z = _THIGH_MASS * thigh_z + _SHANK_MASS * (knee_z + shank_z)
-    moment_y = _HIP_MASS * 0.0174 * LEFT + _THIGH_MASS * _THIGH_ASIDE + _SHANK_MASS * _SHANK_ASIDE
+    moment_x = THIGH_MASS * thigh_x + SHANK_MASS * (knee_x + shank_x)
+    moment_z = THIGH_MASS * thigh_z + SHANK_MASS * (knee_z + shank_z)
     return np.column_stack(
         [
-            moment_z * pull_y - moment_y * pull_z,
+            moment_z * pull_y - _MOMENT_ASIDE * pull_z,
             moment_x * pull_z - moment_z * pull_x,
-            _SHANK_MASS * (shank_x * pull_z - shank_z * pull_x),
+            SHANK_MASS * (shank_x * pull_z - shank_z * pull_x),
         ]
     )

@@ -6,13 +6,13 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 
 from policy_runner.policies.base_velocity import BaseVelocity
 from policy_runner.policies.folder import Contract, read_folder
 from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.inputs import Inputs
-from policy_runner.policies.kinematics import JOINT_NAMES
 from policy_runner.policies.perceptron import Perceptron
 
 Floats = NDArray[np.float64]

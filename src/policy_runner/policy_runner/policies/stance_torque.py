@@ -4,8 +4,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.anymal import FOOT_RADIUS
 
-from policy_runner.policies.kinematics import FOOT_RADIUS, GRAVITY, LegState
+from policy_runner.policies.kinematics import GRAVITY, LegState
 from policy_runner.policies.trot_gait import Feedback
 
 Floats = NDArray[np.float64]

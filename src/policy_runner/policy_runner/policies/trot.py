@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.anymal import LIMITS
 
 from policy_runner.policies import kinematics
 from policy_runner.policies.gait_phase import COMMAND_RATE_LIMIT, capture_point_error, urgency
-from policy_runner.policies.kinematics import LIMITS
 from policy_runner.policies.stance_torque import stance_torque
 from policy_runner.policies.trot_gait import DEFAULT_TROT, TROTS, Feedback, GaitCycle, TrotConfig
 

@@ -7,8 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from policy_runner.policies.kinematics import FOOT_RADIUS, FRONT, LEFT
+from wattwalk_core.anymal import FOOT_RADIUS, FRONT, LEFT
 
 Floats = NDArray[np.float64]
 

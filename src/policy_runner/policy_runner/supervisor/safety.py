@@ -6,9 +6,9 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.anymal import JOINT_NAMES, LIMITS
 
 from policy_runner.policies.inputs import Inputs
-from policy_runner.policies.kinematics import JOINT_NAMES, LIMITS
 from policy_runner.policies.trot import TARGET_LIMITS
 
 Floats = NDArray[np.float64]

@@ -10,9 +10,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from sim_bridge.plant.drive import POSITION_GAIN, VELOCITY_GAIN
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import JOINT_NAMES
+from wattwalk_core.anymal import JOINT_NAMES, POSITION_GAIN, VELOCITY_GAIN
 
 from policy_training.config import RandomConfig
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.observations import CLOCKED, Observation
-from sim_bridge.plant.robot import DEFAULT_POSE
+from wattwalk_core.anymal import DEFAULT_POSE
 
 from policy_training.config import TrainingConfig
 from policy_training.environment.power_term import PowerModel, predict_step

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.trot import ScriptedTrot, TrotConfig
-from sim_bridge.plant.robot import DEFAULT_POSE
+from wattwalk_core.anymal import DEFAULT_POSE
 
 from policy_training.environment.environment import WalkingEnvironment
 

@@ -13,8 +13,8 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
-from sim_bridge.plant.robot import FOOT_NAMES
 from sim_bridge.plant.terrain import Terrain
+from wattwalk_core.anymal import FOOT_NAMES
 
 Floats = NDArray[np.float64]
 

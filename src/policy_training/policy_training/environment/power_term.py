@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from power_estimator.batch.power import BatchPower
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_recordings.alignment.dataset import AlignedDataset
-from sim_bridge.plant.robot import JOINT_NAMES
+from wattwalk_core.anymal import JOINT_NAMES
 
 from policy_training.environment.robots import Substep
 

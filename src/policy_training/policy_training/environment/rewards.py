@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sim_bridge.plant.robot import DEFAULT_POSE
+from wattwalk_core.anymal import DEFAULT_POSE
 
 from policy_training.config import RewardConfig
 from policy_training.environment.robots import Motion

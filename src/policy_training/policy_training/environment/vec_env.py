@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from policy_runner.policies.observations import Observation
 from rsl_rl.env import VecEnv
-from sim_bridge.plant.robot import JOINT_NAMES
 from tensordict import TensorDict
+from wattwalk_core.anymal import JOINT_NAMES
 
 from policy_training.environment.environment import WalkingEnvironment
 

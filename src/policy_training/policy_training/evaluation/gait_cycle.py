@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from sim_bridge.plant.robot import FOOT_NAMES
+from wattwalk_core.anymal import FOOT_NAMES
 
 from policy_training.evaluation.measured_walk import RAW_RATE, Walk
 

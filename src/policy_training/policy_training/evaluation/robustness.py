@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.folder import Contract
 from policy_runner.policies.perceptron import Perceptron
-from sim_bridge.plant.robot import DEFAULT_POSE, JOINT_NAMES
+from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.errors import InputError
 
 from policy_training.config import TrainingConfig

@@ -14,8 +14,7 @@ from policy_runner.policies.folder import (
     write_folder,
 )
 from policy_runner.policies.observations import Observation
-from sim_bridge.plant.drive import POSITION_GAIN, VELOCITY_GAIN
-from sim_bridge.plant.robot import DEFAULT_POSE, JOINT_NAMES
+from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES, POSITION_GAIN, VELOCITY_GAIN
 
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import ACTION_CLIP

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from sim_bridge.offline.run import OfflineRun, write_bench_bag
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import JOINT_NAMES
 from sim_bridge.plant.world import stand_world
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
 

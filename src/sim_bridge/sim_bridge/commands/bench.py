@@ -10,6 +10,7 @@ from drive_bench.motion.load import Load
 from drive_bench.motion.segment_path import Mounting
 from drive_bench.motion.segments import UNITS
 from rclpy.utilities import remove_ros_args
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
 
@@ -18,7 +19,6 @@ from sim_bridge.instruments.analyser import Analyser, AnalyserParameters, check_
 from sim_bridge.offline.motions import MotionController, bench_motion
 from sim_bridge.offline.run import OfflineRun, write_bench_bag
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import JOINT_NAMES
 from sim_bridge.plant.world import Stand, stand_world
 from sim_bridge.sensors.meter import DeviceClock
 

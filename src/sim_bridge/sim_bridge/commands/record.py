@@ -8,12 +8,12 @@ from pathlib import Path
 
 from power_recordings.card import FILE, Card
 from rclpy.utilities import remove_ros_args
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
 
 from sim_bridge.commands.sim import load_plant
 from sim_bridge.offline.run import run_offline
-from sim_bridge.plant.robot import JOINT_NAMES
 
 _SEED = 21
 _SHORTEST, _LONGEST = 1.0, 36_000.0  # s

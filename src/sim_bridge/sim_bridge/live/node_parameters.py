@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.parameters import DeviceParameters
 
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import JOINT_NAMES
 from sim_bridge.plant.terrain import FLAT, rough
 from sim_bridge.plant.world import Stand, World, stand_world, walking_world
 

@@ -11,8 +11,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Imu, JointState
+from wattwalk_core.anymal import FOOT_NAMES
 
-from sim_bridge.plant.robot import FOOT_NAMES
 from sim_bridge.sensors.blocks import InstrumentReadings
 from sim_bridge.sensors.meter import DeviceClock
 from sim_bridge.sensors.sensors import BodyReadings, OdometryReadings, SupplyReadings

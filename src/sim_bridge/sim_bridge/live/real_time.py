@@ -9,10 +9,10 @@ from typing import Final
 import can
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.anymal import DEFAULT_POSE
 
 from sim_bridge.live.frames import FrameEncoder
 from sim_bridge.plant.drive import JointCommand
-from sim_bridge.plant.robot import DEFAULT_POSE
 from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.sensors.blocks import InstrumentReadings, Instruments
 

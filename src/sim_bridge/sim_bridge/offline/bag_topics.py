@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from power_recordings.messages import cdr
 from power_recordings.writing.writer import BagWriter
+from wattwalk_core.anymal import FOOT_NAMES
 
 from sim_bridge.offline.session import Event
 from sim_bridge.offline.telemetry import START_NS, Rows, Telemetry
-from sim_bridge.plant.robot import FOOT_NAMES
 
 _SECOND = 1_000_000_000
 

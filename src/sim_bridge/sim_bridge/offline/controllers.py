@@ -10,10 +10,10 @@ from policy_runner.nodes.velocity_commands import RandomCommands, SteadyCommand
 from policy_runner.policies.by_name import POLICIES, Policy, load_policy
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.trot import TROTS
+from wattwalk_core.anymal import DEFAULT_POSE
 from wattwalk_core.errors import InputError
 
 from sim_bridge.plant.drive import JointCommand
-from sim_bridge.plant.robot import DEFAULT_POSE
 from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.sensors.sensors import into_base
 

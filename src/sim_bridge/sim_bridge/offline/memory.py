@@ -16,9 +16,9 @@ from power_recordings.messages.samples import (
     SupplySamples,
 )
 from power_recordings.reading.reader import Recording
+from wattwalk_core.anymal import FOOT_NAMES
 
 from sim_bridge.offline.telemetry import Rows, Telemetry
-from sim_bridge.plant.robot import FOOT_NAMES
 
 
 def gather(

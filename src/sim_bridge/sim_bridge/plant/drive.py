@@ -6,13 +6,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.anymal import POSITION_GAIN, VELOCITY_GAIN
 
 from sim_bridge.plant.parameters import Plant
 
 Floats = NDArray[np.float64]
 
-POSITION_GAIN: Final = 80.0  # N·m/rad
-VELOCITY_GAIN: Final = 2.0  # N·m·s/rad
 SPEED_MODE_GAIN: Final = 15.0  # N·m·s/rad
 _LINK_INERTIA: Final = 0.012  # kg·m², the least that hangs on a joint of a leg
 _STABLE: Final = 0.8  # share of the inertia that dry friction may stop within a step

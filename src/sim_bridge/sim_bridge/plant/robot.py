@@ -1,8 +1,8 @@
 """
 ANYmal C as a MuJoCo model with one ideal torque source per joint.
 
-Masses, inertias, origins and limits are those of the manufacturer's URDF, with every frame
-aligned to the base. Friction and damping are absent here: they belong to the drives.
+Inertias are those of the manufacturer's URDF, with every frame aligned to the base. Friction and
+damping are absent here: they belong to the drives.
 """
 
 from typing import Final
@@ -10,42 +10,24 @@ from typing import Final
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.anymal import (
+    DEFAULT_POSE,
+    FOOT_NAMES,
+    FOOT_RADIUS,
+    JOINT_NAMES,
+    LEGS,
+    LIMITS,
+    STANDING_HEIGHT,
+)
 
 from sim_bridge.plant.terrain import FLAT, Terrain
-
-LEGS: Final = ('LF', 'RF', 'LH', 'RH')
-JOINT_NAMES: Final = tuple(f'{leg}_{joint}' for leg in LEGS for joint in ('HAA', 'HFE', 'KFE'))
-FOOT_NAMES: Final = tuple(f'{leg}_FOOT' for leg in LEGS)
+from wattwalk_core import anymal
 
 TIMESTEP: Final = 0.0005  # s
-TORQUE_LIMIT: Final = 80.0  # N·m
-VELOCITY_LIMIT: Final = 7.5  # rad/s
 ARMATURE: Final = 0.0675  # kg·m², mean of the drives fitted in arXiv 2509.06342
-FOOT_RADIUS: Final = 0.03  # m
 FRICTION: Final = 1.0  # of feet and limbs on the ground, sliding
 
-_SIDES: Final = {'LF': (1, 1), 'RF': (1, -1), 'LH': (-1, 1), 'RH': (-1, -1)}
-DEFAULT_POSE: Final = np.array([q for leg in LEGS for q in (0.0, 0.4, -0.8)]) * np.repeat(
-    [float(_SIDES[leg][0]) for leg in LEGS], 3
-)
-"""Joint angles of standing, rad [12]; HAA 0, HFE ±0.4, KFE ∓0.8 (front, hind)."""
-LIMITS: Final = np.array(
-    [
-        limit
-        for leg in LEGS
-        for limit in (
-            (-0.72, 0.49) if _SIDES[leg][1] > 0 else (-0.49, 0.72),
-            (-9.42, 9.42),
-            (-9.42, 9.42),
-        )
-    ]
-)
-"""Lowest and highest joint angle, rad [12, 2]."""
-STANDING_HEIGHT: Final = 0.5487  # m, base over the soles in DEFAULT_POSE
-
 _NET_FORCE: Final = 3  # how a contact sensor sums: all contacts, in the world's frame
-_SHANK_IN_THIGH: Final = (0.0, 0.1003, -0.285)
-_FOOT_IN_SHANK: Final = (0.0880, 0.0131, -0.3155)
 
 
 def build_model(
@@ -190,12 +172,12 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
 
 
 def _add_base(spec: mujoco.MjSpec, payload: float) -> mujoco.MjsBody:
-    mass = 26.373 + payload
+    mass = anymal.BASE_MASS + payload
     base = spec.worldbody.add_body(
         name='base',
         pos=[0, 0, STANDING_HEIGHT],
         mass=mass,
-        ipos=np.array([-0.0178, -0.0002, 0.0085]) * 26.373 / mass,
+        ipos=anymal.BASE_CENTRE * anymal.BASE_MASS / mass,
         fullinertia=[0.2167, 1.7852, 1.8337, 0.0092, 0.0589, 0.0],
         explicitinertial=True,
     )
@@ -206,31 +188,32 @@ def _add_base(spec: mujoco.MjSpec, payload: float) -> mujoco.MjsBody:
 
 
 def _add_leg(base: mujoco.MjsBody, leg: str, armature: float) -> None:
-    sx, sy = _SIDES[leg]
-    knee = np.array(_SHANK_IN_THIGH) * (1, sy, 1)
-    sole = np.array(_FOOT_IN_SHANK) * (sx, sy, 1)
+    sx, sy = anymal.FRONT[LEGS.index(leg)], anymal.LEFT[LEGS.index(leg)]
+    mirror = np.array([sx, sy, 1.0])
+    knee = anymal.SHANK_IN_THIGH * mirror
+    sole = anymal.FOOT_IN_SHANK * mirror
     hip_body = _add_link(
         base,
         f'{leg}_HIP',
-        origin=[0.2999 * sx, 0.104 * sy, 0.0],
-        mass=2.781,
-        centre=[0.0567 * sx, 0.0174 * sy, -0.0005],
+        origin=anymal.HIP_IN_BASE * mirror,
+        mass=anymal.HIP_MASS,
+        centre=anymal.HIP_CENTRE * mirror,
         inertia=[0.0033, 0.0049, 0.0058, 0.0, 0.0, 0.00014 * sy],
     )
     thigh = _add_link(
         hip_body,
         f'{leg}_THIGH',
-        origin=[0.0599 * sx, 0.0838 * sy, 0.0],
-        mass=3.071,
-        centre=[0.0, 0.0308 * sy, -0.2457],
+        origin=anymal.THIGH_IN_HIP * mirror,
+        mass=anymal.THIGH_MASS,
+        centre=anymal.THIGH_CENTRE * mirror,
         inertia=[0.0299, 0.0296, 0.0049, 0.0, 0.0, 0.0041 * sy],
     )
     shank = _add_link(
         thigh,
         f'{leg}_SHANK',
         origin=knee,
-        mass=0.5884,
-        centre=[0.0613 * sx, 0.0055 * sy, -0.0807],
+        mass=anymal.SHANK_MASS,
+        centre=anymal.SHANK_CENTRE * mirror,
         inertia=[0.0088, 0.0102, 0.0016, 0.0, 0.0018 * sx, 0.0],
     )
     for body, joint, axis in (
@@ -266,9 +249,9 @@ def _add_link(
     parent: mujoco.MjsBody,
     name: str,
     *,
-    origin: NDArray[np.float64] | list[float],
+    origin: NDArray[np.float64],
     mass: float,
-    centre: list[float],
+    centre: NDArray[np.float64],
     inertia: list[float],
 ) -> mujoco.MjsBody:
     return parent.add_body(

@@ -6,16 +6,10 @@ from math import pi
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.anymal import FOOT_NAMES, JOINT_NAMES
 from wattwalk_core.errors import InputError
 
-from sim_bridge.plant.robot import (
-    FOOT_NAMES,
-    JOINT_NAMES,
-    TIMESTEP,
-    FootForce,
-    build_model,
-    total_mass,
-)
+from sim_bridge.plant.robot import TIMESTEP, FootForce, build_model, total_mass
 from sim_bridge.plant.terrain import FLAT, Terrain
 
 Floats = NDArray[np.float64]
