@@ -16,10 +16,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from power_calibration.analyser.comparison import Comparison, compare
-from power_calibration.analyser.fit import Value
+from power_calibration.analyser.compare import compare
+from power_calibration.analyser.comparison import AnalyserComparison
 from power_calibration.analyser.log import Log
-from power_calibration.analyser.measured import Measured
+from power_calibration.analyser.measured_drive import MeasuredDrive
+from power_calibration.analyser.reference_fit import IntervalEstimate
 from power_recordings.messages.samples import DriveSamples
 from power_recordings.reading.reader import Recording
 from rich.console import Console
@@ -85,7 +86,7 @@ def bandwidth(meter: MeterParameters) -> float:
 
 def trial(
     blocks: Sequence[PlantBlock], seed: int, rate: float = 20_000.0
-) -> tuple[Comparison, Truth]:
+) -> tuple[AnalyserComparison, Truth]:
     """One meter against one analyser."""
     random = np.random.default_rng([seed, 7])
     plant = Plant.load('anymal_c').unit(seed + 1)
@@ -107,7 +108,7 @@ def trial(
         analyser.watch(block)
     names = ('time', 'voltage', 'current', 'power')
     log = Log.of(Path(f'analyser {seed}'), names, analyser.rows())
-    measured = Measured.of(recording, DRIVE)
+    measured = MeasuredDrive.of(recording, DRIVE)
     found = compare(measured, log)
     at = (found.fit.clock.centre + log.start - shift) / (1.0 + 1e-6 * drift)
     start = (measured.start_ns - START_NS) / 1e9
@@ -146,7 +147,9 @@ def _recording(
     return Recording.in_memory('bench', {'drive_supply': samples})
 
 
-def estimates(found: Comparison, truth: Truth) -> dict[str, tuple[Value, float, float, str]]:
+def estimates(
+    found: AnalyserComparison, truth: Truth
+) -> dict[str, tuple[IntervalEstimate, float, float, str]]:
     """By name: the estimate, the truth, what to multiply both by, and the unit of that."""
     channels = found.channels
     made = {
@@ -173,7 +176,7 @@ def main() -> None:
     parser.add_argument('--frequency', type=float, metavar='HZ')
     options = parser.parse_args()
     blocks = plant_blocks(options.motion, options.seconds, options.frequency)
-    rows: dict[str, list[tuple[Value, float, float, str]]] = {}
+    rows: dict[str, list[tuple[IntervalEstimate, float, float, str]]] = {}
     errors = []
     for seed in track(range(options.seeds), description='meters'):
         found, truth = trial(blocks, seed)

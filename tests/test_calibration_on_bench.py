@@ -7,7 +7,7 @@ import pytest
 from calibration import estimates, plant_blocks, trial
 from power_calibration.commands.calibrate import main as calibrate
 from power_calibration.timing.delay import delay_of
-from power_calibration.timing.events import answer_of
+from power_calibration.timing.step_response import step_response
 from power_recordings.card import Card
 from power_recordings.reading.reader import Recording
 from sim_bridge.commands.bench import main as bench
@@ -98,7 +98,7 @@ def test_jumps_of_torque_are_answered_when_the_meters_delay_says():
     heavy = stand_world('LF_KFE', Stand(inertia=5.0))
     stiff = Plant.load('anymal_c').with_effects(spring=False)
     run = OfflineRun(stiff, heavy, Jumps(), duration=5.0, seed=3)
-    found = answer_of(simulate_recording(run), 'LF_KFE')
+    found = step_response(simulate_recording(run), 'LF_KFE')
     assert found.events == 19
     # a step's mean, the filter and the delay leave 53 % at 0.5 ms, 89 % at 1 ms
     assert found.current_half.value == pytest.approx(0.0005, abs=2.5e-4)

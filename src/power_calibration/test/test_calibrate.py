@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 import yaml
 from power_calibration.analyser.bandwidth import response
+from power_calibration.analyser.coarse_alignment import Match, matches
 from power_calibration.analyser.curve import Curve
-from power_calibration.analyser.fit import Clock, fit
-from power_calibration.analyser.search import Match, search
+from power_calibration.analyser.reference_fit import Clock, fit
 from power_calibration.commands.calibrate import main
 from power_recordings.calibration import Calibration, label
 from power_recordings.card import Card
@@ -126,8 +126,38 @@ def test_a_log_of_100_hz_whose_rows_are_means_gives_the_gain(rig):
     np.savetxt('ref.csv', rows, '%.6f', delimiter=';', header='t;u;i', comments='')
     assert calibrate() == 0
     found = result()
-    assert found['rows_are_means']
+    assert found['rows_are_means'] is True
+    assert 'rows of the reference are means over their 10 ms' in found['notes']
     assert found['channels'][f'{DRIVE}.current']['gain'] == pytest.approx(0.985, abs=0.002)
+
+
+def test_point_samples_of_the_very_same_signal_are_not_taken_for_means(rig, capsys):
+    volts, amps = rig.run.voltage[:, 0], rig.run.current[:, 0]
+    times = (rig.run.supply_stamps - rig.run.supply_stamps[0]) / 1e9
+    rows = np.column_stack([times, volts, amps])[500:13000:4]
+    np.savetxt('ref.csv', rows, '%.6f', ',', header='time_s,voltage_V,current_A', comments='')
+    assert calibrate() == 0
+    found = result()
+    assert found['rows_are_means'] is False
+    assert 'means' not in ' '.join(found['notes'])
+    assert found['bandwidth']['minus_3db_hz'] is None
+    assert found['channels'][f'{DRIVE}.current']['gain'] == pytest.approx(1.0, abs=5e-4)
+    printed = ' '.join(capsys.readouterr().out.split())
+    assert 'our bandwidth, −3 dB [Hz] none up to' in printed
+    assert 'drift of its clock [ppm]' in printed
+
+
+def test_rows_of_a_slow_signal_are_said_to_be_undecidable(rig):
+    rig.log(rate=400.0)
+    assert calibrate() == 0
+    found = result()
+    assert found['rows_are_means'] is None
+    assert 'cannot tell whether rows of the reference are samples or means' in ' '.join(
+        found['notes']
+    )
+    rig.log(rate=5000.0)
+    assert calibrate() == 0
+    assert 'means' not in ' '.join(result()['notes'])
 
 
 @pytest.mark.parametrize(
@@ -213,7 +243,7 @@ def test_a_motion_that_repeats_itself_has_other_offsets_that_fit_as_well():
     wave = np.sin(2 * np.pi * 2.0 * time)[:, None]
     ours = Curve(((time, wave),), 0.001)
     part = Curve(((time[:8000], wave[5000:13000]),), 0.001)
-    best, _ = search(ours.low_passed(50.0), part.low_passed(50.0))
+    best, _ = matches(ours.low_passed(50.0), part.low_passed(50.0))
     offsets = np.array([match.offset for match in best])
     assert len(offsets) > 2
     np.testing.assert_allclose((offsets - 5.0) / 0.5, np.rint((offsets - 5.0) / 0.5), atol=0.02)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from power_calibration.commands.sync import main
 from power_calibration.timing.delay import delay_of
-from power_calibration.timing.events import answer_of
 from power_calibration.timing.stamps import clock_quality, stamp_qualities
+from power_calibration.timing.step_response import step_response
 from power_calibration.timing.summary import summarise
 from power_recordings.messages.samples import DriveSamples, JointSamples
 from power_recordings.reading.reader import Recording
@@ -90,7 +90,9 @@ def test_power_that_follows_no_joint_has_no_delay():
     )
     found = delay_of(recording(amps=lambda time: 2 + walk), DRIVE)
     assert found.delay is None
-    assert summarise(recording(amps=lambda time: 2 + walk)).verdict.startswith('Power follows')
+    assert summarise(recording(amps=lambda time: 2 + walk)).verdict.startswith(
+        'Power does not depend'
+    )
 
 
 def test_a_drive_that_is_not_there_is_refused():
@@ -114,11 +116,11 @@ def test_jumps_of_command_are_events_of_known_time():
         *(np.full((len(times), 1), np.nan) for _ in range(2)),
         target[:, None],
     )
-    found = answer_of(recording(amps=amps, topics={'joint_commands': commands}), DRIVE)
+    found = step_response(recording(amps=amps, topics={'joint_commands': commands}), DRIVE)
     assert found.events == len(jumps[(jumps > 0.1) & (jumps < SECONDS - 0.1)])
     assert found.current_half.value == pytest.approx(late - 0.0005 + 0.0003, abs=7e-4)
     assert found.current_half.low <= found.current_half.value <= found.current_half.high
-    assert answer_of(recording(), DRIVE) is None
+    assert step_response(recording(), DRIVE) is None
 
 
 def test_jitter_losses_and_the_devices_clock_are_told_by_stream():

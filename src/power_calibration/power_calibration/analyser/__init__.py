@@ -1,1 +1,1 @@
-"""What a certified instrument says: its log, where it lies in time, and what it makes of ours."""
+"""Calibration of one drive against the log of a certified power analyser."""

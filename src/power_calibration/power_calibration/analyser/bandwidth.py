@@ -1,16 +1,15 @@
-"""Up to which frequency a meter follows a reference, and what it misses above."""
+"""Bandwidth of the meter against a reference, and the power above it."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.filters import low_pass
-from scipy.ndimage import correlate1d
 from scipy.signal import csd, welch
 
 from power_calibration.analyser.curve import Curve
-from power_calibration.analyser.fit import Clock, Value
 from power_calibration.analyser.log import Log
+from power_calibration.analyser.reference_fit import Clock, IntervalEstimate
 
 Floats = NDArray[np.float64]
 _SEGMENT = 1024  # samples of ours
@@ -23,14 +22,14 @@ _HALF = np.sqrt(0.5)
 
 @dataclass(frozen=True)
 class Response:
-    """Our meter's transfer function from the reference in F bands, 1 for slow signals."""
+    """Transfer function from the reference to our meter in F bands, 1 for slow signals."""
 
     frequency: Floats  # Hz [F]
     magnitude: Floats  # [F]
     error: Floats  # standard deviation of the magnitude [F]
     coherence: Floats  # [F]
-    cutoff: Value | None  # Hz, −3 dB; None if it lies above `reach`
-    reach: float  # Hz, up to which the two are coherent enough to tell
+    cutoff: IntervalEstimate | None  # Hz, −3 dB; None if there is none up to `reach`
+    reach: float  # Hz, highest frequency at which the two are coherent
 
 
 @dataclass(frozen=True)
@@ -38,9 +37,8 @@ class Loss:
     """
     Power of the reference above a frequency.
 
-    above: Hz; rms: W, root of the power's spectrum above it; total: the same of all that
-    alternates; mean: W that fast voltage times fast current carry on average, None where the log
-    has not both.
+    above: Hz; rms: W, of power above it; total: W, RMS of all alternating power; mean: W, of the
+    product of fast voltage and fast current, None where the log has not both.
     """
 
     above: float
@@ -55,22 +53,22 @@ def response(ours: Curve, reference: Curve, clock: Clock, seed: int = 0) -> Resp
     """
     Compare one signal of ours with the reference's, both as sampled; None if too short.
 
-    A reference of 2.5 times our rate and more tells up to 0.45 of our rate; a slower one up to a
-    tenth of its own. Whether the analyser's rows are samples or means over their period is not
-    known: the −3 dB point is that between both, and its interval that of both together. At 336 Hz
-    they differ by 0.05 % of magnitude at 20 kHz, 0.7 % at 5 kHz and 3 % at 2.5 kHz. What
-    `Curve.of` averaged is known, and taken out.
+    A reference of at least 2.5 times our rate is used up to 0.45 of our rate, a slower one up to a
+    tenth of its own. Rows of the analyser may be samples or means over their period: the −3 dB
+    point is midway between both hypotheses, and its interval covers both. At 336 Hz they differ
+    by 0.05 % of magnitude for a log of 20 kHz, 0.7 % at 5 kHz and 3 % at 2.5 kHz. The averaging by
+    `Curve.of` is known and removed.
 
     Spectra by Welch over whole stretches, in bands of 8 bins where the coherence is above 0.5; the
     magnitude's error is √((1 − γ²)/(2 n γ²)) (Bendat and Piersol, Random Data). A cubic in f²
-    through log magnitude, weighed by the errors, gives the −3 dB point; its interval is that of
-    300 redraws within the errors, which are widened to the scatter about the cubic (a motion that
-    repeats itself has lines that alias onto each other).
+    through log magnitude, weighted by the errors, gives the −3 dB point. Its interval is that of
+    300 redraws within the errors, which are widened to the scatter about the cubic (periodic
+    motion has lines that alias onto each other).
     """
     rate = 1.0 / ours.period
     fast = reference.period < 0.4 / rate
     limit = 0.45 * rate if fast else 0.1 * min(rate, 1.0 / reference.period)
-    smooth = _below(reference, 0.5 * rate) if fast else reference
+    smooth = _band_limited(reference, 0.5 * rate) if fast else reference
     sums: list[Floats] = []
     count = 0.0
     for time, values in ours.runs:
@@ -102,32 +100,34 @@ def response(ours: Curve, reference: Curve, clock: Clock, seed: int = 0) -> Resp
         gamma.append(min(sxy**2 / (sxx * syy), 1.0 - 1e-9))
     magnitude, coherence = np.array(h), np.array(gamma)
     error = magnitude * np.sqrt((1.0 - coherence) / (2.0 * count * coherence))
-    error = np.hypot(error, magnitude * _folded(reference, np.array(f), rate)) if fast else error
-    scale = _slow(np.array(f), magnitude, error)
+    error = np.hypot(error, magnitude * _aliased(reference, np.array(f), rate)) if fast else error
+    scale = _low_frequency_gain(np.array(f), magnitude, error)
     samples, means = (
-        _read(np.array(f), magnitude * c, error * c, coherence, np.random.default_rng(seed))
+        _cutoff(np.array(f), magnitude * c, error * c, coherence, np.random.default_rng(seed))
         for c in (c / scale for c in _averaging(reference, np.array(f)))
     )
-    return _between(samples, means)
+    return _combined(samples, means)
 
 
 def _averaging(reference: Curve, frequency: Floats) -> tuple[Floats, Floats]:
-    """What is left of the reference at each frequency, its rows being samples, and means."""
+    """Return the reference's gain at frequencies [F] if its rows are samples, and if means."""
     mean: Floats = np.sinc(frequency * reference.period)
     return mean / np.sinc(frequency * reference.period / reference.rows), mean
 
 
-def _between(samples: Response, means: Response) -> Response:
-    """One answer for both, as wide as they are together."""
+def _combined(samples: Response, means: Response) -> Response:
+    """Return one response whose interval covers both."""
     first, second = samples.cutoff, means.cutoff
     cutoff = None
     if first is not None and second is not None:
         middle = 0.5 * (first.value + second.value)
-        cutoff = Value(middle, min(first.low, second.low), max(first.high, second.high))
+        cutoff = IntervalEstimate(middle, min(first.low, second.low), max(first.high, second.high))
     elif first is not None or second is not None:
         known = first if first is not None else second
         assert known is not None
-        cutoff = Value(known.value, known.low, max(known.high, samples.reach, means.reach))
+        cutoff = IntervalEstimate(
+            known.value, known.low, max(known.high, samples.reach, means.reach)
+        )
     return replace(
         samples,
         magnitude=0.5 * (samples.magnitude + means.magnitude),
@@ -136,8 +136,8 @@ def _between(samples: Response, means: Response) -> Response:
     )
 
 
-def _folded(reference: Curve, frequency: Floats, rate: float) -> Floats:
-    """What our sampling folds onto each frequency, as a share of what is there."""
+def _aliased(reference: Curve, frequency: Floats, rate: float) -> Floats:
+    """Return the amplitude that our sampling aliases onto each frequency, relative to its own."""
     longest = max(reference.runs, key=lambda run: len(run[0]))[1][:, 0]
     size = min(len(longest), round(_SEGMENT / (rate * reference.period)))
     at, power = welch(longest, 1.0 / reference.period, nperseg=size)
@@ -147,34 +147,26 @@ def _folded(reference: Curve, frequency: Floats, rate: float) -> Floats:
     return share
 
 
-def _below(curve: Curve, limit: float) -> Curve:
-    """The curve flat up to 0.9 of a frequency, and nothing of it left from 1.1 on."""
-    taps = low_pass(1.0 / curve.period, 0.9 * limit, 1.1 * limit)
-    half = len(taps) // 2
-    return Curve(
-        tuple(
-            (time[half:-half], correlate1d(values, taps, axis=0)[half:-half])
-            for time, values in curve.runs
-            if len(time) > 4 * len(taps)
-        ),
-        curve.period,
-    )
+def _band_limited(curve: Curve, limit: float) -> Curve:
+    """Return the curve up to a frequency in Hz: flat to 0.9 of it, nothing from 1.1 of it."""
+    return curve.filtered(low_pass(1.0 / curve.period, 0.9 * limit, 1.1 * limit))
 
 
-def _slow(frequency: Floats, magnitude: Floats, error: Floats) -> float:
-    """Gain for slow signals."""
+def _low_frequency_gain(frequency: Floats, magnitude: Floats, error: Floats) -> float:
+    """Return the gain for slow signals."""
     low = frequency <= max(40.0, float(frequency[0]))
     weights = 1.0 / np.maximum(error[low], 1e-4) ** 2
     return float((magnitude[low] * weights).sum() / weights.sum())
 
 
-def _read(
+def _cutoff(
     frequency: Floats,
     magnitude: Floats,
     error: Floats,
     coherence: Floats,
     random: np.random.Generator,
 ) -> Response:
+    """Return the response with its −3 dB point, from bands that are coherent."""
     good = (coherence > _COHERENT) & (magnitude > 0.05)
     if good.sum() < _ORDER + 2:
         reach = float(frequency[good].max(initial=0.0))
@@ -203,11 +195,13 @@ def _read(
         crossing(np.log(m) + relative * random.standard_normal(len(m))) for _ in range(_DRAWS)
     ]
     low, high = np.quantile(np.where(np.isnan(drawn), reach, drawn), (0.025, 0.975)).tolist()
-    return Response(frequency, magnitude, error, coherence, Value(middle, low, high), reach)
+    return Response(
+        frequency, magnitude, error, coherence, IntervalEstimate(middle, low, high), reach
+    )
 
 
 def loss(log: Log, above: float) -> Loss | None:
-    """What of the log's power lies above a frequency; None if it samples too slowly to tell."""
+    """Return the log's power above a frequency in Hz; None if its rate is too low for that."""
     watts = log.watts
     if watts is None or 0.5 * log.rate <= above:
         return None

@@ -1,4 +1,4 @@
-"""Signals that can be asked for at any time: low-passed once, then interpolated."""
+"""Sampled signals that can be evaluated at any time: low-passed once, then interpolated."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,20 +11,21 @@ from scipy.ndimage import correlate1d
 from scipy.signal import resample_poly
 
 Floats = NDArray[np.float64]
-_FAST = 4000.0  # Hz, what a faster signal is averaged down to
-_SLOW = 1000.0  # Hz, what a slower one is brought up to
+_FAST = 4000.0  # Hz, rate to which faster signals are averaged
+_SLOW = 1000.0  # Hz, rate to which slow signals are interpolated before filtering
 _BETA = 5.653  # of Kaiser's window for 60 dB
 _WIDTH = 7.25  # half the length of the low-pass, in periods of its rate
-_BESIDE = 5.0  # samples of a low-passed curve per sample of its rate
+_OVERSAMPLING = 5.0  # samples of a low-passed curve per sample of its rate
+_SHIFTS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
 @dataclass(frozen=True)
 class Curve:
-    """K signals in R runs without gaps: times s [N] and values [N, K] of each."""
+    """K signals in R runs without gaps: times s [N] and values [N, K] of each run."""
 
     runs: tuple[tuple[Floats, Floats], ...]
     period: float  # s between samples
-    rows: int = 1  # that each sample is the mean of
+    rows: int = 1  # rows averaged into each sample
 
     @classmethod
     def of(
@@ -36,9 +37,9 @@ class Curve:
         period: float,
     ) -> 'Curve':
         """
-        A curve from samples and the first and last + 1 of each run.
+        Make a curve from samples [N, K] and the first and last + 1 of each run.
 
-        What is sampled faster than 8 kHz is averaged down to 4 kHz or a little more.
+        Signals faster than 8 kHz are averaged to 4 kHz or a little more.
         """
         every = max(1, int(1.0 / period / _FAST))
         runs = []
@@ -47,12 +48,8 @@ class Curve:
             if count < 4:
                 continue
             rows = slice(start, start + count * every)
-            runs.append(
-                (
-                    time[rows].reshape(count, every).mean(axis=1),
-                    values[rows].reshape(count, every, -1).mean(axis=1),
-                )
-            )
+            means = time[rows].reshape(count, every).mean(axis=1)
+            runs.append((means, values[rows].reshape(count, every, -1).mean(axis=1)))
         return cls(tuple(runs), period * every, every)
 
     @property
@@ -62,51 +59,46 @@ class Curve:
             return 0.0, 0.0
         return float(self.runs[0][0][0]), float(self.runs[-1][0][-1])
 
-    def low_passed(self, rate: float, *, raised: bool = True) -> 'Curve':
-        """
-        Without what a signal sampled at `rate` Hz cannot hold.
+    def columns(self, chosen: slice) -> 'Curve':
+        """Return some of the signals."""
+        return Curve(tuple((time, values[:, chosen]) for time, values in self.runs), self.period)
 
-        A windowed sinc, flat to a quarter of the rate and 60 dB down from half of it on, that is
-        the same function of time whatever the curve's own period, so that two curves are filtered
-        alike (taps by whole numbers differ by 1e-3). Each run loses half the filter at both ends;
-        those that are too short are left out. What is slower than 500 Hz is brought up to about
-        1 kHz first, for `at` to be exact; without `raised` it is not.
+    def filtered(self, taps: Floats, every: int = 1) -> 'Curve':
         """
-        slow = raised and self.period > 2.0 / _SLOW
-        rising = round(_SLOW * self.period) if slow else 1
-        period = self.period / max(1, rising)
-        taps = _taps(period, rate)
+        Return the curve through a centred FIR filter, of which every n-th sample is kept.
+
+        Each run loses half the filter at both ends; runs that are too short are left out.
+        """
         half = len(taps) // 2
-        every = max(1, int(1.0 / period / (_BESIDE * rate)))
         runs = []
         for time, values in self.runs:
-            if rising > 1:
-                time, values = _raised(time, values, rising)
             if len(time) < len(taps) + 4 * every:
                 continue
-            smooth = correlate1d(values, taps, axis=0, mode='nearest')
             inside = slice(half, len(time) - half, every)
-            runs.append((time[inside], smooth[inside]))
-        return Curve(tuple(runs), period * every)
+            smooth = correlate1d(values, taps, axis=0, mode='nearest')[inside]
+            runs.append((time[inside], smooth))
+        return Curve(tuple(runs), self.period * every)
 
-    def averaged(self, width: float) -> 'Curve':
-        """Every sample replaced by the mean over a width in s around it."""
-        count = max(1, round(width / self.period))
-        taps = np.full(count, 1.0 / count)
-        if count % 2 == 0:
-            taps = np.concatenate([[0.5 / count], np.full(count - 1, 1.0 / count), [0.5 / count]])
-        half = len(taps) // 2
-        runs = []
-        for time, values in self.runs:
-            if len(time) <= len(taps) + 4:
-                continue
-            smooth = correlate1d(values, taps, axis=0, mode='nearest')
-            inside = slice(half, len(time) - half)
-            runs.append((time[inside], smooth[inside]))
-        return Curve(tuple(runs), self.period)
+    def low_passed(self, rate: float, *, mean: float = 0.0, interpolate: bool = True) -> 'Curve':
+        """
+        Return the curve limited to what a signal sampled at `rate` Hz can hold.
+
+        The filter is a windowed sinc, flat to a quarter of the rate and 60 dB down from half of it
+        on. It is the same function of time at any period of the curve, so that two curves are
+        filtered alike (taps by whole numbers would differ by 1e-3). mean: width in s of a moving
+        average in addition. Curves under 500 Hz are interpolated to about 1 kHz first, which `at`
+        needs to be exact, unless `interpolate` is False.
+        """
+        curve = self
+        if interpolate and self.period > 2.0 / _SLOW:
+            factor = round(_SLOW * self.period)
+            raised = tuple(_interpolated(*run, factor) for run in self.runs)
+            curve = Curve(raised, self.period / factor)
+        every = max(1, int(1.0 / curve.period / (_OVERSAMPLING * rate)))
+        return curve.filtered(_low_pass(curve.period, rate, mean), every)
 
     def at(self, times: Floats) -> Floats:
-        """Values at ascending times, [T, K]; NaN outside the runs."""
+        """Return the values at ascending times, [T, K]; NaN outside the runs."""
         width = self.runs[0][1].shape[1] if self.runs else 1
         result = np.full((len(times), width), np.nan)
         for time, values in self.runs:
@@ -116,25 +108,32 @@ class Curve:
         return result
 
     def derivative(self) -> 'Curve':
-        """Derivatives of all signals, per s."""
+        """Return the derivatives of all signals, per s."""
         return Curve(
             tuple((time, np.gradient(values, time, axis=0)) for time, values in self.runs),
             self.period,
         )
 
 
-def _taps(period: float, rate: float) -> Floats:
-    """The low-pass for `rate` Hz at a period in s; a single 1 where that is no less."""
+def _low_pass(period: float, rate: float, mean: float) -> Floats:
+    """Return the taps for `rate` Hz at a period in s; a single 1 where that is no less."""
     if rate >= 0.9 / period:
         return np.ones(1)
     half_width = _WIDTH / rate
-    count = int(half_width / period)
+    count = int((half_width + 0.5 * mean) / period)
     time = period * np.arange(-count, count + 1)
-    return windowed_sinc(time, 0.375 * rate, half_width, _BETA)
+    if not mean:
+        return windowed_sinc(time, 0.375 * rate, half_width, _BETA)
+    # The mean over a width of the continuous filter, by Gauss's quadrature.
+    shifted = [
+        windowed_sinc(time - 0.5 * mean * shift, 0.375 * rate, half_width, _BETA)
+        for shift in _SHIFTS
+    ]
+    return np.asarray(0.5 * _WEIGHTS @ np.array(shifted))
 
 
-def _raised(time: Floats, values: Floats, factor: int) -> tuple[Floats, Floats]:
-    """At a multiple of the rate, without images; the ends, which see the filter, cut off."""
+def _interpolated(time: Floats, values: Floats, factor: int) -> tuple[Floats, Floats]:
+    """Return a run at a multiple of its rate, without images and without the filter's ends."""
     mean = values.mean(axis=0)
     dense = resample_poly(values - mean, factor, 1, axis=0) + mean
     index = np.arange(len(dense)) / factor

@@ -1,4 +1,4 @@
-"""The paper's Figure 2 and the meter's bandwidth, as pictures."""
+"""Figure of power by meter and analyser (after the paper's Figure 2), and of the bandwidth."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from wattwalk_core.figures import OTHERS, style
 
-from power_calibration.analyser.comparison import Comparison, powers
+from power_calibration.analyser.comparison import AnalyserComparison
 
 Floats = NDArray[np.float64]
 _SHOWN = 0.5  # s
@@ -14,8 +14,8 @@ _BLUE = {False: '#0072B2', True: '#56B4E9'}
 _ORANGE = OTHERS[0]
 
 
-def draw(found: Comparison, *, dark: bool = False) -> Figure:
-    """Our power over the analyser's with the residual, transfer function, and spectrum."""
+def draw(found: AnalyserComparison, *, dark: bool = False) -> Figure:
+    """Draw power of both with the residual, the transfer function, and the spectrum."""
     with style(dark) as ink:
         figure = Figure(figsize=(9, 8.2), layout='constrained')
         grid = figure.add_gridspec(3, 2, height_ratios=[1.5, 0.9, 1.2])
@@ -27,11 +27,9 @@ def draw(found: Comparison, *, dark: bool = False) -> Figure:
     return figure
 
 
-def _traces(found: Comparison, top: Axes, below: Axes, ink: str, blue: str) -> None:
+def _traces(found: AnalyserComparison, top: Axes, below: Axes, ink: str, blue: str) -> None:
     log, rate = found.log, found.error_rate
-    times, ours, true = powers(
-        found.measured, log, found.fit, found.correction, rate, found.rows_are_means
-    )
+    times, ours, true = found.powers()
     start = _busiest(times, true, rate)
     shown = (times >= start) & (times <= start + _SHOWN)
     at = times[shown] - start
@@ -61,18 +59,18 @@ def _traces(found: Comparison, top: Axes, below: Axes, ink: str, blue: str) -> N
     below.set_ylabel('residual [W]')
     below.set_xlabel('time [s]')
     below.set_xlim(0, _SHOWN)
-    words = (
+    label = (
         f'residual at {rate:.0f} Hz over all: {found.before:.2f} W before, '
         f'{found.after:.2f} W after (RMS)'
     )
-    below.set_title(words, loc='left', fontsize=9)
+    below.set_title(label, loc='left', fontsize=9)
     low, high = below.get_ylim()
     below.set_ylim(low, high + 0.3 * (high - low))
     below.legend(loc='upper right', ncols=2, frameon=False, fontsize=8)
 
 
 def _busiest(times: Floats, true: Floats, rate: float) -> float:
-    """Start of the stretch in which power varies most; of those alike, the middle one."""
+    """Return the start of the interval in which power varies most; of those alike, the middle."""
     width = max(2, round(_SHOWN * rate))
     count = len(true) // width
     if count < 2:
@@ -83,13 +81,13 @@ def _busiest(times: Floats, true: Floats, rate: float) -> float:
     return float(times[int(good[len(good) // 2]) * width])
 
 
-def _response(found: Comparison, axis: Axes, ink: str, blue: str) -> None:
+def _response(found: AnalyserComparison, axis: Axes, ink: str, blue: str) -> None:
     answer = found.response
-    axis.set_title('our current over the analyser’s', loc='left', fontsize=10)
+    axis.set_title('our current relative to the analyser’s', loc='left', fontsize=10)
     axis.set_xlabel('frequency [Hz]')
     axis.set_ylabel('magnitude')
     if answer is None:
-        axis.text(0.5, 0.5, 'too short to tell', transform=axis.transAxes, ha='center')
+        axis.text(0.5, 0.5, 'recording too short', transform=axis.transAxes, ha='center')
         return
     good = answer.coherence > 0.5
     axis.errorbar(
@@ -107,21 +105,21 @@ def _response(found: Comparison, axis: Axes, ink: str, blue: str) -> None:
     cutoff = answer.cutoff
     if cutoff is not None:
         axis.axvspan(cutoff.low, cutoff.high, color=_ORANGE, alpha=0.35, lw=0)
-        words = f'−3 dB at {cutoff.value:.0f} Hz ({cutoff.low:.0f}–{cutoff.high:.0f})'
+        label = f'−3 dB at {cutoff.value:.0f} Hz ({cutoff.low:.0f}–{cutoff.high:.0f})'
     else:
-        words = f'−3 dB above {answer.reach:.0f} Hz'
-    axis.text(0.03, 0.06, words, transform=axis.transAxes, fontsize=8)
+        label = f'no −3 dB point up to {answer.reach:.0f} Hz'
+    axis.text(0.03, 0.06, label, transform=axis.transAxes, fontsize=8)
     axis.set_ylim(0, 1.7)
     axis.set_xlim(0, float(answer.frequency[-1]) + 5)
     axis.legend(loc='upper right', frameon=False, fontsize=8)
 
 
-def _spectrum(found: Comparison, axis: Axes, ink: str) -> None:
+def _spectrum(found: AnalyserComparison, axis: Axes, ink: str) -> None:
     axis.set_title('power above our bandwidth', loc='left', fontsize=10)
     axis.set_xlabel('frequency [Hz]')
     lost = found.loss
     if lost is None:
-        axis.text(0.5, 0.5, 'the log is too slow to tell', transform=axis.transAxes, ha='center')
+        axis.text(0.5, 0.5, 'log too slow', transform=axis.transAxes, ha='center')
         return
     some = slice(1, None, max(1, len(lost.frequency) // 4000))
     frequency, density = lost.frequency[some], np.sqrt(lost.spectrum[some])
@@ -132,7 +130,7 @@ def _spectrum(found: Comparison, axis: Axes, ink: str) -> None:
     )
     axis.axvline(lost.above, color=_ORANGE, lw=1.5)
     axis.set_ylabel('analyser [W/√Hz]')
-    words = f'{lost.rms:.2f} of {lost.total:.1f} W RMS\nabove {lost.above:.0f} Hz'
+    label = f'{lost.rms:.2f} of {lost.total:.1f} W RMS\nabove {lost.above:.0f} Hz'
     if lost.mean is not None:
-        words += f';\n{1000 * lost.mean:+.1f} mW of the mean'
-    axis.text(0.97, 0.95, words, transform=axis.transAxes, fontsize=8, ha='right', va='top')
+        label += f';\n{1000 * lost.mean:+.1f} mW of the mean'
+    axis.text(0.97, 0.95, label, transform=axis.transAxes, fontsize=8, ha='right', va='top')

@@ -1,4 +1,4 @@
-"""Intervals of least squares whose errors last: a jackknife over consecutive blocks."""
+"""Confidence intervals of least squares with correlated errors: a jackknife over blocks."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ _LEVEL = 0.95
 
 
 def blocks_of(time: Floats) -> NDArray[np.intp]:
-    """Block of each of T ascending times: 5 to 60 blocks, of at least 1 s if that allows."""
+    """Return the block of each of T ascending times: 5 to 60 blocks, of 1 s or more if it can."""
     span = float(time[-1] - time[0])
     count = int(np.clip(span / _LEAST_BLOCK, _FEWEST_BLOCKS, _MOST_BLOCKS))
     owner = np.minimum(((time - time[0]) / (span / count)).astype(np.intp), count - 1)
@@ -22,10 +22,10 @@ def blocks_of(time: Floats) -> NDArray[np.intp]:
 
 def left_out(jacobian: Floats, residual: Floats, owner: NDArray[np.intp]) -> Floats:
     """
-    How the solution of jacobian [R, P] · change = residual [R] moves without each block: [B, P].
+    Solve jacobian [R, P] · change = residual [R] without each block in turn: changes [B, P].
 
-    Columns of zeros stay at 0. The spread of these is the sandwich estimate CR3: whatever
-    correlation the residuals have within a block is in it.
+    Columns of zeros stay at 0. The spread of the changes is the sandwich estimate CR3, which
+    includes any correlation of the residuals within a block.
     """
     size = np.sqrt((jacobian**2).sum(axis=0))
     used = size > 0
@@ -43,7 +43,7 @@ def left_out(jacobian: Floats, residual: Floats, owner: NDArray[np.intp]) -> Flo
 
 
 def half_width(replicas: Floats) -> Floats:
-    """Half the interval of 95 % by Student's t, from values with a block left out [B, P]."""
+    """Return half the 95 % interval by Student's t, from values without each block [B, P]."""
     count = len(replicas)
     variance = (count - 1) / count * ((replicas - replicas.mean(axis=0)) ** 2).sum(axis=0)
     quantile = float(student.ppf(0.5 + 0.5 * _LEVEL, count - 1))

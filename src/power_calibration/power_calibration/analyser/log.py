@@ -11,6 +11,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.files import advice
 
 from power_calibration.analyser.csv_table import Dialect, read_columns
+from power_calibration.analyser.curve import Curve
 
 Floats = NDArray[np.float64]
 QUANTITIES = ('voltage', 'current', 'power')
@@ -73,6 +74,11 @@ class Log:
         if self.voltage is not None and self.current is not None:
             return self.voltage * self.current
         return None
+
+    def curve(self, values: Floats) -> Curve:
+        """Return values of the rows, [N] or [N, K], as a curve."""
+        columns = values.reshape(len(values), -1)
+        return Curve.of(self.time, columns, self.starts, self.stops, self.period)
 
     @classmethod
     def read(

@@ -1,13 +1,14 @@
-"""A comparison in rows of a table and in sentences."""
+"""Rows of the result table, and sentences, of a comparison with an analyser."""
 
-from power_calibration.analyser.comparison import Comparison
-from power_calibration.analyser.fit import Value
+from power_calibration.analyser.comparison import AnalyserComparison
+from power_calibration.analyser.reference_fit import IntervalEstimate
 
+COLUMNS = ('', 'value', '95 % from', 'to')
 _UNITS = {'voltage': 'V', 'current': 'A'}
 
 
-def rows(found: Comparison) -> list[tuple[str, str, str, str]]:
-    """Figure, value, and the interval of 95 % for each thing that was fitted."""
+def rows(found: AnalyserComparison) -> list[tuple[str, str, str, str]]:
+    """Return quantity, value and limits of the 95 % interval for all that was fitted."""
     table = []
     for name, channel in found.channels.items():
         table.append((f'{name} gain', *_texts(channel.gain, 5)))
@@ -25,13 +26,13 @@ def rows(found: Comparison) -> list[tuple[str, str, str, str]]:
         if answer.cutoff is not None:
             table.append(('our bandwidth, −3 dB [Hz]', *_texts(answer.cutoff, 0)))
         else:
-            table.append(('our bandwidth, −3 dB [Hz]', f'over {answer.reach:.0f}', '', ''))
+            table.append(('our bandwidth, −3 dB [Hz]', f'none up to {answer.reach:.0f}', '', ''))
     return table
 
 
-def sentences(found: Comparison) -> list[str]:
-    """What it comes to."""
-    said = [
+def sentences(found: AnalyserComparison) -> list[str]:
+    """Return the errors of power before and after, and the power above our bandwidth."""
+    text = [
         f'Error of power at {found.error_rate:.0f} Hz: {found.before:.3f} W RMS as recorded '
         f'(mean {found.mean_before:+.3f} W), {found.after:.3f} W calibrated '
         f'(mean {found.mean_after:+.3f} W), over {found.overlap:.1f} s; '
@@ -40,16 +41,16 @@ def sentences(found: Comparison) -> list[str]:
     if found.loss is not None:
         lost = found.loss
         share = 100.0 * (lost.rms / lost.total) ** 2
-        text = (
-            f'Above {lost.above:.0f} Hz the analyser sees {lost.rms:.2f} W RMS that we do not, '
+        above = (
+            f'Above {lost.above:.0f} Hz the analyser measures {lost.rms:.2f} W RMS that we miss, '
             f'{share:.2g} % of the variance'
         )
         if lost.mean is not None:
-            text += f'; it carries {1000.0 * lost.mean:+.1f} mW on average'
-        said.append(text + '.')
-    return said
+            above += f'; it carries {1000.0 * lost.mean:+.1f} mW on average'
+        text.append(above + '.')
+    return text
 
 
-def _texts(value: Value, digits: int) -> tuple[str, str, str]:
+def _texts(value: IntervalEstimate, digits: int) -> tuple[str, str, str]:
     low, middle, high = (f'{x:.{digits}f}' for x in (value.low, value.value, value.high))
     return middle, low, high

@@ -1,1 +1,1 @@
-"""How well the streams of a recording agree in time, and what it costs where they do not."""
+"""Agreement in time of the streams of a recording, and the error of power without it."""

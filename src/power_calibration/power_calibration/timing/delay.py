@@ -1,4 +1,4 @@
-"""By how much a drive's electrical samples are late against its joint samples."""
+"""Delay of a drive's electrical samples against its joint samples."""
 
 from dataclasses import dataclass, field
 
@@ -8,23 +8,23 @@ from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
 from power_calibration.analyser.curve import Curve
-from power_calibration.analyser.fit import Value
 from power_calibration.analyser.jackknife import blocks_of, half_width, left_out
-from power_calibration.analyser.measured import Measured
-from power_calibration.timing.proxy import Joint, Spring
+from power_calibration.analyser.measured_drive import MeasuredDrive
+from power_calibration.analyser.reference_fit import IntervalEstimate
+from power_calibration.timing.power_proxy import Joint, ShaftSpring
 
 Floats = NDArray[np.float64]
 SHIFTS = np.arange(-20.0, 21.0) * 1e-3
-"""Artificial shifts at which errors are taken, s."""
+"""Shifts at which errors are computed, s."""
 _RATE = 100.0  # Hz, both sides are low-passed for it: flat to 25 Hz
-_SPAN = 30.0  # s that are fitted, where power varies most
+_SPAN = 30.0  # s, fitted where power varies most
 _STEPS = 8
 _LEAST = 3.0  # s
 _LEAST_R2 = 0.3
-_FARTHEST = 0.05  # s
+_LARGEST_DELAY = 0.05  # s
 _SPRINGS = (
-    Spring(0.0, 0.0),
-    *(Spring(c, t) for c in (1 / 900, 1 / 450, 1 / 250) for t in (0.0, 0.006)),
+    ShaftSpring(0.0, 0.0),
+    *(ShaftSpring(c, t) for c in (1 / 900, 1 / 450, 1 / 250) for t in (0.0, 0.006)),
 )
 
 
@@ -33,13 +33,13 @@ class Delay:
     """
     Alignment of one drive; errors in W [S], one for each of SHIFTS added to the best delay.
 
-    delay: s by which electrical stamps are late, None where power follows nothing that the joint
-    sensors say (r2 under 0.3). refitted: RMS error of power against the proxy fitted anew at each
-    shift. moved: RMS change of power that the shift alone makes.
+    delay: of electrical stamps, s, None where power does not depend on the joint signals (r2 under
+    0.3). refitted: RMS error of power against the proxy, fitted at each shift. moved: RMS change
+    of power by the shift alone.
     """
 
     drive: str
-    delay: Value | None
+    delay: IntervalEstimate | None
     r2: float
     power: float  # W, standard deviation of the low-passed power
     refitted: Floats
@@ -48,9 +48,9 @@ class Delay:
 
     def error_at(self, shift: float) -> tuple[float, float]:
         """
-        What a shift (s) adds, mean of both signs: W, and % of the spread of power.
+        Return the error by a shift in s, mean of both signs: W, and % of power's deviation.
 
-        It is the power's own change, which no model that is right escapes.
+        It is the change of the power itself, so that even an exact model has this error.
         """
         watts = float(np.interp(shift, SHIFTS, self.moved) + np.interp(-shift, SHIFTS, self.moved))
         return 0.5 * watts, 50.0 * watts / self.power
@@ -58,34 +58,33 @@ class Delay:
 
 def delay_of(recording: Recording, drive: str) -> Delay:
     """
-    Fit one drive's electrical power by what its joint sensors say, at the delay that fits best.
+    Estimate a drive's delay by regression of its electrical power on its joint signals.
 
-    The proxy is that of `proxy.Joint`: linear in what torque and the rotor's speed say, the rotor
-    being a spring (compliance and relaxation) away from the joint, for a spring looks like a
-    delay and would else be taken for one. Both sides pass the same low-pass (flat to 25 Hz).
-    Gauss-Newton over coefficients, spring and delay together, from the best of seven springs, on
-    the 30 s in which power varies most; interval of 95 % by a jackknife over blocks.
+    The proxy is that of `power_proxy.Joint`, linear in functions of torque and the rotor's speed.
+    A spring (compliance and relaxation) between rotor and joint is fitted with it, since its
+    effect resembles a delay. Both sides pass the same low-pass (flat to 25 Hz). Gauss-Newton over
+    coefficients, spring and delay, from the best of seven springs, on the 30 s in which power
+    varies most; 95 % interval by a jackknife over blocks.
 
     InputError for a drive that was not measured or is no joint, or under 3 s without gaps.
     """
-    measured = Measured.of(recording, drive)
+    measured = MeasuredDrive.of(recording, drive)
     power = measured.power.low_passed(_RATE)
     joint = Joint.of(recording, drive, measured.start_ns)
     time = _busiest(recording, drive, power, joint)
     joint = joint.between(time[0] - 0.5, time[-1] + 0.5)
     problem = _Problem(time, power.at(time)[:, 0], joint)
-    delay, spring = problem.started()
-    delay, spring = problem.refined(delay, spring)
+    delay, spring = problem.refined(*problem.started())
     jacobian, residual, at = problem.linear(delay, spring)
     watts = problem.watts[np.isin(problem.time, at)]
     spread = float(watts.std())
     r2 = 1.0 - float(residual.var()) / max(spread**2, 1e-12)
     changes = left_out(jacobian, residual, blocks_of(at))
     half = float(half_width(changes[:, :1])[0])
-    known = r2 >= _LEAST_R2 and abs(delay) < _FARTHEST
+    known = r2 >= _LEAST_R2 and abs(delay) < _LARGEST_DELAY
     return Delay(
         drive=drive,
-        delay=Value(delay, delay - half, delay + half) if known else None,
+        delay=IntervalEstimate.of(delay, half) if known else None,
         r2=r2,
         power=spread,
         refitted=problem.refitted(delay, spring),
@@ -95,8 +94,8 @@ def delay_of(recording: Recording, drive: str) -> Delay:
 
 
 def _busiest(recording: Recording, drive: str, power: Curve, joint: Joint) -> Floats:
-    """Times on the grid at which both sides are fitted, s."""
-    margin = float(SHIFTS[-1]) + _FARTHEST + 0.1
+    """Return the times at which both sides are fitted, s."""
+    margin = float(SHIFTS[-1]) + _LARGEST_DELAY + 0.1
     first = max(power.span[0], joint.span[0]) + margin
     last = min(power.span[1], joint.span[1]) - margin
     time = first + np.arange(max(0, int((last - first) * _RATE))) / _RATE
@@ -117,18 +116,18 @@ def _busiest(recording: Recording, drive: str, power: Curve, joint: Joint) -> Fl
 
 @dataclass(frozen=True)
 class _Problem:
-    """Power at T times, and what says it."""
+    """Regression of power at T times on the joint signals."""
 
     time: Floats
     watts: Floats
     joint: Joint
-    known: dict[Spring, Curve] = field(default_factory=dict)
+    known: dict[ShaftSpring, Curve] = field(default_factory=dict)
 
-    def _features(self, spring: Spring) -> Curve:
+    def _features(self, spring: ShaftSpring) -> Curve:
         if spring not in self.known:
             if len(self.known) > 3:
                 self.known.clear()
-            self.known[spring] = self.joint.features(spring).low_passed(_RATE, raised=False)
+            self.known[spring] = self.joint.features(spring).low_passed(_RATE, interpolate=False)
         return self.known[spring]
 
     def _rows(self, curve: Curve, delay: float) -> tuple[Floats, NDArray[np.bool_]]:
@@ -142,8 +141,8 @@ class _Problem:
         rest = self.watts[good] - x[good] @ _solved(x[good], self.watts[good])
         return float(np.sqrt(np.mean(rest**2)))
 
-    def started(self) -> tuple[float, Spring]:
-        """The best of seven springs at the best delay on a grid of 4 ms."""
+    def started(self) -> tuple[float, ShaftSpring]:
+        """Return the best delay on a grid of 4 ms and the best of seven springs."""
         grid = np.arange(-0.04, 0.041, 0.004)
         found = []
         for spring in _SPRINGS:
@@ -154,15 +153,15 @@ class _Problem:
             raise InputError(f'{self.joint.name} has under {_LEAST:g} s without gaps')
         return delay, spring
 
-    def refined(self, delay: float, spring: Spring) -> tuple[float, Spring]:
-        """Gauss-Newton, each step halved until it helps."""
+    def refined(self, delay: float, spring: ShaftSpring) -> tuple[float, ShaftSpring]:
+        """Refine both by Gauss-Newton, each step halved until the error falls."""
         error = self._error(self._features(spring), delay)
         for _ in range(_STEPS):
             jacobian, residual, _ = self.linear(delay, spring)
             change = _solved(jacobian, residual)[:3]
             for _ in range(4):
                 tried = spring.moved(float(change[1]), float(change[2]))
-                later = float(np.clip(delay + change[0], -_FARTHEST, _FARTHEST))
+                later = float(np.clip(delay + change[0], -_LARGEST_DELAY, _LARGEST_DELAY))
                 reached = self._error(self._features(tried), later)
                 if reached < error:
                     break
@@ -175,8 +174,8 @@ class _Problem:
                 break
         return delay, spring
 
-    def linear(self, delay: float, spring: Spring) -> tuple[Floats, Floats, Floats]:
-        """Jacobian [R, 3 + P] over delay, spring and coefficients, residual [R], times [R]."""
+    def linear(self, delay: float, spring: ShaftSpring) -> tuple[Floats, Floats, Floats]:
+        """Linearise: Jacobian [R, 3 + P] over delay, spring, coefficients; residual; times [R]."""
         curve = self._features(spring)
         x, good = self._rows(curve, delay)
         rise, _ = self._rows(curve.derivative(), delay)
@@ -195,8 +194,8 @@ class _Problem:
         residual = self.watts[good] - x[good] @ b
         return np.column_stack([*columns, x[good]]), residual, self.time[good]
 
-    def refitted(self, delay: float, spring: Spring) -> Floats:
-        """RMS error with the coefficients fitted anew at each shift, W."""
+    def refitted(self, delay: float, spring: ShaftSpring) -> Floats:
+        """Return the RMS error with coefficients fitted at each shift, W."""
         curve = self._features(spring)
         return np.array([self._error(curve, delay - shift) for shift in SHIFTS])
 

@@ -1,4 +1,4 @@
-"""Synchronisation in pictures: what a shift costs, who is late, stamps, and the smoothing."""
+"""Figure of synchronisation: errors by shift, delays, stamps, and the smoothing."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,15 +14,15 @@ _MOST_LINES = 12
 
 
 def draw(found: Summary, *, dark: bool = False) -> Figure:
-    """Six panels, of which the one of jumps is there only where commands jump."""
+    """Draw six panels; that of step responses replaces the fits where commands have steps."""
     with style(dark) as ink:
         blue = _BLUE[dark]
         figure = Figure(figsize=(9.6, 9.2), layout='constrained')
         axes = figure.subplots(3, 2)
         _cost(found, axes[0, 0], ink, blue)
         _delays(found, axes[0, 1], ink, blue)
-        if found.answers:
-            _answer(found, axes[1, 0], ink, blue)
+        if found.responses:
+            _step_response(found, axes[1, 0], ink, blue)
         else:
             _fits(found, axes[1, 0], ink, blue)
         _jitter(found, axes[1, 1], ink, blue)
@@ -32,14 +32,14 @@ def draw(found: Summary, *, dark: bool = False) -> Figure:
 
 
 def _cost(found: Summary, axis: Axes, ink: str, blue: str) -> None:
-    axis.set_title('what a shift does to power', loc='left', fontsize=10)
+    axis.set_title('change of power by a shift', loc='left', fontsize=10)
     for delay in found.delays[:_MOST_LINES]:
         axis.plot(1e3 * SHIFTS, 100 * delay.moved / delay.power, color=blue, lw=0.8, alpha=0.6)
     middle = np.median([d.moved / d.power for d in found.delays], axis=0)
     axis.plot(1e3 * SHIFTS, 100 * middle, color=ink, lw=1.8, label='median of the drives')
     axis.plot([], [], color=blue, lw=0.8, label='each drive')
     axis.set_xlabel('shift of the electrical samples [ms]')
-    axis.set_ylabel('RMS change [% of its spread]')
+    axis.set_ylabel('RMS change [% of deviation]')
     axis.set_ylim(0, None)
     watts = float(np.median([d.power for d in found.delays]))
     other = axis.secondary_yaxis('right', functions=(_times(watts / 100), _times(100 / watts)))
@@ -52,7 +52,7 @@ def _times(factor: float):  # type: ignore[no-untyped-def]
 
 
 def _delays(found: Summary, axis: Axes, ink: str, blue: str) -> None:
-    axis.set_title('electrical stamps late against joints', loc='left', fontsize=10)
+    axis.set_title('delay of electrical stamps against joints', loc='left', fontsize=10)
     known: list[Delay] = [d for d in found.delays if d.delay is not None]
     for row, item in enumerate(known):
         assert item.delay is not None
@@ -71,30 +71,30 @@ def _delays(found: Summary, axis: Axes, ink: str, blue: str) -> None:
 
 
 def _fits(found: Summary, axis: Axes, ink: str, blue: str) -> None:
-    axis.set_title('fit of the proxy, shifted and fitted anew', loc='left', fontsize=10)
+    axis.set_title('error of the proxy, fitted at each shift', loc='left', fontsize=10)
     for delay in found.delays[:_MOST_LINES]:
         axis.plot(1e3 * SHIFTS, 100 * delay.refitted / delay.power, color=blue, lw=0.8, alpha=0.6)
     middle = np.median([d.refitted / d.power for d in found.delays], axis=0)
     axis.plot(1e3 * SHIFTS, 100 * middle, color=ink, lw=1.8)
     axis.axvline(0, color=ink, lw=0.8, ls=':')
     axis.set_xlabel('shift from the best delay [ms]')
-    axis.set_ylabel('RMS error [% of the spread]')
+    axis.set_ylabel('RMS error [% of deviation]')
     axis.set_ylim(0, None)
 
 
-def _answer(found: Summary, axis: Axes, ink: str, blue: str) -> None:
-    answer = max(found.answers, key=lambda a: a.events)
-    title = f'{answer.drive}: {answer.events} jumps of command, stacked'
+def _step_response(found: Summary, axis: Axes, ink: str, blue: str) -> None:
+    answer = max(found.responses, key=lambda a: a.events)
+    title = f'{answer.drive}: {answer.events} steps of the command, stacked'
     axis.set_title(title, loc='left', fontsize=10)
     time = 1e3 * answer.time
     axis.plot(time, answer.current, color=blue, lw=1.6, label='current, 1 kHz')
     axis.plot(time, answer.torque, color=OTHERS[3], lw=1.6, ls='--', label='torque, 400 Hz')
     axis.axvline(0, color=ink, lw=0.8)
     axis.set_xlabel('time after the stamp of the command [ms]')
-    axis.set_ylabel('mean change [share of its end]')
+    axis.set_ylabel('mean change [share of final]')
     half = answer.current_half
-    words = f'half at {1e3 * half.value:.2f} ms\n({1e3 * half.low:.2f} to {1e3 * half.high:.2f})'
-    axis.text(0.03, 0.95, words, transform=axis.transAxes, va='top', fontsize=8)
+    label = f'half at {1e3 * half.value:.2f} ms\n({1e3 * half.low:.2f} to {1e3 * half.high:.2f})'
+    axis.text(0.03, 0.95, label, transform=axis.transAxes, va='top', fontsize=8)
     axis.legend(loc='lower right', frameon=False, fontsize=8)
 
 
@@ -138,8 +138,8 @@ def _smoothing(axis: Axes, ink: str, blue: str) -> None:
     ripple = abs(gain(taps, 50.0, GRID))
     level = 20 * np.log10(max(ripple, 1e-4))
     axis.plot(50.0, level, 'o', color=OTHERS[3], ms=6)
-    words = f'{100 * ripple:.1f} % of 50 Hz is left'
-    axis.annotate(words, (50.0, level), (56.0, level + 8), fontsize=8, color=ink)
+    label = f'gain at 50 Hz: {100 * ripple:.1f} %'
+    axis.annotate(label, (50.0, level), (56.0, level + 8), fontsize=8, color=ink)
     axis.axhline(-3, color=ink, lw=0.8, ls=':')
     axis.axvline(SMOOTHING, color=OTHERS[0], lw=1.2, label='12.5 Hz')
     axis.set_ylim(-60, 5)

@@ -1,4 +1,4 @@
-"""Stamps of each stream: rate, jitter, losses, and the device's clock behind them."""
+"""Stamps of each stream: rate, jitter, losses, and the clock of the device."""
 
 from dataclasses import dataclass
 
@@ -19,10 +19,10 @@ _GAP = 2.5  # periods
 @dataclass(frozen=True)
 class StampQuality:
     """
-    How even the stamps of a stream of N samples are.
+    Regularity of the stamps of a stream of N samples.
 
     jitter: deviation from an even clock, fitted per 10 s, in s [N]; NaN in windows of under 8.
-    lost: samples missing by sequence numbers, else by gaps; back: s of gaps in all.
+    lost: samples missing by sequence numbers, else by gaps.
     """
 
     topic: str
@@ -49,10 +49,10 @@ class StampQuality:
 @dataclass(frozen=True)
 class ClockQuality:
     """
-    The mapping from the device's clock to stamps.
+    Mapping from the device's clock to stamps.
 
-    residual: stamp less the straight line over device time, s [N]. drift: how much too fast the
-    device's clock runs, ppm. A line bent by slow changes of a clock shows in the residual too.
+    residual: deviation of stamps from a straight line over device time, s [N], which includes slow
+    changes of a clock. drift: by how much the device's clock runs too fast, ppm.
     """
 
     drift: float
@@ -71,7 +71,7 @@ class ClockQuality:
 
 
 def stamp_qualities(recording: Recording) -> list[StampQuality]:
-    """Every stream of the recording that has four samples or more."""
+    """Return the quality of each stream with at least four samples."""
     found = []
     for topic in _TOPICS:
         if not recording.has(topic):
@@ -109,7 +109,7 @@ def _jitter(time: Floats, index: NDArray[np.int64]) -> Floats:
 
 
 def clock_quality(recording: Recording) -> ClockQuality | None:
-    """Of drive_supply, whose messages carry the device's clock; None without it."""
+    """Return the clock mapping of drive_supply, whose messages carry device time; else None."""
     if not recording.has('drive_supply'):
         return None
     supply = recording.drive_supply()

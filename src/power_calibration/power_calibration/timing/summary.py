@@ -1,4 +1,4 @@
-"""All that is said of a recording's synchronisation."""
+"""Synchronisation of a recording: delays, step responses, stamps and the device's clock."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,43 +9,43 @@ from power_recordings.alignment.filters import SMOOTHING, gain, smoothing
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
-from power_calibration.analyser.fit import Value
+from power_calibration.analyser.reference_fit import IntervalEstimate
 from power_calibration.timing.delay import Delay, delay_of
-from power_calibration.timing.events import Answer, answer_of
 from power_calibration.timing.stamps import (
     ClockQuality,
     StampQuality,
     clock_quality,
     stamp_qualities,
 )
+from power_calibration.timing.step_response import StepResponse, step_response
 
 SHIFTS_SHOWN = (0.001, 0.0025, 0.005, 0.01)
-"""Shifts of which the effect is told, s."""
+"""Shifts whose effect on power is reported, s."""
 FREQUENCIES_SHOWN = (5.0, 12.5, 25.0, 50.0, 100.0)
-"""Frequencies of which the smoothing's gain is told, Hz."""
+"""Frequencies at which the smoothing's gain is reported, Hz."""
 GRID = 400.0  # Hz, on which alignment smooths
 MATTERS = 0.001  # s
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Alignment by drive, answers to jumps, and stamps by stream."""
+    """Delays and step responses by drive, and stamps by stream."""
 
     recording: str
     duration: float
     delays: Sequence[Delay]
-    answers: Sequence[Answer]
+    responses: Sequence[StepResponse]
     stamps: Sequence[StampQuality]
     clock: ClockQuality | None
     problems: Sequence[str]
 
     @property
-    def common(self) -> Value | None:
+    def common(self) -> IntervalEstimate | None:
         """
-        The delay of all drives, weighed by their intervals; None where none is known.
+        Delay of all drives, weighted by their intervals; None where none is known.
 
-        Its interval is as wide as the drives differ and does not shrink with their number, for
-        what the proxy gets wrong on one drive it gets wrong on all.
+        Its interval is as wide as the drives differ and does not shrink with their number, since
+        errors of the proxy are common to all drives.
         """
         known = [d.delay for d in self.delays if d.delay is not None]
         if not known:
@@ -57,24 +57,24 @@ class Summary:
         wide = float(1.0 / np.sqrt(weights.sum()))
         if len(known) > 1:
             wide = max(wide, 1.96 * float(values.std(ddof=1)))
-        return Value(middle, middle - wide, middle + wide)
+        return IntervalEstimate.of(middle, wide)
 
     @property
     def verdict(self) -> str:
-        """One sentence."""
+        """The result in one sentence."""
         common = self.common
         if common is None:
-            return 'Power follows nothing that the joint sensors say: no delay can be told.'
+            return 'Power does not depend on the joint signals: the delay is unknown.'
         text = (
             f'Electrical stamps are {abs(1e3 * common.value):.2f} ms '
             f'{"late" if common.value >= 0 else "early"} against joint stamps '
             f'({1e3 * common.low:+.2f} to {1e3 * common.high:+.2f} ms)'
         )
         costs = [d.error_at(abs(common.value))[1] for d in self.delays if d.delay is not None]
-        return f'{text}; that moves power by {np.median(costs):.1f} % of its spread.'
+        return f'{text}; this changes power by {np.median(costs):.1f} % of its deviation.'
 
     def json(self) -> dict[str, Any]:
-        """The result as `sync --json` writes it; times in s, powers in W."""
+        """Return the result as `sync --json` writes it; times in s, powers in W."""
         common = self.common
         return {
             'recording': self.recording,
@@ -83,7 +83,7 @@ class Summary:
             'delay': None if common is None else common.value,
             'delay_interval': None if common is None else common.interval,
             'drives': {d.drive: _delay(d) for d in self.delays},
-            'jumps': {a.drive: _answer(a) for a in self.answers},
+            'jumps': {a.drive: _answer(a) for a in self.responses},
             'streams': {s.topic: _stream(s) for s in self.stamps},
             'clock': None
             if self.clock is None
@@ -111,18 +111,18 @@ def summarise(
 
     InputError for a drive that is not there, or where no drive was measured for 3 s.
     """
-    there = recording.drive_supply().names
+    measured = recording.drive_supply().names
     joints = recording.joint_states().names
     if drives is None:
-        chosen: Sequence[str] = [name for name in there if name in joints]
+        chosen: Sequence[str] = [name for name in measured if name in joints]
         if not chosen:
             raise InputError(
-                f'{recording.path}: drive_supply measures {", ".join(there)}, of which '
+                f'{recording.path}: drive_supply measures {", ".join(measured)}, of which '
                 f'joint_states has none ({", ".join(joints)})'
             )
     else:
         chosen = drives
-    delays, answers, problems = [], [], list(recording.problems)
+    delays, responses, problems = [], [], list(recording.problems)
     refused: InputError | None = None
     for name in chosen:
         progress(f'drive {name}')
@@ -134,9 +134,9 @@ def summarise(
             problems.append(str(error))
             refused = error
             continue
-        answer = answer_of(recording, name)
-        if answer is not None:
-            answers.append(answer)
+        response = step_response(recording, name)
+        if response is not None:
+            responses.append(response)
     if not delays and refused is not None:
         raise refused
     progress('stamps')
@@ -144,7 +144,7 @@ def summarise(
         str(recording.path),
         recording.duration,
         delays,
-        answers,
+        responses,
         stamp_qualities(recording),
         clock_quality(recording),
         problems,
@@ -166,7 +166,7 @@ def _pair(error: tuple[float, float]) -> Mapping[str, float]:
     return {'w': error[0], 'percent': error[1]}
 
 
-def _answer(found: Answer) -> dict[str, Any]:
+def _answer(found: StepResponse) -> dict[str, Any]:
     return {
         'events': found.events,
         **{

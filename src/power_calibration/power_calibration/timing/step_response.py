@@ -1,4 +1,4 @@
-"""Jumps of command as events of known time: when power and torque answer them."""
+"""Response of current and torque to steps of the command, stacked at the commands' stamps."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from power_recordings.messages.samples import JointSamples
 from power_recordings.reading.reader import Recording
 
-from power_calibration.analyser.fit import Value
+from power_calibration.analyser.reference_fit import IntervalEstimate
 
 Floats = NDArray[np.float64]
-_BEFORE, _AFTER = 0.02, 0.04  # s around a jump
-_REST_NS = 100_000_000  # without another one before and after
+_BEFORE, _AFTER = 0.02, 0.04  # s around a step
+_REST_NS = 100_000_000  # without another step before and after
 _FEWEST = 5
 _DRAWS = 400
 _GRID = 2.5e-4  # s
@@ -19,12 +19,12 @@ _FIELDS = ('position', 'velocity', 'effort')
 
 
 @dataclass(frozen=True)
-class Answer:
+class StepResponse:
     """
-    The mean answer of one drive to its command's jumps, stacked at the stamps of the commands.
+    Mean response of one drive to steps of its command, stacked at the commands' stamps.
 
-    time: s after the jump [G]; current and torque: mean change, 1 at its end (their size 40 ms
-    after) [G]. half: when each has half of it, s, with the interval of 95 % over events.
+    time: s after the step [G]; current and torque: mean change relative to that 40 ms after the
+    step [G]. half: time at which each reaches half of it, s, with the 95 % interval over events.
     """
 
     drive: str
@@ -32,26 +32,26 @@ class Answer:
     time: Floats
     current: Floats
     torque: Floats
-    current_half: Value
-    torque_half: Value
+    current_half: IntervalEstimate
+    torque_half: IntervalEstimate
 
 
-def answer_of(recording: Recording, drive: str, seed: int = 0) -> Answer | None:
+def step_response(recording: Recording, drive: str, seed: int = 0) -> StepResponse | None:
     """
-    Stack the answers to jumps of a drive's command; None for under five jumps that stand alone.
+    Stack the responses to steps of a drive's command; None for under five isolated steps.
 
-    A jump is a change by over a quarter of the command's range from one message to the next,
-    while the command stands still within 2 % of that for 0.1 s before and after.
+    A step is a change by over a quarter of the command's range from one message to the next, with
+    a command constant within 2 % of its range for 0.1 s before and after.
     """
     if not recording.has('joint_commands') or not recording.has('joint_states'):
         return None
-    jumps = _jumps(recording.joint_commands(), drive)
+    steps = _steps(recording.joint_commands(), drive)
     supply, joints = recording.drive_supply(), recording.joint_states()
-    if len(jumps) < _FEWEST or drive not in supply.names or drive not in joints.names:
+    if len(steps) < _FEWEST or drive not in supply.names or drive not in joints.names:
         return None
     grid = np.arange(-_BEFORE, _AFTER + _GRID, _GRID)
     rows: list[tuple[Floats, Floats]] = []
-    for stamp in jumps:
+    for stamp in steps:
         current = _around(
             supply.stamp_ns, supply.current[:, supply.names.index(drive)], stamp, grid
         )
@@ -68,15 +68,16 @@ def answer_of(recording: Recording, drive: str, seed: int = 0) -> Answer | None:
         middle = _half(grid, stacked[:, channel])
         drawn = [_half(grid, stacked[pick, channel]) for pick in picks]
         low, high = np.nanquantile(drawn, (0.025, 0.975)).tolist()
-        halves.append(Value(middle, low, high))
+        halves.append(IntervalEstimate(middle, low, high))
     means = [_normalised(stacked[:, channel]) for channel in (0, 1)]
-    return Answer(drive, len(rows), grid, means[0], means[1], halves[0], halves[1])
+    return StepResponse(drive, len(rows), grid, means[0], means[1], halves[0], halves[1])
 
 
-def _jumps(commands: JointSamples, drive: str) -> NDArray[np.int64]:
+def _steps(commands: JointSamples, drive: str) -> NDArray[np.int64]:
     if drive not in commands.names:
         return np.zeros(0, np.int64)
     column = commands.names.index(drive)
+    """Return the stamps of isolated steps of the quantity that has the most of them."""
     found = np.zeros(0, np.int64)
     for name in _FIELDS:
         values = getattr(commands, name)[:, column].astype(np.float64)
@@ -88,14 +89,14 @@ def _jumps(commands: JointSamples, drive: str) -> NDArray[np.int64]:
 
 
 def _alone(stamps: NDArray[np.int64], values: Floats) -> NDArray[np.int64]:
-    """Stamps of the jumps beside which nothing moves."""
-    steps = np.abs(np.diff(values))
+    """Return the stamps of steps without another change around them."""
+    change = np.abs(np.diff(values))
     wide = float(np.ptp(values))
-    large = np.flatnonzero(steps > 0.25 * wide) + 1
+    large = np.flatnonzero(change > 0.25 * wide) + 1
     first, last = (np.searchsorted(stamps, stamps[large] + side) for side in (-_REST_NS, _REST_NS))
     alone = [
-        float(steps[low : jump - 1].sum() + steps[jump : high - 1].sum()) < 0.02 * wide
-        for low, jump, high in zip(first, large, last, strict=True)
+        float(change[low : step - 1].sum() + change[step : high - 1].sum()) < 0.02 * wide
+        for low, step, high in zip(first, large, last, strict=True)
     ]
     return np.asarray(stamps[large[alone]], np.int64)
 
@@ -103,7 +104,7 @@ def _alone(stamps: NDArray[np.int64], values: Floats) -> NDArray[np.int64]:
 def _around(
     stamps: NDArray[np.int64], values: NDArray[np.float32], at: np.int64, grid: Floats
 ) -> Floats | None:
-    """Change of a signal around an event, with its level before taken off."""
+    """Return a signal around an event, less its level before; None where samples lack."""
     span = np.array([-_BEFORE - 0.01, _AFTER + 0.01]) * 1e9
     low, high = np.searchsorted(stamps, at + span.astype(np.int64)).tolist()
     part = values[low:high].astype(np.float64)
@@ -115,7 +116,7 @@ def _around(
 
 
 def _normalised(rows: Floats) -> Floats:
-    """Mean of changes [E, G] that may have either sign, 1 at the end."""
+    """Return the mean of changes [E, G] of either sign, scaled to 1 at the end."""
     late = rows[:, -len(rows[0]) // 6 :].mean(axis=1)
     signs = np.sign(late)
     mean = (rows * signs[:, None]).mean(axis=0)
@@ -125,7 +126,7 @@ def _normalised(rows: Floats) -> Floats:
 
 
 def _half(grid: Floats, rows: Floats) -> float:
-    """When the mean first passes half of its end, s; NaN if it does not."""
+    """Return when the mean first passes half of its final value, s; NaN if it does not."""
     mean = _normalised(rows)
     above = np.flatnonzero((mean[1:] >= 0.5) & (mean[:-1] < 0.5))
     if not len(above):

@@ -1,4 +1,4 @@
-"""What the joint sensors of a drive say of its electrical power."""
+"""Proxy of a drive's electrical power from its joint sensors, with a spring at the rotor."""
 
 from dataclasses import dataclass
 
@@ -12,23 +12,23 @@ from wattwalk_core.errors import InputError
 from power_calibration.analyser.curve import Curve
 
 Floats = NDArray[np.float64]
-_WINDOW = 9  # samples of the polynomial that derivatives are taken of: about 60 Hz at 400 Hz
+_WINDOW = 9  # samples of the Savitzky-Golay filter: about 60 Hz at 400 Hz
 _ORDER = 4
-_SLIDING = 0.1  # rad/s, where dry friction has set in
+_SLIDING = 0.1  # rad/s, at which Coulomb friction saturates
 _SOFTEST = 1 / 60.0  # rad/(N·m)
 _SLOWEST = 0.03  # s
 
 
 @dataclass(frozen=True)
-class Spring:
-    """Between rotor and joint: compliance in rad/(N·m), and the relaxation of its damper in s."""
+class ShaftSpring:
+    """Spring between rotor and joint: compliance, rad/(N·m), and relaxation of its damper, s."""
 
     compliance: float
     relaxation: float
 
-    def moved(self, compliance: float, relaxation: float) -> 'Spring':
-        """Softer and slower by so much, within 60 N·m/rad to stiff and 0 to 30 ms."""
-        return Spring(
+    def moved(self, compliance: float, relaxation: float) -> 'ShaftSpring':
+        """Return it with changes added, within 60 N·m/rad to rigid and 0 to 30 ms."""
+        return ShaftSpring(
             float(np.clip(self.compliance + compliance, 0.0, _SOFTEST)),
             float(np.clip(self.relaxation + relaxation, 0.0, _SLOWEST)),
         )
@@ -51,7 +51,7 @@ class Joint:
 
     @classmethod
     def of(cls, recording: Recording, drive: str, start_ns: int) -> 'Joint':
-        """A joint of a recording, times after start_ns; InputError for one that is not there."""
+        """Take a joint of a recording, times after start_ns; InputError for an unknown one."""
         joints = recording.joint_states()
         if drive not in joints.names:
             raise InputError(
@@ -70,7 +70,7 @@ class Joint:
         return cls(drive, runs, stream.period)
 
     def between(self, first: float, last: float) -> 'Joint':
-        """What lies between two times."""
+        """Return the part between two times, s."""
         kept = []
         for time, torque, angle in self.runs:
             low, high = np.searchsorted(time, [first, last]).tolist()
@@ -78,20 +78,20 @@ class Joint:
                 kept.append((time[low:high], torque[low:high], angle[low:high]))
         return Joint(self.name, tuple(kept), self.period)
 
-    def features(self, spring: Spring) -> Curve:
+    def features(self, spring: ShaftSpring) -> Curve:
         """
-        Eleven signals of which power is a sum, with w = dq/dt + compliance·dτ'/dt of the rotor.
+        Return eleven signals whose weighted sum is power, with w = dq/dt + compliance·dτ'/dt.
 
-        1, τw, τ², |w|, w², w·dw/dt, τ·dw/dt, (dw/dt)², τ·tanh(w/0.1), |τw|, |τ|: constant draw,
-        shaft, copper loss of τ and of what accelerates the rotor, friction and its copper loss,
-        rotor inertia, load friction and what is lost of power that comes back, inverter. w is the
-        slope of position, for reported speed lags behind its filter.
+        1, τw, τ², |w|, w², w·dw/dt, τ·dw/dt, (dw/dt)², τ·tanh(w/0.1), |τw|, |τ|: idle power,
+        shaft, copper loss of load and rotor acceleration, friction and its copper loss, rotor
+        inertia, load friction and loss of regenerated power, inverter. The rotor's speed w is the
+        derivative of position, since reported speed lags behind its filter.
         """
         return Curve(
             tuple((t, self._table(tau, q, spring)) for t, tau, q in self.runs), self.period
         )
 
-    def _table(self, torque: Floats, angle: Floats, spring: Spring) -> Floats:
+    def _table(self, torque: Floats, angle: Floats, spring: ShaftSpring) -> Floats:
         delta = self.period
         torsion = torque
         if spring.relaxation > 0.0:

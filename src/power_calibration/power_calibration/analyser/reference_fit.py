@@ -1,21 +1,21 @@
-"""Clock and channels against a reference, fitted together, with intervals."""
+"""Joint fit of clock and channels against a reference, with confidence intervals."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from power_calibration.analyser.coarse_alignment import Match
 from power_calibration.analyser.curve import Curve
 from power_calibration.analyser.jackknife import blocks_of, half_width, left_out
-from power_calibration.analyser.search import Match
 
 Floats = NDArray[np.float64]
 _STEPS = 12
 
 
 @dataclass(frozen=True)
-class Value:
-    """A figure and its interval of 95 %."""
+class IntervalEstimate:
+    """A value and its 95 % interval."""
 
     value: float
     low: float
@@ -23,14 +23,27 @@ class Value:
 
     @property
     def interval(self) -> list[float]:
-        """Low and high."""
+        """Limits as a list."""
         return [self.low, self.high]
+
+    @classmethod
+    def of(cls, value: float, half: float) -> 'IntervalEstimate':
+        """Make one from half the width of its interval."""
+        return cls(value, value - half, value + half)
+
+    def times(self, factor: float) -> 'IntervalEstimate':
+        """Return it in another unit."""
+        return IntervalEstimate(self.value * factor, self.low * factor, self.high * factor)
+
+    def widened(self, by: float) -> 'IntervalEstimate':
+        """Return it with an independent error added to half the width as squares."""
+        return self.of(self.value, float(np.hypot(0.5 * (self.high - self.low), by)))
 
 
 @dataclass(frozen=True)
 class Clock:
     """
-    From the reference's time to ours: ours = t + offset + (t − centre)·(1/(1 + drift) − 1).
+    Mapping from the reference's time t to ours: t + offset + (t − centre)·(1/(1 + drift) − 1).
 
     offset holds at centre (s, of the reference's clock).
     """
@@ -40,31 +53,34 @@ class Clock:
     centre: float
 
     def reference(self, ours: Floats) -> Floats:
-        """The reference's time at ours, s."""
-        since: Floats = ours - self.centre - self.offset
-        times: Floats = self.centre + since * (1.0 + self.drift)
-        return times
+        """Return the reference's times at ours, s."""
+        return np.asarray(self.centre + (ours - self.centre - self.offset) * (1.0 + self.drift))
 
     def ours(self, reference: Floats) -> Floats:
-        """Our time at the reference's, s."""
-        times: Floats = self.centre + self.offset + (reference - self.centre) / (1.0 + self.drift)
-        return times
+        """Return our times at the reference's, s."""
+        since = (reference - self.centre) / (1.0 + self.drift)
+        return np.asarray(self.centre + self.offset + since)
+
+    def centred_at(self, ours: float) -> 'Clock':
+        """Return the same mapping with its centre at one of our times."""
+        centre = float(self.reference(np.array([ours]))[0])
+        return replace(self, offset=ours - centre, centre=centre)
 
 
 @dataclass(frozen=True)
-class Fit:
+class ReferenceFit:
     """
-    Clock and K channels; in a channel true = gain·ours + level for slow signals.
+    Clock and K channels, where true = gain·ours + level for slow signals.
 
-    fixed: whose level cannot be told from its gain and was held at 0. noise: standard deviation
-    of what remains [K], in V or A.
+    fixed: levels that cannot be told from their gains, held at 0. noise: standard deviation of the
+    residual [K], in V or A.
     """
 
     clock: Clock
-    offset: Value  # s
-    drift: Value  # 1
-    gain: tuple[Value, ...]
-    level: tuple[Value, ...]  # offset of each channel
+    offset: IntervalEstimate  # s
+    drift: IntervalEstimate  # 1
+    gain: tuple[IntervalEstimate, ...]
+    level: tuple[IntervalEstimate, ...]  # offset of each channel
     fixed: tuple[bool, ...]
     correlation: tuple[float, ...]
     noise: Floats
@@ -75,20 +91,20 @@ class Fit:
     rise: Floats  # RMS slope of the reference, per s [K]
 
 
-def fit(ours: Curve, reference: Curve, match: Match, rate: float) -> Fit | None:
+def fit(ours: Curve, reference: Curve, match: Match, rate: float) -> ReferenceFit | None:
     """
-    Refine a match and fit the channels; None where under 3 s are left of the overlap.
+    Refine a match and fit the channels; None where under 3 s of the overlap remain.
 
-    Both curves hold the same K channels, low-passed to `rate` Hz. Ours, whose noise is the larger,
-    is the one explained, so that noise does not flatten the slope:
-    ours = slope·reference + level + bend·reference'', where the second derivative takes up what
-    the limited bandwidths of the two do at the upper end of the band, which else would pass for
-    a wrong gain. Gauss-Newton over offset, drift and each channel's three, each channel weighed
-    by its residual.
+    Both curves hold the same K channels, low-passed to `rate` Hz. The noisier signal, ours, is the
+    dependent variable, so that noise does not flatten the slope:
+    ours = slope·reference + level + bend·reference''. The second derivative accounts for the
+    limited bandwidths of both instruments at the upper end of the band, which would otherwise
+    appear as a wrong gain. Gauss-Newton over offset, drift and the three coefficients of each
+    channel, each channel weighted by its residual.
 
     Intervals: leave-one-block-out jackknife over up to 60 consecutive blocks of at least 1 s (the
-    sandwich CR3), with Student's t. Whatever correlation the residuals have within a block
-    (gait, ripple, drift of temperature) is in it; between blocks they count as independent.
+    sandwich CR3), with Student's t. It includes any correlation of the residuals within a block
+    (gait, ripple, temperature drift) and takes blocks as independent.
     """
     problem = _Problem.of(ours, reference, match, rate)
     if problem is None:
@@ -96,14 +112,17 @@ def fit(ours: Curve, reference: Curve, match: Match, rate: float) -> Fit | None:
     fixed = [False] * problem.channels
     found = _solve(problem, match, fixed)
     for channel, level in enumerate(found.level):
-        mean = float(np.mean(problem.values[:, channel]))
-        wide = 0.5 * (level.high - level.low) > 0.02 * abs(mean)
-        fixed[channel] = wide and abs(mean) > 3.0 * float(np.std(problem.values[:, channel]))
+        values = problem.values[:, channel]
+        mean = abs(float(values.mean()))
+        wide = 0.5 * (level.high - level.low) > 0.02 * mean
+        fixed[channel] = wide and mean > 3.0 * float(values.std())
     return _solve(problem, match, fixed) if any(fixed) else found
 
 
 @dataclass(frozen=True)
 class _Problem:
+    """Our low-passed samples, and the reference with its first two derivatives."""
+
     time: Floats  # ours, s [T]
     values: Floats  # ours [T, K]
     reference: Curve
@@ -128,22 +147,22 @@ class _Problem:
         return cls(time[known], values[known], reference, rise, rise.derivative())
 
 
-def with_folds(found: Fit, folds: Floats) -> Fit:
+def with_aliases(found: ReferenceFit, aliases: Floats) -> ReferenceFit:
     """
-    The fit with intervals that allow for what our sampling folds into the band, RMS [K].
+    Return the fit with intervals that allow for what our sampling aliases into the band, RMS [K].
 
-    A motion that repeats itself in step with our samples folds its fast harmonics onto the slow
-    ones at a fixed phase, so that no averaging takes them out: at worst they are a gain error of
-    fold/spread and a time error of fold/RMS slope. Added to the intervals as squares.
+    A motion that repeats in step with our samples aliases its fast harmonics onto the slow ones at
+    a fixed phase, which no averaging removes: at worst a gain error of alias/spread and a time
+    error of alias/RMS slope. Both are added to the intervals as squares.
     """
-    relative = folds / np.maximum(found.spread, 1e-12)
-    late = 1.0 / np.sqrt(np.sum((np.maximum(found.rise, 1e-12) / np.maximum(folds, 1e-12)) ** 2))
+    relative = aliases / np.maximum(found.spread, 1e-12)
+    slopes = np.maximum(found.rise, 1e-12) / np.maximum(aliases, 1e-12)
     return replace(
         found,
-        offset=_wider(found.offset, float(late)),
-        gain=tuple(_wider(g, r * g.value) for g, r in zip(found.gain, relative, strict=True)),
+        offset=found.offset.widened(float(1.0 / np.sqrt(np.sum(slopes**2)))),
+        gain=tuple(g.widened(r * g.value) for g, r in zip(found.gain, relative, strict=True)),
         level=tuple(
-            level if fixed else _wider(level, float(r * abs(mean)))
+            level if fixed else level.widened(float(r * abs(mean)))
             for level, r, mean, fixed in zip(
                 found.level, relative, found.mean, found.fixed, strict=True
             )
@@ -151,31 +170,27 @@ def with_folds(found: Fit, folds: Floats) -> Fit:
     )
 
 
-def _wider(value: Value, by: float) -> Value:
-    half = float(np.hypot(0.5 * (value.high - value.low), by))
-    return Value(value.value, value.value - half, value.value + half)
-
-
-def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> Fit:
+def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> ReferenceFit:
     channels = problem.channels
     centre = 0.5 * (problem.time[0] + problem.time[-1])
-    clock = _moved(Clock(match.offset, match.drift, match.centre), centre)
+    clock = Clock(match.offset, match.drift, match.centre).centred_at(centre)
     weights = np.ones(channels)
     slopes, levels, bends = np.ones(channels), np.zeros(channels), np.zeros(channels)
     for step in range(_STEPS):
         lines = np.array([slopes, levels, bends])
         jacobian, residual, shown, good = _linear(problem, clock, lines, weights, fixed)
-        scale = np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-12)
-        change = np.linalg.lstsq(jacobian / scale, residual.ravel(), rcond=None)[0] / scale
-        if step < 1:  # lines first: the slopes of the signal need them
-            change[:2] = 0.0
+        if step < 1:  # the Jacobian of offset and drift needs slopes
             for channel in range(channels):
                 a, b = _line(shown[:, channel], problem.values[good, channel], fixed[channel])
                 slopes[channel], levels[channel] = a, b
             rest = problem.values[good] - slopes * shown - levels
             weights = 1.0 / np.maximum(rest.std(axis=0), 1e-9)
             continue
-        clock = _shifted(clock, float(change[0]), float(change[1]))
+        scale = np.maximum(np.sqrt((jacobian**2).sum(axis=0)), 1e-12)
+        change = np.linalg.lstsq(jacobian / scale, residual.ravel(), rcond=None)[0] / scale
+        clock = replace(
+            clock, offset=clock.offset + float(change[0]), drift=clock.drift + float(change[1])
+        )
         slopes += change[2 : 2 + channels]
         levels += change[2 + channels : 2 + 2 * channels]
         bends += change[2 + 2 * channels :]
@@ -192,16 +207,15 @@ def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> Fit:
     b = levels + changes[:, 2 + channels : 2 + 2 * channels]
     wide = half_width(np.column_stack([changes[:, :2], 1.0 / a, -b / a]))
 
-    def value(middle: float, place: int) -> Value:
-        half = float(wide[place])
-        return Value(float(middle), float(middle) - half, float(middle) + half)
+    def estimate(value: float, place: int) -> IntervalEstimate:
+        return IntervalEstimate.of(float(value), float(wide[place]))
 
-    return Fit(
+    return ReferenceFit(
         clock=clock,
-        offset=value(clock.offset, 0),
-        drift=value(clock.drift, 1),
-        gain=tuple(value(1.0 / slopes[k], 2 + k) for k in range(channels)),
-        level=tuple(value(-levels[k] / slopes[k], 2 + channels + k) for k in range(channels)),
+        offset=estimate(clock.offset, 0),
+        drift=estimate(clock.drift, 1),
+        gain=tuple(estimate(1.0 / slopes[k], 2 + k) for k in range(channels)),
+        level=tuple(estimate(-levels[k] / slopes[k], 2 + channels + k) for k in range(channels)),
         fixed=tuple(fixed),
         correlation=tuple(
             float(np.corrcoef(shown[:, k], problem.values[good, k])[0, 1]) for k in range(channels)
@@ -223,9 +237,9 @@ def _linear(
     fixed: list[bool],
 ) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
     """
-    Jacobian [T·K, 2 + 3 K] over offset, drift, slopes, levels and bends; the residual [T, K].
+    Linearise the model: Jacobian [T·K, 2 + 3 K] over clock and lines, and residual [T, K].
 
-    lines: slopes, levels and bends [3, K]. Also the reference [T, K] and which of our rows it has.
+    lines: slopes, levels and bends [3, K]. Also the reference [T, K] and the mask of our rows.
     """
     slopes, levels, bends = lines
     at = clock.reference(problem.time)
@@ -251,13 +265,3 @@ def _line(x: Floats, y: Floats, through_zero: bool) -> tuple[float, float]:
     spread = x - x.mean()
     slope = float(spread @ y / max(float(spread @ spread), 1e-12))
     return slope, float(y.mean() - slope * x.mean())
-
-
-def _moved(clock: Clock, ours: float) -> Clock:
-    """The same clock with its centre at one of our times."""
-    centre = float(clock.reference(np.array([ours]))[0])
-    return replace(clock, offset=ours - centre, centre=centre)
-
-
-def _shifted(clock: Clock, offset: float, drift: float) -> Clock:
-    return replace(clock, offset=clock.offset + offset, drift=clock.drift + drift)

@@ -1,0 +1,66 @@
+"""Progress, tables and result files of commands."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+PICTURES = ('.png', '.svg', '.pdf')
+
+
+@contextmanager
+def progress(text: str) -> Iterator[Callable[[str], None]]:
+    """Show a text and the time since the start on stderr; the value changes the text."""
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn('{task.description}'), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
+        task = shown.add_task(text)
+        yield lambda description: shown.update(task, description=description)
+
+
+def output(width: int = 100) -> 'Console':
+    """Return a console on stdout, of a fixed width where that is no terminal."""
+    from rich.console import Console
+
+    size = None if sys.stdout.isatty() else width
+    return Console(width=size, highlight=False, markup=False)
+
+
+def print_table(
+    console: 'Console',
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    title: str | None = None,
+) -> None:
+    """Print a table whose first column is text, which may wrap, and whose others are numbers."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
+    table.add_column(columns[0], overflow='fold')
+    for name in columns[1:]:
+        table.add_column(name, justify='right', no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write plain values as JSON, whole or not at all; RecordingError if that is impossible."""
+    write_whole(path, json.dumps(content, indent=1, allow_nan=False) + '\n')
+
+
+def check_suffix(path: Path | None, option: str, suffixes: Sequence[str]) -> None:
+    """Raise InputError for the path of an option that ends in none of the suffixes."""
+    if path is not None and path.suffix not in suffixes:
+        raise InputError(f'{option} {str(path)!r}: end it in {", ".join(suffixes)}')
