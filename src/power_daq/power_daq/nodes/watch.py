@@ -55,7 +55,7 @@ class WatchNode(Node):
                 take = partial(_take, self._state.source(topic).take)
                 self.create_subscription(kind, topic, take, _QOS, raw=True)
         self.create_subscription(DiagnosticArray, 'diagnostics', self._note_status, _QOS)
-        self.create_timer(period, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(period, self._refresh, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _note_status(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
