@@ -17,8 +17,6 @@ setup(
         'numpy',
         'scipy',
         'matplotlib',
-        'pyyaml',
-        'plotly',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,

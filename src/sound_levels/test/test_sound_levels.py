@@ -10,11 +10,12 @@ import soundfile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sound_levels.commands.sound import entries_of, main
-from sound_levels.levels.analysis import Entry, Settings, analyse
-from sound_levels.levels.comparison import FIGURES, Stretch, block_length, differences, levels
+from sound_levels.levels.analysis import analyse
+from sound_levels.levels.calibrator import read_tone
 from sound_levels.levels.meter import measure
+from sound_levels.levels.settings import Entry, Settings
 from sound_levels.levels.sound_file import SoundFile
-from sound_levels.levels.tone import read_tone
+from sound_levels.levels.statistics import FIGURES, Stretch, block_length, differences, levels
 from sound_levels.levels.weighting import LIMITS, analog, reach, response, sections
 from wattwalk_core.errors import InputError
 
@@ -371,8 +372,8 @@ def test_files_of_a_policy_are_pooled_and_compared(tmp_path, capsys):
         ([], 'no sound file given'),
         (['--policy', 'x'], "--policy 'x': expected NAME=WAV,WAV"),
         (['a.wav', '--recording', 'b', 'c'], '2 recordings for 1 sound files'),
-        (['a.wav', '--level', '200'], '--level is 200; it must lie in 40..160 dB'),
-        (['a.wav', '--from', '-1'], '--from is -1; it must lie in'),
+        (['a.wav', '--level', '200'], '--level: expected 40 to 160 dB, there is 200'),
+        (['a.wav', '--from', '-1'], '--from: expected 0 to 86400 s, there is -1'),
     ],
 )
 def test_bad_arguments_are_refused_in_one_line(capsys, arguments, error):

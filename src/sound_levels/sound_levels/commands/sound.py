@@ -1,47 +1,34 @@
-"""`ros2 run power_daq sound`: how loud policies are, from sound files; after Figure 7."""
+"""`ros2 run sound_levels sound`: sound levels by policy from sound files, after Figure 7."""
 
 import argparse
-import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rclpy.utilities import remove_ros_args
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
-from wattwalk_core.command import command
+from wattwalk_core.command import command, own_arguments
+from wattwalk_core.console import output, print_table, progress, write_json
 from wattwalk_core.errors import InputError
-from wattwalk_core.files import write_whole
 
-from sound_levels.levels.alignment import METHODS
-from sound_levels.levels.analysis import (
-    Analysis,
-    Entry,
-    Settings,
-    analyse,
-    sentences,
-    summary,
-)
-from sound_levels.levels.meter import TIMES
-from sound_levels.levels.weighting import WEIGHTINGS
+from sound_levels.levels.settings import METHODS, TIMES, WEIGHTINGS, Entry, Settings
+
+if TYPE_CHECKING:
+    from sound_levels.levels.analysis import Analysis
 
 _EPILOG = """\
-Without --calibration levels are relative to full scale, and only differences mean anything.
+Without --calibration levels are relative to full scale, and only differences are meaningful.
 
 examples:
-  ros2 run power_daq sound walk.wav
-  ros2 run power_daq sound --policy baseline=b1.wav,b2.wav --policy pmp=p1.wav,p2.wav \\
+  ros2 run sound_levels sound walk.wav
+  ros2 run sound_levels sound --policy baseline=b1.wav,b2.wav --policy pmp=p1.wav,p2.wav \\
       --calibration tone.wav --report sound.html
-  ros2 run power_daq sound b.wav p.wav --recording bags/b bags/p --calibration tone.wav \\
+  ros2 run sound_levels sound b.wav p.wav --recording bags/b bags/p --calibration tone.wav \\
       --picture fig7.png
 """
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='ros2 run power_daq sound',
+        prog='ros2 run sound_levels sound',
         description='Sound levels over time (IEC 61672-1) of sound files, by policy, in dB SPL '
         'with a calibrator; statistics, differences with intervals, third-octave spectra.',
         epilog=_EPILOG,
@@ -54,7 +41,7 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='NAME=WAV,WAV',
-        help='files of one policy; the first policy is what the others are compared with',
+        help='files of one policy; the others are compared with the first policy',
     )
     add(
         '--recording',
@@ -69,13 +56,13 @@ def _parser() -> argparse.ArgumentParser:
     add('--tone', type=float, default=1000.0, metavar='HZ', help='of the calibrator (1000)')
     add('--weighting', choices=WEIGHTINGS, default='A')
     add('--time', choices=tuple(TIMES), default='fast', help='weighting: 125 ms or 1 s')
-    add('--channel', type=int, metavar='N', help='from 1; without, the mean of all by energy')
-    add('--align', choices=METHODS, default='auto', help='how sound and recording are laid on')
-    add('--clap-at', type=float, metavar='S', help='of the recording, where its IMU felt none')
-    add('--from', dest='start', type=float, metavar='S', help='what counts of each file')
-    add('--to', dest='stop', type=float, metavar='S')
-    add('--json', type=Path, metavar='F', help='the figures')
-    add('--report', type=Path, metavar='F.html', help='one page, without network')
+    add('--channel', type=int, metavar='N', help='from 1; default: the energy mean of all')
+    add('--align', choices=METHODS, default='auto', help='alignment of sound and recording')
+    add('--clap-at', type=float, metavar='S', help='of the recording, if its IMU has no jolt')
+    add('--from', dest='start', type=float, metavar='S', help='start of the evaluated part')
+    add('--to', dest='stop', type=float, metavar='S', help='its end')
+    add('--json', type=Path, metavar='F', help='results as JSON')
+    add('--report', type=Path, metavar='F.html', help='one page that needs no network')
     add('--picture', type=Path, metavar='F.png', help='level over time, as Figure 7')
     return parser
 
@@ -83,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
 def entries_of(
     files: Sequence[Path], policies: Sequence[str], recordings: Sequence[Path]
 ) -> list[Entry]:
-    """Files and their policies in the order given; InputError for what does not add up."""
+    """Return files with their policies in the order given; InputError for a wrong number."""
     found = [Entry(path) for path in files]
     for text in policies:
         name, equals, paths = text.partition('=')
@@ -106,34 +93,21 @@ def entries_of(
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Measure, compare and report; 2 for bad input."""
-    given = list(sys.argv if args is None else ['sound', *args])
-    options = _parser().parse_args(remove_ros_args(given)[1:])
+    options = _parser().parse_args(own_arguments(args))
     entries = entries_of(options.files, options.policy, options.recording)
-    settings = Settings(
-        weighting=options.weighting,
-        time=options.time,
-        channel=options.channel,
-        align=options.align,
-        clap_at=options.clap_at,
-        start=options.start,
-        stop=options.stop,
-        level=options.level,
-        tone=options.tone,
-    )
-    columns = (SpinnerColumn(), TextColumn('{task.description}'), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task('listening')
+    settings = Settings(**{name: getattr(options, name) for name in Settings.__annotations__})
+    from sound_levels.levels.analysis import analyse
+    from sound_levels.levels.summary import summary
+
+    with progress('measuring') as show:
         analysis = analyse(
-            entries,
-            settings,
-            options.calibration,
-            lambda name: progress.update(task, description=f'listening to {name}'),
+            entries, settings, options.calibration, lambda name: show(f'measuring {name}')
         )
-        progress.update(task, description='comparing')
+        show('comparing')
         result = summary(analysis)
-    _show(analysis)
+    _print(analysis)
     if options.json is not None:
-        write_whole(options.json, json.dumps(result, indent=1, allow_nan=False) + '\n')
+        write_json(options.json, result)
     if options.picture is not None:
         from sound_levels.report.figure import draw_sound
 
@@ -142,52 +116,41 @@ def main(args: Sequence[str] | None = None) -> int:
         from sound_levels.report.page import write_report
 
         write_report(options.report, analysis)
-    _say_next(options, analysis)
-    return 0
-
-
-def _show(analysis: Analysis) -> None:
-    console = Console(width=None if sys.stdout.isatty() else 100)
-    title = f'{analysis.unit}, {analysis.settings.time}'
-    table = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
-    table.add_column('policy', overflow='fold')
-    for name in ('files', 'counted s', 'Leq', 'L10', 'L50', 'L90', 'max'):
-        table.add_column(name, justify='right', no_wrap=True)
-    for name in analysis.policies:
-        found = analysis.levels(name)
-        figures = (found.leq, found.l10, found.l50, found.l90, found.max)
-        table.add_row(
-            name,
-            str(len(analysis.of(name))),
-            f'{found.seconds:.0f}',
-            *(f'{value:.1f}' for value in figures),
-        )
-    console.print(table)
-    for sentence in sentences(analysis):
-        console.print(sentence)
-    for take in analysis.takes:
-        found = take.alignment
-        if found is not None:
-            console.print(
-                f'{take.path.name} starts at {found.offset:+.3f} s of {take.recording} '
-                f'(by {found.method}; correlation {found.correlation:.2f}, '
-                f'drift {found.drift:+.0f} ppm)',
-                soft_wrap=True,
-                highlight=False,
-            )
-        for warning in take.warnings:
-            console.print(f'{take.path.name}: {warning}', style='yellow', soft_wrap=True)
-    for warning in analysis.warnings:
-        console.print(warning, style='yellow', soft_wrap=True)
-
-
-def _say_next(options: argparse.Namespace, analysis: Analysis) -> None:
     for path in (options.json, options.picture, options.report):
         if path is not None:
             print(path)
     if analysis.tone is None:
         print('next: record a calibrator at the same gain and give it as --calibration TONE.wav')
     elif not options.recording:
-        print('next: --recording BAG… lays sound and power on one time, and counts walking only')
+        print('next: --recording BAG… aligns sound and power, and evaluates walking only')
     elif options.report is None:
-        print('next: --report sound.html shows curves, spectra and how well the times agree')
+        print('next: --report sound.html shows levels, spectra and the alignment')
+    return 0
+
+
+def _print(analysis: 'Analysis') -> None:
+    from sound_levels.levels.summary import LEVEL_COLUMNS, level_cells, sentences
+
+    console = output()
+    rows = []
+    for name in analysis.policies:
+        found = analysis.levels(name)
+        files = str(len(analysis.of(name)))
+        rows.append((name, files, f'{found.seconds:.0f}', *level_cells(found)))
+    columns = ('policy', 'files', 'counted s', *LEVEL_COLUMNS)
+    print_table(console, columns, rows, title=f'{analysis.unit}, {analysis.settings.time}')
+    for sentence in sentences(analysis):
+        console.print(sentence)
+    for take in analysis.takes:
+        alignment = take.alignment
+        if alignment is not None:
+            console.print(
+                f'{take.path.name} starts at {alignment.offset:+.3f} s of {take.recording} '
+                f'(by {alignment.method}; correlation {alignment.correlation:.2f}, '
+                f'drift {alignment.drift:+.0f} ppm)',
+                soft_wrap=True,
+            )
+        for warning in take.warnings:
+            console.print(f'{take.path.name}: {warning}', style='yellow', soft_wrap=True)
+    for warning in analysis.warnings:
+        console.print(warning, style='yellow', soft_wrap=True)

@@ -1,7 +1,6 @@
-"""Where a sound lies on the time of a recording: by a clap, the first step, or the gait."""
+"""Alignment of a sound with a recording: by a clap, the first step, or the gait."""
 
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,30 +11,30 @@ from wattwalk_core.errors import InputError
 
 from sound_levels.levels.events import RATE, Events
 from sound_levels.levels.meter import Sound
+from sound_levels.levels.settings import METHODS
 
 Floats = NDArray[np.float64]
 
-METHODS: Final = ('auto', 'clap', 'step', 'gait', 'none')
 _FLOOR = 1e-14
-_CLAP = 12.0  # dB that a clap stands over what came before and over every other onset's half
+_CLAP = 12.0  # dB of a clap over the level before it
 _UNIQUE = 6.0  # dB over the next largest peak
-_APART = 0.5  # s
+_SEPARATION = 0.5  # s
 _STEP = 10.0  # dB over the background
 _BACKGROUND = 1.0  # s
 _OVERLAP = 5.0  # s
-_SURE, _CLEAR = 0.25, 0.9
-_NEAR = 0.15  # s by which the gait may correct a clap
+_LEAST_CORRELATION, _AMBIGUOUS = 0.25, 0.9
+_CORRECTION = 0.15  # s by which the gait may correct a clap
 _PIECE = 20.0  # s
-_DRIFTS = 500.0  # ppm at most
+_LARGEST_DRIFT = 500.0  # ppm
 
 
 @dataclass(frozen=True)
 class Alignment:
     """
-    A sound's time t lies at offset + t · (1 + drift · 1e-6) s after the recording's start.
+    Mapping of a sound's time t to offset + t · (1 + drift · 1e-6) s after the recording's start.
 
-    correlation: of the sound's level with the loading of the feet there, NaN if not known. clear:
-    its nearest rival elsewhere, relative to it; towards 1 the offset may be whole strides off.
+    correlation: of the sound's level with the loading of the feet, NaN if not known. rival: the
+    next best correlation relative to it; near 1 the offset may be whole strides off.
     """
 
     method: str
@@ -46,7 +45,7 @@ class Alignment:
     notes: tuple[str, ...] = ()
 
     def of(self, time: Floats) -> Floats:
-        """Times of the sound as times of the recording."""
+        """Return times of the sound as times of the recording."""
         return np.asarray(self.offset + time * (1.0 + 1e-6 * self.drift))
 
 
@@ -54,12 +53,12 @@ def align_sound(
     sound: Sound, events: Events, method: str = 'auto', clap_at: float | None = None
 ) -> Alignment | None:
     """
-    Lay a sound on a recording; None for the method `none`, or where `auto` finds nothing.
+    Align a sound with a recording; None for the method `none`, or where `auto` fails.
 
-    `clap` lays the outstanding impulse of the sound on the outstanding jolt of the IMU, or on
-    clap_at [s after the recording's start]; `step` the first sound over the background on the
-    first landing; `gait` the level's ups and downs on those of the feet's loading. `auto` takes
-    the first of clap, gait and step that works. InputError where the method asked for does not.
+    `clap` aligns the outstanding impulse of the sound with the outstanding jolt of the IMU, or
+    with clap_at [s after the recording's start]; `step` the first sound over the background with
+    the first landing; `gait` correlates the level with the loading of the feet. `auto` uses the
+    first of clap, gait and step that succeeds. InputError where the method asked for fails.
     """
     if method not in METHODS:
         raise InputError(f'alignment {method!r} is not one of {", ".join(METHODS)}')
@@ -87,10 +86,10 @@ def _by_clap(sound: Sound, events: Events, clap_at: float | None) -> Alignment:
             'the recording has no single jolt of the IMU that a clap could be: say when it was '
             'with --clap-at S, or align by gait'
         )
-    heard = _clap(sound)
-    if heard is None:
+    level = _clap(sound)
+    if level is None:
         raise InputError('the sound has no impulse that stands out as a clap: align by gait')
-    return Alignment('clap', at - heard, 0.0, np.nan, np.nan)
+    return Alignment('clap', at - level, 0.0, np.nan, np.nan)
 
 
 def _by_step(sound: Sound, events: Events, clap_at: float | None) -> Alignment:
@@ -106,18 +105,18 @@ def _by_step(sound: Sound, events: Events, clap_at: float | None) -> Alignment:
 
 
 def _by_gait(sound: Sound, events: Events, clap_at: float | None) -> Alignment:
-    lags, values = _correlation(*_shapes(sound, events))
+    lags, values = _correlation(*_high_passed_signals(sound, events))
     if not len(lags):
         raise InputError('sound and foot_force overlap by less than 5 s: align by clap')
     best = int(np.argmax(values))
-    if values[best] < _SURE:
+    if values[best] < _LEAST_CORRELATION:
         raise InputError(
             f'level and foot_force correlate by {values[best]:.2f} only: align by clap'
         )
     away = np.abs(lags - lags[best]) > 0.1
     rival = float(values[away].max(initial=0.0) / values[best])
     notes: tuple[str, ...] = ()
-    if rival > _CLEAR:
+    if rival > _AMBIGUOUS:
         other = float(lags[away][int(np.argmax(values[away]))] - lags[best])
         notes = (f'nearly as good {other:+.2f} s away: clap once to be sure',)
     offset = _vertex(lags, values, best) + events.first
@@ -125,16 +124,16 @@ def _by_gait(sound: Sound, events: Events, clap_at: float | None) -> Alignment:
 
 
 def _refined(found: Alignment, sound: Sound, events: Events) -> Alignment:
-    """With what the gait says near the offset: a correction, and the drift of the clocks."""
-    shapes = _shapes(sound, events)
+    """Return the alignment with offset and clock drift corrected by the gait near it."""
+    shapes = _high_passed_signals(sound, events)
     lags, values = _correlation(*shapes)
     if not len(lags):
         return found
-    near = np.abs(lags + events.first - found.offset) <= _NEAR
+    near = np.abs(lags + events.first - found.offset) <= _CORRECTION
     if not near.any():
         return found
     best = int(np.argmax(np.where(near, values, -np.inf)))
-    if values[best] < _SURE:
+    if values[best] < _LEAST_CORRELATION:
         note = f'the gait does not confirm it (correlation {values[best]:.2f})'
         return replace(found, correlation=float(values[best]), notes=(*found.notes, note))
     offset = _vertex(lags, values, best) + events.first
@@ -147,17 +146,17 @@ def _refined(found: Alignment, sound: Sound, events: Events) -> Alignment:
     )
 
 
-def _shapes(sound: Sound, events: Events) -> tuple[Floats, Floats]:
-    """Ups and downs of level and loading at 200 Hz."""
+def _high_passed_signals(sound: Sound, events: Events) -> tuple[Floats, Floats]:
+    """Return level and loading at 200 Hz without their slow parts."""
     if len(events.loading) < 2:
         return np.zeros(0), np.zeros(0)
     grid = np.arange(sound.time[0], sound.time[-1], 1.0 / RATE)
-    heard = np.interp(grid, sound.time, _level(sound))
-    felt = 10.0 * np.log10(np.square(_smooth(events.loading, 3)) + 1.0)
-    return _ups(np.maximum(heard, np.median(heard) - 10.0)), _ups(felt)
+    level = np.interp(grid, sound.time, _level(sound))
+    loading = 10.0 * np.log10(np.square(_smooth(events.loading, 3)) + 1.0)
+    return _high_passed(np.maximum(level, np.median(level) - 10.0)), _high_passed(loading)
 
 
-def _ups(level: Floats) -> Floats:
+def _high_passed(level: Floats) -> Floats:
     wide = round(RATE)
     return level - _smooth(level, min(wide, len(level)))
 
@@ -170,20 +169,20 @@ def _smooth(values: Floats, length: int) -> Floats:
     return np.asarray((total[high] - total[low]) / np.maximum(high - low, 1))
 
 
-def _correlation(heard: Floats, felt: Floats) -> tuple[Floats, Floats]:
+def _correlation(level: Floats, loading: Floats) -> tuple[Floats, Floats]:
     """Lags in s, at which the sound's start would lie, and the correlation there."""
     least = round(_OVERLAP * RATE)
-    if min(len(heard), len(felt)) < least:
+    if min(len(level), len(loading)) < least:
         return np.zeros(0), np.zeros(0)
-    masks = np.ones(len(felt)), np.ones(len(heard))
-    values, shared, lags = masked_correlation(felt, masks[0], heard, masks[1], centred=False)
-    half = max(least, 0.3 * min(len(heard), len(felt)))
+    masks = np.ones(len(loading)), np.ones(len(level))
+    values, shared, lags = masked_correlation(loading, masks[0], level, masks[1], centred=False)
+    half = max(least, 0.3 * min(len(level), len(loading)))
     enough = shared >= half - 0.5
     return lags[enough] / RATE, values[enough]
 
 
 def _vertex(lags: Floats, values: Floats, best: int) -> float:
-    """The top of a parabola through a peak and its neighbours, s."""
+    """Return the vertex of a parabola through a peak and its neighbours, s."""
     if not 0 < best < len(values) - 1:
         return float(lags[best])
     left, middle, right = values[best - 1 : best + 2]
@@ -192,27 +191,27 @@ def _vertex(lags: Floats, values: Floats, best: int) -> float:
     return float(lags[best] + np.clip(shift, -0.5, 0.5) / RATE)
 
 
-def _drift(heard: Floats, felt: Floats, lag: float) -> tuple[float, float]:
-    """Lag at the sound's start in s and drift in ppm, from pieces of 20 s."""
-    piece, near = round(_PIECE * RATE), round(_NEAR * RATE)
+def _drift(level: Floats, loading: Floats, lag: float) -> tuple[float, float]:
+    """Return the lag at the sound's start in s and the drift in ppm, from pieces of 20 s."""
+    piece, near = round(_PIECE * RATE), round(_CORRECTION * RATE)
     times, lags = [], []
-    for start in range(0, len(heard) - piece + 1, piece // 2):
+    for start in range(0, len(level) - piece + 1, piece // 2):
         first = round(start + lag * RATE) - near
-        if first < 0 or first + piece + 2 * near > len(felt):
+        if first < 0 or first + piece + 2 * near > len(loading):
             continue
-        other = felt[first : first + piece + 2 * near]
-        values = correlate(other, heard[start : start + piece], 'valid', method='fft')
+        other = loading[first : first + piece + 2 * near]
+        values = correlate(other, level[start : start + piece], 'valid', method='fft')
         best = int(np.argmax(values))
-        norm = np.linalg.norm(heard[start : start + piece])
+        norm = np.linalg.norm(level[start : start + piece])
         norm *= np.linalg.norm(other[best : best + piece])
-        if 0 < best < len(values) - 1 and values[best] > _SURE * norm > 0:
+        if 0 < best < len(values) - 1 and values[best] > _LEAST_CORRELATION * norm > 0:
             steps = np.arange(len(values)) / RATE
             lags.append((first - start) / RATE + _vertex(steps, values, best))
             times.append((start + piece / 2) / RATE)
     if len(times) < 4:
         return lag, 0.0
     slope, intercept, *_ = theilslopes(lags, times)
-    if abs(slope) > 1e-6 * _DRIFTS:
+    if abs(slope) > 1e-6 * _LARGEST_DRIFT:
         return lag, 0.0
     return float(intercept), float(1e6 * slope)
 
@@ -222,10 +221,10 @@ def _level(sound: Sound) -> Floats:
 
 
 def _clap(sound: Sound) -> float | None:
-    """The time of the one impulse that stands out of a sound, s; None without."""
+    """Return the time of the single outstanding impulse of a sound, s; None without."""
     energy, time = sound.energy, sound.time
     peak = int(np.argmax(energy))
-    others = energy[np.abs(time - time[peak]) > _APART]
+    others = energy[np.abs(time - time[peak]) > _SEPARATION]
     before = energy[max(0, peak - round(0.1 / sound.step)) : max(0, peak - 1)]
     if not len(others) or not len(before):
         return None

@@ -1,4 +1,4 @@
-"""What of a recording can be heard: feet that land, and a knock that the IMU feels."""
+"""Audible events of a recording: landings of feet, and a knock measured by the IMU."""
 
 from dataclasses import dataclass
 
@@ -10,20 +10,20 @@ Floats = NDArray[np.float64]
 
 RATE = 200.0  # Hz
 _LANDED, _LIFTED = 40.0, 10.0  # N
-_ALOFT = 0.05  # s that a foot is off the ground before it lands
+_SWING = 0.05  # s, least time off the ground before a landing
 _NEVER = -1e9  # s
-_UNIQUE = 2.0  # times the next largest jolt
-_APART = 0.5  # s
+_UNIQUE = 2.0  # ratio to the next largest jolt
+_SEPARATION = 0.5  # s
 
 
 @dataclass(frozen=True)
 class Events:
     """
-    A recording as it may be heard, in s after its start.
+    Audible events, in s after the recording's start.
 
-    loading: how fast the feet are being loaded, kN/s, at 200 Hz from `first` on; empty without
-    foot_force. landings: times at which a foot touches down. knock: time of the one jolt of the
-    IMU that stands out, None without.
+    loading: rate of increase of the feet's force, kN/s, at 200 Hz from `first` on; empty without
+    foot_force. landings: times at which a foot touches down. knock: time of a single outstanding
+    jolt of the IMU, else None.
     """
 
     seconds: float
@@ -34,7 +34,7 @@ class Events:
 
 
 def events_of(recording: Recording) -> Events:
-    """Landings and jolts of a recording; it need not have foot_force or imu."""
+    """Return landings and jolts of a recording with or without foot_force and imu."""
     start = recording.start_ns
     loading, landings, first = np.zeros(0), np.zeros(0), 0.0
     if recording.has('foot_force'):
@@ -56,20 +56,20 @@ def events_of(recording: Recording) -> Events:
 
 
 def _landings(time: Floats, force: Floats) -> Floats:
-    """Times at which a foot is loaded after it was off the ground for 50 ms."""
+    """Return the times at which a foot is loaded after 50 ms off the ground."""
     down = np.flatnonzero((force[1:] >= _LANDED) & (force[:-1] < _LANDED)) + 1
     lifted = np.where(force <= _LIFTED, time, _NEVER)
     loaded = np.where(force > _LANDED, time, _NEVER)
     last_lifted = np.maximum.accumulate(lifted)
     last_loaded = np.maximum.accumulate(loaded)
-    found = [t for t in down.tolist() if last_lifted[t - 1] - last_loaded[t - 1] >= _ALOFT]
+    found = [t for t in down.tolist() if last_lifted[t - 1] - last_loaded[t - 1] >= _SWING]
     return time[found]
 
 
 def _outstanding(time: Floats, jolt: Floats) -> float | None:
-    """The time of the largest jolt if it is twice as large as any half a second away from it."""
+    """Return the time of the largest jolt if twice as large as any 0.5 s away from it."""
     peak = int(np.argmax(jolt))
-    others = jolt[np.abs(time - time[peak]) > _APART]
+    others = jolt[np.abs(time - time[peak]) > _SEPARATION]
     if not len(others) or jolt[peak] < _UNIQUE * max(float(others.max()), 1e-9):
         return None
     return float(time[peak])

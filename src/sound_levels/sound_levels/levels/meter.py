@@ -1,4 +1,4 @@
-"""A sound level meter: blocks of samples to levels over time, in little memory."""
+"""Sound level meter: levels over time from blocks of samples, in constant memory."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,13 +10,12 @@ from scipy.signal import lfilter, sosfilt, sosfilt_zi
 from wattwalk_core.errors import InputError
 
 from sound_levels.levels.bands import Spectrum
+from sound_levels.levels.settings import TIMES
 from sound_levels.levels.weighting import sections
 
 Floats = NDArray[np.float64]
 
-TIMES: Final = {'fast': 0.125, 'slow': 1.0}
-"""Time constants of IEC 61672-1, s."""
-SETTLED: Final = 5.0  # time constants, after which the detector has forgotten its start
+SETTLED: Final = 5.0  # time constants until the detector no longer depends on its start
 _BINS = 200.0  # Hz
 _SILENCE = 1e-18
 
@@ -24,11 +23,11 @@ _SILENCE = 1e-18
 @dataclass(frozen=True)
 class Sound:
     """
-    A sound as mean squares in units of full scale, N bins of `step` s from its start.
+    Mean squares of a sound in units of full scale, in N bins of `step` s from its start.
 
     energy: of the weighted signal in each bin. detector: at the end of each bin, with the time
     weighting; highest: its largest value within the bin. bands: mean square in third-octave bands
-    of the signal as it is, by nominal frequency in Hz. Channels are averaged.
+    of the unweighted signal, by nominal frequency in Hz. Channels are averaged.
     """
 
     rate: float  # Hz
@@ -54,9 +53,9 @@ def measure(
     blocks: Iterable[Floats], rate: float, weighting: str = 'A', time: str = 'fast'
 ) -> Sound:
     """
-    Levels of blocks [n, channels] of samples that follow on each other.
+    Measure the levels of consecutive blocks of samples [n, channels].
 
-    InputError for a weighting or time that is not known, less than ten time constants (and at
+    InputError for an unknown weighting or time weighting, less than ten time constants (and at
     least 1 s) of sound, or silence.
     """
     if time not in TIMES:

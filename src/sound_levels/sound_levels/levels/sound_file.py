@@ -1,4 +1,4 @@
-"""Sound files in blocks, and in words what is wrong with them."""
+"""Sound files read in blocks, with warnings about their defects."""
 
 import re
 from collections.abc import Iterator
@@ -61,11 +61,11 @@ class SoundFile:
 
     @property
     def seconds(self) -> float:
-        """Duration of what was read."""
+        """Duration read so far."""
         return self.frames / self.rate
 
     def blocks(self) -> Iterator[Floats]:
-        """Samples [N, channels], full scale 1; InputError for NaN, and where nothing is whole."""
+        """Yield samples [N, channels], full scale 1; InputError for NaN or an unreadable file."""
         top = self._top()
         try:
             with soundfile.SoundFile(self.path) as file:
@@ -105,7 +105,7 @@ class SoundFile:
 
 
 def _clipped(block: Floats, top: float) -> int:
-    """Samples in runs of three and more at full scale; beyond 1.0 a float file is not clipped."""
+    """Count samples in runs of at least three at full scale; above 1.0 floats are not clipped."""
     full = (np.abs(block) >= top) & (np.abs(block) <= 1.0)
     if not full.any():
         return 0

@@ -1,4 +1,14 @@
-"""Frequency weightings A, C and Z of IEC 61672-1 at any sampling rate, and how well they fit."""
+"""
+Frequency weightings A, C and Z of IEC 61672-1 at any sampling rate, and their errors.
+
+Libraries were tried against the tests (class 1 at 8 to 192 kHz, filtered block by block) and miss
+them. The bilinear filters of PyOctaveBand 2.0.0 (GPL-3.0), of phonometry 3.3.0 (its successor; it
+needs Python 3.13), and of python-acoustics 0.2.6 (unmaintained since 2022) pass at 44.1 kHz and
+above. A at 11.025 kHz is 1.9 dB low at 4 kHz (limit 1.0), at 16 kHz 5.7 dB low at 6.3 kHz (2.0),
+at 22.05 kHz 4.9 dB low at 8 kHz (2.5). Oversampling in the first two removes the error, but needs
+the whole file in memory. acoustic-toolbox 0.2.2 uses PyOctaveBand, pandas and numba. Neither
+waveform-analysis nor pyfilterbank has a release that pip installs on Python 3.11.
+"""
 
 from functools import cache
 from typing import Final
@@ -7,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
+from sound_levels.levels.settings import WEIGHTINGS
+
 Floats = NDArray[np.float64]
 
-WEIGHTINGS: Final = ('A', 'C', 'Z')
 _F1, _F2, _F3, _F4 = 20.598997, 107.65265, 737.86223, 12194.217  # Hz, IEC 61672-1 annex E
-_OFFSET = 1.0  # Hz; below it lies no sound, but the offset of a converter
+_OFFSET = 1.0  # Hz, high-pass against the offset of a converter
 _HIGH_PASS: Final = {'A': (_F1, _F1, _F2, _F3), 'C': (_F1, _F1), 'Z': (_OFFSET,)}
 _REFERENCE = 1000.0  # Hz
 _WITHIN_1_DB = (40, 50, 63, 80, 100, 125, 160, 200, 250, 315, 400, 500, 630, 800)
@@ -36,7 +47,7 @@ LIMITS: Final = {
 
 
 def analog(weighting: str, frequency: Floats | float) -> Floats:
-    """The weighting as the standard defines it, dB at frequencies in Hz; 0 at 1 kHz."""
+    """Return the weighting of the standard, dB at frequencies in Hz; 0 at 1 kHz."""
     return _analog(weighting, np.asarray(frequency)) - _analog(weighting, np.array(_REFERENCE))
 
 
@@ -50,11 +61,10 @@ def _analog(weighting: str, frequency: Floats) -> Floats:
 @cache
 def sections(weighting: str, rate: float) -> Floats:
     """
-    The weighting as second-order sections [S, 6] for scipy.signal.sosfilt at a rate in Hz.
+    Return the weighting as second-order sections [S, 6] for scipy.signal.sosfilt at a rate in Hz.
 
     Each real pole is matched to the analog gain up to half the rate, where the bilinear transform
-    would fall to nothing.
-    Z is flat but for an offset. InputError for a weighting that is none of A, C, Z.
+    would approach 0. Z is flat except for an offset. InputError for a weighting not A, C or Z.
     """
     if weighting not in WEIGHTINGS:
         raise InputError(f'weighting {weighting!r} is not one of {", ".join(WEIGHTINGS)}')
@@ -72,7 +82,7 @@ def sections(weighting: str, rate: float) -> Floats:
 
 
 def response(rows: Floats, frequency: Floats | float, rate: float) -> Floats:
-    """Gain of sections in dB at frequencies in Hz."""
+    """Return the gain of sections in dB at frequencies in Hz."""
     z = np.exp(-2j * np.pi * np.asarray(frequency, float) / rate)
     powers = np.stack([np.ones_like(z), z, z * z])
     gain = np.ones_like(z)
@@ -82,7 +92,7 @@ def response(rows: Floats, frequency: Floats | float, rate: float) -> Floats:
 
 
 def reach(weighting: str, rate: float) -> float:
-    """The highest nominal frequency in Hz up to which all are within class 1 at a rate."""
+    """Return the highest nominal frequency in Hz up to which class 1 is met at a rate."""
     rows, reached = sections(weighting, rate), 0.0
     for frequency, (low, high) in LIMITS.items():
         if frequency >= 0.5 * rate:
@@ -96,7 +106,7 @@ def reach(weighting: str, rate: float) -> float:
 
 def _low_pass(corner: float, rate: float) -> tuple[Floats, Floats]:
     """
-    A real pole whose squared gain is that of the analog one at 0 Hz, in between and at half rate.
+    Return a real pole with the analog squared gain at 0 Hz, in between and at half the rate.
 
     With u = sin²(π f / rate) it is (1 + B u) / (1 + A u), so that A and B follow from two gains.
     """

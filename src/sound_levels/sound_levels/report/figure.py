@@ -1,4 +1,4 @@
-"""Level over time, by policy, after Figure 7 of the paper; and the spectra below."""
+"""Figure of level over time by policy, after Figure 7 of the paper, with spectra."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wattwalk_core.figures import OTHERS, save_figure, style
 
 from sound_levels.levels.analysis import Analysis, Take
-from sound_levels.levels.comparison import Levels, decibels
+from sound_levels.levels.statistics import Levels, decibels
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ _POINTS = 20.0  # Hz
 
 
 def draw_sound(path: Path, analysis: Analysis) -> None:
-    """One curve a policy over time, with its Leq, and third-octave spectra (PNG, SVG, PDF)."""
+    """Draw the level of each policy over time and third-octave spectra (PNG, SVG, PDF)."""
     with style(False):
         figure = Figure(figsize=(9, 6.4), layout='constrained')
         above, below = figure.subplots(2, 1, height_ratios=(3, 2))
@@ -56,9 +56,9 @@ def draw_sound(path: Path, analysis: Analysis) -> None:
 
 def curve(analysis: Analysis, take: Take) -> tuple[Floats, Floats, Floats]:
     """
-    Level over time, from what counts of a take first to last; thinned to 20 Hz.
+    Return the level over time of the evaluated part of a take, at 20 Hz.
 
-    Time in s since then, the level with the time weighting, and the mean over the second around.
+    Time in s since its start, the level with the time weighting, and the mean over one second.
     """
     every = max(1, round(1.0 / (_POINTS * take.sound.step)))
     rows = np.flatnonzero(take.counted)
@@ -85,7 +85,7 @@ def _curve(axis: Axes, analysis: Analysis, take: Take, index: int, found: Levels
 
 def _since(analysis: Analysis) -> str:
     aligned = all(take.alignment is not None for take in analysis.takes)
-    return 'the first landing of a foot' if aligned else 'the start of what counts'
+    return 'the first landing of a foot' if aligned else 'the start of the evaluated part'
 
 
 def _spectrum_axis(axis: Axes, analysis: Analysis) -> None:

@@ -1,4 +1,4 @@
-"""What the sounds say as one page that needs no network."""
+"""Report of a sound analysis as one page that needs no network."""
 
 from pathlib import Path
 
@@ -7,19 +7,20 @@ import plotly.graph_objects as go
 from wattwalk_core.pages.page import Page
 from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
-from sound_levels.levels.analysis import Analysis, Take, sentences
+from sound_levels.levels.analysis import Analysis, Take
+from sound_levels.levels.summary import LEVEL_COLUMNS, level_cells, sentences
 from sound_levels.report.figure import curve
 
 _LINES = (COLORS['better'], COLORS['base'], COLORS['third'], COLORS['faint'])
 _DASHES = ('solid', 'dash', 'dot', 'dashdot')
-_CLOSE = 3.0  # s shown of an alignment
+_CLOSE_UP = 3.0  # s shown of an alignment
 
 
 def write_report(path: Path, analysis: Analysis) -> None:
-    """The page: who is louder, levels, curves, spectra, alignment, and what to be wary of."""
+    """Write differences, levels over time, spectra, alignment and warnings."""
     settings = analysis.settings
-    page = Page('How loud the policies are')
-    page.add('<h1>How loud the policies are</h1>')
+    page = Page('Sound levels by policy')
+    page.add('<h1>Sound levels by policy</h1>')
     for sentence in sentences(analysis):
         page.text(sentence)
     tone = analysis.tone
@@ -34,17 +35,13 @@ def write_report(path: Path, analysis: Analysis) -> None:
     )
     page.heading('Level over time')
     page.add(page.figure(_over_time(analysis), 'level over time by policy', size='tall'))
-    page.text(
-        f'Thin: {settings.time} time weighting; thick: mean over the second around.', faint=True
-    )
+    page.text(f'Thin: {settings.time} time weighting; thick: mean over one second.', faint=True)
     page.heading('Levels')
-    columns = ('policy', 'counted s', 'Leq', 'L10', 'L50', 'L90', 'max')
     rows = []
     for name in analysis.policies:
         found = analysis.levels(name)
-        figures = (found.leq, found.l10, found.l50, found.l90, found.max)
-        rows.append((name, f'{found.seconds:.0f}', *(f'{value:.1f}' for value in figures)))
-    page.table(columns, rows, numbers=range(1, 7))
+        rows.append((name, f'{found.seconds:.0f}', *level_cells(found)))
+    page.table(('policy', 'counted s', *LEVEL_COLUMNS), rows, numbers=range(1, 7))
     page.text(
         f'In {analysis.unit}. Leq is the mean by energy; L10, L50 and L90 are exceeded for 10, 50 '
         'and 90 % of the time.',
@@ -66,10 +63,10 @@ def write_report(path: Path, analysis: Analysis) -> None:
             numbers=(2, 3, 4),
         )
         page.text(
-            "Intervals of two files and more on both sides are Welch's t on the mean level of "
-            'files. With a single file they are a block bootstrap, with blocks as long as a level '
-            'says something of what follows, and know nothing of what differs between set-ups, '
-            'such as where the microphone stood: record each policy several times for that.',
+            "With at least two files of both policies, intervals are Welch's t on the files' mean "
+            'levels. With a single file, they are those of a block bootstrap whose blocks are as '
+            'long as the level correlates, and do not include differences between set-ups, such '
+            'as the position of the microphone: record each policy several times.',
             faint=True,
         )
     page.heading('Third-octave spectrum')
@@ -77,7 +74,7 @@ def write_report(path: Path, analysis: Analysis) -> None:
     _alignments(page, analysis)
     page.heading('Files')
     page.table(
-        ('file', 'policy', 'rate Hz', 's', 'what counts', 'remarks'),
+        ('file', 'policy', 'rate Hz', 's', 'evaluated', 'remarks'),
         [
             (
                 *(take.path.name, take.policy, f'{take.sound.rate:.0f}'),
@@ -96,7 +93,7 @@ def _alignments(page: Page, analysis: Analysis) -> None:
     takes = [take for take in analysis.takes if take.alignment is not None]
     if not takes:
         return
-    page.heading('Sound and recording on one time')
+    page.heading('Alignment with recordings')
     page.table(
         ('file', 'recording', 'by', 'offset s', 'drift ppm', 'correlation', 'rival'),
         [
@@ -115,7 +112,7 @@ def _alignments(page: Page, analysis: Analysis) -> None:
         for take in takes
     }
     page.tabs(panels)
-    page.text('Three seconds of it; vertical lines: a foot lands by foot_force.', faint=True)
+    page.text('Three seconds; vertical lines are landings of a foot by foot_force.', faint=True)
 
 
 def _over_time(analysis: Analysis) -> Figure:
@@ -173,7 +170,7 @@ def _close_up(analysis: Analysis, take: Take) -> Figure:
     time = alignment.of(take.sound.time)
     landings = events.landings[(events.landings > time[0]) & (events.landings < time[-1])]
     start = float(landings[len(landings) // 2]) - 0.1 if len(landings) else float(time[0])
-    shown = (time >= start) & (time < start + _CLOSE)
+    shown = (time >= start) & (time < start + _CLOSE_UP)
     figure = go.Figure(
         go.Scatter(
             x=short(time[shown] - start),
@@ -182,7 +179,7 @@ def _close_up(analysis: Analysis, take: Take) -> Figure:
             line={'color': COLORS['better'], 'width': 1.2},
         )
     )
-    for landing in landings[(landings >= start) & (landings < start + _CLOSE)].tolist():
+    for landing in landings[(landings >= start) & (landings < start + _CLOSE_UP)].tolist():
         figure.add_vline(x=landing - start, line={'color': COLORS['base'], 'width': 1.2})
     figure.update_xaxes(title_text=f'time in s, from {start:.1f} s of the recording')
     figure.update_yaxes(title_text=f'5 ms level in {analysis.unit}')

@@ -1,10 +1,9 @@
-"""What a policy sounds like in figures, and by how much one is louder than another."""
+"""Level statistics of a policy, and differences between policies with intervals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from arch.bootstrap import optimal_block_length
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
@@ -16,16 +15,16 @@ _DRAWS = 1000
 _SEED = 7
 _LOWEST = 1e-30
 ENOUGH = 4
-"""Files of each policy under which an interval from files is told to be wide for want of them."""
+"""Files of each policy below which the interval is reported to be wide for lack of files."""
 
 
 @dataclass(frozen=True)
 class Stretch:
     """
-    What counts of one sound, in pieces of 125 ms: mean squares [N] in any one unit.
+    Evaluated part of one sound, in pieces of 125 ms: mean squares [N] in any one unit.
 
-    energy: mean over the piece. detector: with the time weighting, at its end. peak: the largest
-    value of the detector.
+    energy: mean over the piece. detector: with the time weighting, at the end of the piece. peak:
+    largest value of the detector.
     """
 
     name: str
@@ -37,7 +36,7 @@ class Stretch:
     def of(
         cls, name: str, step: float, energy: Floats, detector: Floats, highest: Floats
     ) -> 'Stretch':
-        """Join bins of `step` s into pieces; a rest at the end is left out."""
+        """Join bins of `step` s into pieces; an incomplete one at the end is left out."""
         length = max(1, round(_PIECE / step))
         whole = len(energy) // length * length
         return cls(
@@ -67,14 +66,14 @@ class Levels:
 
 @dataclass(frozen=True)
 class Difference:
-    """By how many dB one policy is louder than another, and its 95 % interval."""
+    """Difference in dB between two policies, and its 95 % interval."""
 
     value: float
     interval: tuple[float, float]
 
 
 def levels(stretches: Sequence[Stretch]) -> Levels:
-    """Levels over all of a policy's sounds together."""
+    """Return the levels over all sounds of a policy together."""
     leq, l10, l50, l90 = _together(stretches).tolist()
     peak = float(decibels(np.array(max(s.peak for s in stretches))))
     return Levels(sum(s.seconds for s in stretches), leq, l10, l50, l90, peak)
@@ -84,16 +83,16 @@ def differences(
     first: Sequence[Stretch], second: Sequence[Stretch]
 ) -> tuple[Mapping[str, Difference], float | None]:
     """
-    By how much the second policy is louder than the first, by figure; and the block length in s.
+    Return the second policy's levels less the first's, by figure, and the block length in s.
 
-    With two files and more of both, it is the difference of the mean levels of files, and
-    intervals are Welch's t on these levels: files count as independent, and whatever varies within
-    one is in how files differ. Block length None.
+    With at least two files of both, it is the difference of the mean levels of files, with Welch's
+    t interval on these levels: files are independent, and variation within a file is contained in
+    the variation between files. Block length None.
 
-    With a single file of either, what differs between files is unknown, and intervals are from a
-    block bootstrap within each: neighbouring pieces resemble each other, so blocks are drawn that
-    are as long as the likeness lasts (Politis and White 2004). Of a policy with several files,
-    files are drawn first, then blocks of them.
+    With a single file of either, the variation between files is unknown, and intervals are those
+    of a block bootstrap within each: neighbouring pieces correlate, so blocks are as long as the
+    correlation lasts (Politis and White 2004). Of a policy with several files, files are drawn
+    first, then blocks of them.
     """
     block = None
     if min(len(first), len(second)) > 1:
@@ -112,19 +111,19 @@ def differences(
 
 
 def _each(stretches: Sequence[Stretch]) -> Floats:
-    """Figures of each sound, [sound, figure]."""
+    """Return the figures of each sound, [sound, figure]."""
     return np.stack([_together([stretch]) for stretch in stretches])
 
 
 def _together(stretches: Sequence[Stretch]) -> Floats:
-    """Figures of all sounds joined, [figure]."""
+    """Return the figures of all sounds joined, [figure]."""
     energy = np.concatenate([s.energy for s in stretches])
     detector = np.concatenate([s.detector for s in stretches])
     return _figures(energy[None], detector[None])[:, 0]
 
 
 def _welch(first: Floats, second: Floats) -> tuple[Floats, Floats, Floats]:
-    """Second less first, low and high of the mean levels [figure] (Welch 1947)."""
+    """Return second less first, low and high of the mean levels [figure] (Welch 1947)."""
     value = second.mean(axis=0) - first.mean(axis=0)
     parts = np.stack([side.var(axis=0, ddof=1) / len(side) for side in (first, second)])
     error = parts.sum(axis=0)
@@ -135,21 +134,23 @@ def _welch(first: Floats, second: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def block_length(stretch: Stretch) -> int:
-    """How many pieces a block needs for what one piece says of the next to be within it."""
+    """Return the number of pieces over which the level correlates (Politis and White 2004)."""
     level = decibels(stretch.energy)
     if len(level) < 16 or np.ptp(level) < 1e-9:
         return 1
+    from arch.bootstrap import optimal_block_length
+
     found = float(optimal_block_length(level)['circular'].iloc[0])
     return int(np.clip(np.ceil(found), 1, max(1, len(level) // 4)))
 
 
 def decibels(mean_square: Floats) -> Floats:
-    """Ten times the logarithm."""
+    """Return mean squares in dB."""
     return np.asarray(10.0 * np.log10(np.maximum(mean_square, _LOWEST)))
 
 
 def _draws(stretches: Sequence[Stretch], block: int, random: np.random.Generator) -> Floats:
-    """Figures of bootstrap samples, [figure, draw]."""
+    """Return the figures of bootstrap samples, [figure, draw]."""
     columns = []
     for _ in range(_DRAWS):
         chosen = stretches
@@ -167,6 +168,6 @@ def _draws(stretches: Sequence[Stretch], block: int, random: np.random.Generator
 
 
 def _figures(energy: Floats, detector: Floats) -> Floats:
-    """Leq, L10, L50, L90 of rows, [4, rows]."""
+    """Return Leq, L10, L50, L90 of rows, [4, rows]."""
     exceeded = np.quantile(detector, [0.9, 0.5, 0.1], axis=1)
     return decibels(np.concatenate([energy.mean(axis=1)[None], exceeded]))

@@ -1,4 +1,4 @@
-"""The level of full scale, from the recording of an acoustic calibrator."""
+"""Level of full scale from the recording of an acoustic calibrator."""
 
 from dataclasses import dataclass
 
@@ -11,21 +11,21 @@ from sound_levels.levels.sound_file import SoundFile
 Floats = NDArray[np.float64]
 
 _WINDOW = 0.5  # s
-_LONGEST = 120.0  # s, of which a tone is looked for
-_STEADY = 0.5  # dB around the level that the tone mostly has
+_LONGEST = 120.0  # s, searched for a tone
+_STEADY = 0.5  # dB around the median level
 _NEEDED = 2.0  # s
-_PURE = 0.9  # share of the power above 200 Hz that the tone must have
+_PURE = 0.9  # least share of the tone in the power above 200 Hz
 _LOWEST = 200.0  # Hz
 _ALIKE = 3.0  # dB between the channels
 
 
 @dataclass(frozen=True)
-class Tone:
+class CalibratorTone:
     """
-    A calibrator's tone as it was recorded.
+    Recorded tone of a calibrator.
 
     frequency: Hz. mean_square: of the tone alone, in units of full scale. spread: standard
-    deviation of its level over half seconds, dB. seconds: how much of it was steady.
+    deviation of its level over half seconds, dB. seconds: steady duration.
     """
 
     rate: int
@@ -36,16 +36,16 @@ class Tone:
     level: float  # dB SPL that the calibrator makes
 
     def decibels(self, mean_square: Floats | float) -> Floats:
-        """Sound pressure level, dB re 20 µPa, of mean squares in units of full scale."""
+        """Return sound pressure levels, dB re 20 µPa, of mean squares in units of full scale."""
         return np.asarray(10.0 * np.log10(np.asarray(mean_square) / self.mean_square) + self.level)
 
 
-def read_tone(file: SoundFile, level: float, frequency: float = 1000.0) -> Tone:
+def read_tone(file: SoundFile, level: float, frequency: float = 1000.0) -> CalibratorTone:
     """
     Find the steady tone in a recording of a calibrator of a level in dB SPL.
 
-    InputError where there is none within 10 % of the frequency in Hz for 2 s, where it is
-    clipped, or where the channels differ by more than 3 dB (only one was in the calibrator).
+    InputError if there is none within 10 % of the frequency in Hz for 2 s, if it is clipped, or if
+    the channels differ by more than 3 dB (only one was in the calibrator).
     """
     length = round(_WINDOW * file.rate)
     rest: Floats | None = None
@@ -86,7 +86,7 @@ def read_tone(file: SoundFile, level: float, frequency: float = 1000.0) -> Tone:
             f'{file.path}: the tone is {np.ptp(means):.0f} dB louder on channel {best}; '
             f'choose it with --channel {best}'
         )
-    return Tone(
+    return CalibratorTone(
         rate=file.rate,
         frequency=float(np.median(np.array(pitches)[steady])),
         mean_square=float(total[steady].mean()),
@@ -97,7 +97,7 @@ def read_tone(file: SoundFile, level: float, frequency: float = 1000.0) -> Tone:
 
 
 def _tone_in(part: Floats, rate: int, frequency: float) -> tuple[Floats, float, float]:
-    """Mean square of the tone by channel, its share of the power above 200 Hz, and its pitch."""
+    """Return the tone's mean square by channel, its share of power above 200 Hz, and frequency."""
     window = np.hanning(len(part))
     spectrum = np.abs(np.fft.rfft((part - part.mean(axis=0)) * window[:, None], axis=0)) ** 2
     spectrum *= 2.0 / (np.square(window).sum() * len(part))
