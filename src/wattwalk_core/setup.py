@@ -19,6 +19,7 @@ setup(
         'pydantic',
         'numpy',
         'plotly',
+        'rich',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
