@@ -1,0 +1,1 @@
+"""Import of logs that others recorded: readers, maps, units, conversion to a recording."""

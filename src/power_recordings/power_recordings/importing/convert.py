@@ -1,0 +1,345 @@
+"""From logs to a recording: read, convert, merge, write."""
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from power_recordings.card import Card
+from power_recordings.importing.map_file import JOINT, ImportMap, TimeMap
+from power_recordings.importing.merge import Merger
+from power_recordings.importing.plan import Channel, ImportPlan, make_plan
+from power_recordings.importing.sources.source import Block, Source
+from power_recordings.importing.times import PAUSE, START, Clock
+from power_recordings.messages import cdr
+from power_recordings.writing.writer import BagWriter
+
+Floats = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+Written = dict[str, tuple[Stamps, dict[tuple[str, str], Floats]]]
+TOPICS = ('joint_states', 'joint_commands', 'drive_supply', 'supply')
+
+_PERIOD = 0.1  # s of electrical samples in a message
+_CHUNK = 10.0  # s
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import wrote: samples by topic, and what was left out or changed, in words."""
+
+    path: Path
+    counts: Mapping[str, int]
+    notes: tuple[str, ...]
+
+
+@dataclass
+class _Group:
+    """The channels that make one topic, and the streams that they come from."""
+
+    channels: Sequence[tuple[str, Channel]]  # drive, channel
+    streams: list[str] = field(default_factory=list)
+    merger: Merger | None = None
+    order: list[int] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        columns = [c.column for _, c in self.channels if c.column is not None]
+        counts = {c.stream: 0 for c in columns}
+        for column in columns:
+            counts[column.stream] += 1
+        self.streams = sorted(counts, key=lambda s: -counts[s])
+        by_stream = [self.members(s) for s in self.streams]
+        self.order = [i for members in by_stream for i in members]
+        if columns:
+            self.merger = Merger([len(members) for members in by_stream])
+
+    def members(self, stream: str) -> list[int]:
+        """Return the indices of the channels of a stream."""
+        found = [i for i, (_, c) in enumerate(self.channels) if c.column is not None]
+        return [i for i in found if self.channels[i][1].column.stream == stream]  # type: ignore[union-attr]
+
+    def add(self, stream: str, stamps: Stamps, values: Mapping[str, NDArray[Any]]) -> None:
+        """Add converted rows of a stream."""
+        if self.merger is None or stream not in self.streams:
+            return
+        chosen = [self.channels[i][1] for i in self.members(stream)]
+        rows = np.stack([c.conversion(_numbers(c, values[c.address])) for c in chosen], axis=1)
+        self.merger.add(self.streams.index(stream), stamps, rows)
+
+    def take(self, *, final: bool) -> tuple[Stamps, dict[tuple[str, str], Floats]]:
+        """Return stamps and values by drive and quantity, constants included."""
+        if self.merger is None:
+            return np.zeros(0, np.int64), {}
+        stamps, rows = self.merger.take(final=final)
+        found = {
+            (self.channels[i][0], self.channels[i][1].quantity): rows[:, column]
+            for column, i in enumerate(self.order)
+        }
+        for drive, channel in self.channels:
+            if channel.column is None:
+                value = channel.conversion(np.array([channel.value]))[0]
+                found[drive, channel.quantity] = np.full(len(stamps), value)
+        return stamps, found
+
+
+def _numbers(channel: Channel, values: NDArray[Any]) -> Floats:
+    if values.dtype.kind == 'O':
+        raise InputError(f'column {channel.address!r} holds texts; expected numbers')
+    return values
+
+
+class _Writer:
+    """Writes groups of converted signals as the topics of a recording."""
+
+    def __init__(self, bag: BagWriter, plan: ImportPlan) -> None:
+        self._bag = bag
+        self._plan = plan
+        self.drives = tuple(plan.drives)
+        self.measured = tuple(d for d, c in plan.drives.items() if {'current', 'power'} & set(c))
+        self.commanded = tuple(d for d, c in plan.drives.items() if 'command' in c)
+        self.counts = dict.fromkeys(TOPICS, 0)
+        self._topics: dict[str, int] = {}
+        self._sequence = 0
+        self._per_message = 0
+
+    def write_all(self, parts: Written) -> None:
+        """Write what was read of all topics, in the order of time."""
+        messages = [
+            m for topic, (stamps, v) in parts.items() for m in self._encode(topic, stamps, v)
+        ]
+        for time, handle, data in sorted(messages, key=itemgetter(0)):
+            self._bag.write(handle, time, data)
+
+    def _encode(
+        self, topic: str, stamps: Stamps, values: dict[tuple[str, str], Floats]
+    ) -> list[tuple[int, int, bytes]]:
+        if not len(stamps):
+            return []
+        self.counts[topic] += len(stamps)
+        times, messages = getattr(self, f'_{topic}')(stamps, values)
+        handle = self._topics.get(topic)
+        if handle is None:
+            kind = {'drive_supply': cdr.DRIVE_SUPPLY, 'supply': cdr.BATTERY_STATE}
+            handle = self._bag.add_topic(topic, kind.get(topic, cdr.JOINT_STATE))
+            self._topics[topic] = handle
+        return [(int(t), handle, m) for t, m in zip(times, messages, strict=True)]
+
+    def _table(
+        self,
+        values: Mapping[tuple[str, str], Floats],
+        drives: Sequence[str],
+        quantity: str,
+        n: int,
+    ) -> Floats:
+        empty = np.full(n, np.nan)
+        return np.stack([values.get((drive, quantity), empty) for drive in drives], axis=1)
+
+    def _joint_states(
+        self, stamps: Stamps, values: dict[tuple[str, str], Floats]
+    ) -> tuple[Stamps, list[bytes]]:
+        table = {q: self._table(values, self.drives, q, len(stamps)) for q in JOINT}
+        return stamps, cdr.encode_joint_states(
+            stamps, self.drives, table['position'], table['velocity'], table['torque']
+        )
+
+    def _joint_commands(
+        self, stamps: Stamps, values: dict[tuple[str, str], Floats]
+    ) -> tuple[Stamps, list[bytes]]:
+        position = self._table(values, self.commanded, 'command', len(stamps))
+        return stamps, cdr.encode_joint_states(stamps, self.commanded, position)
+
+    def _drive_supply(
+        self, stamps: Stamps, values: dict[tuple[str, str], Floats]
+    ) -> tuple[Stamps, list[bytes]]:
+        count = len(stamps)
+        volts = self._table(values, self.measured, 'voltage', count)
+        amps = self._table(values, self.measured, 'current', count)
+        watts = self._table(values, self.measured, 'power', count)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            amps = np.where(np.isnan(amps), watts / volts, amps)
+        celsius = self._table(values, self.measured, 'temperature', count)
+        if not self._per_message:
+            step = float(np.median(np.diff(stamps))) / 1e9 if count > 1 else 1.0
+            self._per_message = int(np.clip(round(_PERIOD / max(step, 1e-6)), 1, 1000))
+        messages = cdr.encode_drive_supply(
+            stamps,
+            self._sequence,
+            stamps.astype(np.uint64),
+            self.measured,
+            volts,
+            amps,
+            celsius,
+            (~np.isfinite(volts * amps)).astype(np.uint8),
+            self._per_message,
+        )
+        self._sequence += count
+        return stamps[:: self._per_message], messages
+
+    def _supply(
+        self, stamps: Stamps, values: dict[tuple[str, str], Floats]
+    ) -> tuple[Stamps, list[bytes]]:
+        volts = values.get(('', 'voltage'), np.full(len(stamps), 1.0))
+        amps = values.get(('', 'current'))
+        if amps is None:
+            amps = values['', 'power'] / volts
+        return stamps, cdr.encode_batteries(stamps, volts, -amps)
+
+
+def import_logs(
+    sources: Sequence[Source],
+    mapping: ImportMap,
+    where: str,
+    out: Path,
+    progress: Callable[[int], None] = lambda done: None,
+    *,
+    overwrite: bool = False,
+) -> Imported:
+    """
+    Write logs, one after the other, as one recording with a card.
+
+    where: the name of the map, for errors. progress is told the bytes read so far. Raises
+    InputError for logs that do not have what the map names or whose times are of no use; nothing
+    is left behind then.
+    """
+    plans = [make_plan(mapping, s.columns(), where, s.is_bag) for s in sources]
+    for source, plan in zip(sources, plans, strict=True):
+        if tuple(plan.drives) != tuple(plans[0].drives):
+            raise InputError(
+                f'{source.path} has the drives {", ".join(plan.drives)}; '
+                f'{sources[0].path} has {", ".join(plans[0].drives)}'
+            )
+    bag = BagWriter(out, overwrite=overwrite, flush_period=_CHUNK)
+    notes: list[str] = []
+    done, end = 0, 0
+    try:
+        with bag:
+            writer = _Writer(bag, plans[0])
+            for source, plan in zip(sources, plans, strict=True):
+                log = _Log(source, plan, mapping, end)
+                for block in source.read(
+                    plan.addresses(), lambda n, base=done: progress(base + n)
+                ):
+                    writer.write_all(log.add(block))
+                writer.write_all(log.finish())
+                notes += log.notes
+                done, end = done + source.size, log.end
+        if not any(writer.counts.values()):
+            raise InputError(f'{sources[0].path}: no rows')
+        _card(mapping, plans[0], writer.measured, sources, where, notes).save(out)
+    except BaseException:
+        shutil.rmtree(out, ignore_errors=True)
+        raise
+    return Imported(out, {t: n for t, n in writer.counts.items() if n}, tuple(notes))
+
+
+class _Log:
+    """One log on its way: its clocks by stream, and its channels by topic."""
+
+    def __init__(self, source: Source, plan: ImportPlan, mapping: ImportMap, after: int) -> None:
+        self._source, self._plan = source, plan
+        self._time = mapping.time or TimeMap(rate=1.0)
+        self._groups = groups_of(plan)
+        self._clocks: dict[str, Clock] = {}
+        self._after = after
+        self._shift: int | None = None
+        self._rows = 0
+        self.notes: list[str] = []
+
+    @property
+    def end(self) -> int:
+        """Stamp of the last row, ns."""
+        return max(clock.last or 0 for clock in self._clocks.values())
+
+    def add(self, block: Block) -> Written:
+        """Convert a block; return what can be written."""
+        self.notes += [f'{self._source.path.name}: {note}' for note in block.notes]
+        if not len(block):
+            return {}
+        clock = self._clocks.get(block.stream)
+        if clock is None:
+            where = f'{self._source.path}' + (f': {block.stream}' if self._source.is_bag else '')
+            clock = self._clocks[block.stream] = Clock(where, self._time.unit, self._shift or 0)
+        raw = self._raw(block, clock)
+        if self._shift is None and (raw >= 0).any():
+            self._shift = max(0, self._after + PAUSE - int(raw[raw >= 0].min()))
+            clock.shift = self._shift
+        keep, stamps = clock.order(raw)
+        for group in self._groups.values():
+            group.add(block.stream, stamps, {a: v[keep] for a, v in block.values.items()})
+        return {topic: group.take(final=False) for topic, group in self._groups.items()}
+
+    def finish(self) -> Written:
+        """Return what is left; InputError where the times are of no use."""
+        if not self._clocks:
+            raise InputError(f'{self._source.path}: no rows of what the map names')
+        for clock in self._clocks.values():
+            clock.check()
+            self.notes += [f'{clock.where}: {note}' for note in clock.notes()]
+        return {topic: group.take(final=True) for topic, group in self._groups.items()}
+
+    def _raw(self, block: Block, clock: Clock) -> Stamps:
+        """Times of a block in ns, -1 where they are missing."""
+        if block.log_ns is not None:
+            if self._plan.stamp == 'log':
+                return block.log_ns
+            if block.header_ns is None or not block.header_ns.any():
+                raise InputError(
+                    f'{clock.where}: the messages have no time of their own; '
+                    'use time: {stamp: log} in the map'
+                )
+            return np.where(block.header_ns > 0, block.header_ns, -1)
+        if self._time.rate is not None:
+            index = np.arange(self._rows, self._rows + len(block))
+            self._rows += len(block)
+            return START * 10**9 + np.rint(index * (1e9 / self._time.rate)).astype(np.int64)
+        assert self._plan.time is not None
+        if self._plan.time.address not in block.values:
+            raise InputError(
+                f'{clock.where}: {next(iter(block.values))} has {len(block)} rows, the time column '
+                f'{self._plan.time.address} has others; name columns of one length'
+            )
+        return clock.nanoseconds(block.values[self._plan.time.address])
+
+
+def groups_of(plan: ImportPlan) -> dict[str, _Group]:
+    """Return the channels of each topic."""
+    parts: dict[str, list[tuple[str, Channel]]] = {name: [] for name in TOPICS}
+    for drive, channels in plan.drives.items():
+        measured = bool({'current', 'power'} & set(channels))
+        for quantity, channel in channels.items():
+            if quantity in JOINT:
+                parts['joint_states'].append((drive, channel))
+            elif quantity == 'command':
+                parts['joint_commands'].append((drive, channel))
+            elif measured:
+                parts['drive_supply'].append((drive, channel))
+    parts['supply'] = [('', channel) for channel in plan.supply.values()]
+    return {name: _Group(channels) for name, channels in parts.items() if channels}
+
+
+def _card(
+    mapping: ImportMap,
+    plan: ImportPlan,
+    measured: Sequence[str],
+    sources: Sequence[Source],
+    where: str,
+    notes: Sequence[str],
+) -> Card:
+    content: dict[str, Any] = {
+        'drives': list(measured),
+        'software': f'power_recordings import {version("power_recordings")}',
+        **mapping.card,
+        'torque': dict(plan.torque_at),
+        'imported': {'from': [source.path.name for source in sources], 'map': where},
+    }
+    if plan.torque_unit:
+        content['torque_unit'] = dict(plan.torque_unit)
+    if notes:
+        content['imported']['notes'] = list(notes)
+    return Card.of(content)

@@ -1,0 +1,198 @@
+"""From a map and the columns of a log to what is read, converted and written."""
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import quoted
+
+from power_recordings.importing.map_file import DriveMap, ImportMap, Signal
+from power_recordings.importing.sources.heads import unit_of
+from power_recordings.importing.sources.source import Column
+from power_recordings.importing.units import Conversion, conversion
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One quantity of a drive or of the supply: its column (None: a constant) and conversion."""
+
+    quantity: str
+    column: Column | None
+    conversion: Conversion
+    value: float = np.nan
+
+    @property
+    def address(self) -> str:
+        """Address of the column, '' for a constant."""
+        return self.column.address if self.column is not None else ''
+
+
+@dataclass(frozen=True)
+class ImportPlan:
+    """What a map takes out of one log."""
+
+    drives: Mapping[str, Mapping[str, Channel]]
+    supply: Mapping[str, Channel]
+    torque_at: Mapping[str, str]  # joint or motor, by drive
+    torque_unit: Mapping[str, str]  # A where it is a current
+    time: Column | None
+    stamp: str
+
+    def addresses(self) -> tuple[str, ...]:
+        """Return the addresses of all columns to be read."""
+        parts = [*self.drives.values(), self.supply]
+        found = [c.address for part in parts for c in part.values() if c.address]
+        return tuple(dict.fromkeys([*found, *([self.time.address] if self.time else [])]))
+
+
+def make_plan(
+    mapping: ImportMap, columns: Sequence[Column], where: str, is_bag: bool
+) -> ImportPlan:
+    """
+    Find the columns that a map names.
+
+    Raises InputError, which begins with `where`, for columns that are not there (with those that
+    are spelled alike), units that do not fit, and quantities that cannot stand alone.
+    """
+    known = {column.address: column for column in columns}
+    for column in columns:
+        known.setdefault(re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', column.address), column)
+    drives = expand(mapping.drives, tuple(known), where)
+    channels: dict[str, dict[str, Channel]] = {}
+    for name, drive in drives.items():
+        signals = drive.signals()
+        channels[name] = {
+            q: _channel(q, s, known, f'{where}: drives.{name}.{q}') for q, s in signals.items()
+        }
+        _check_drive(channels[name], f'{where}: drives.{name}')
+    supply = {
+        q: _channel(q, s, known, f'{where}: supply.{q}')
+        for q, s in mapping.supply.signals().items()
+    }
+    if 'current' in supply and 'voltage' not in supply:
+        raise InputError(f'{where}: supply: current without voltage')
+    if not supply and not any({'current', 'power'} & set(part) for part in channels.values()):
+        raise InputError(
+            f'{where}: no current or power of any drive and no supply: nothing to judge a model by'
+        )
+    time = None
+    if not is_bag:
+        if mapping.time is None:
+            raise InputError(f'{where}: time is missing; give time: {{column: …, unit: s}}')
+        if mapping.time.column:
+            time = _find(mapping.time.column, known, f'{where}: time.column')
+    at = {n: d.torque.at or 'joint' for n, d in drives.items() if d.torque is not None}
+    unit = {
+        name: 'A'
+        for name, drive in drives.items()
+        if (torque := drive.torque) and torque.scale is None and torque.unit in ('A', 'mA')
+    }
+    return ImportPlan(
+        channels, supply, {**at, **dict.fromkeys(unit, 'motor')}, unit, time, mapping.stamp
+    )
+
+
+def expand(
+    drives: Mapping[str, DriveMap], addresses: Sequence[str], where: str
+) -> dict[str, DriveMap]:
+    """
+    Replace drives whose name has a `*` by those that the log has.
+
+    The star stands for the same text in the name and in each `from`. A `*` that nothing fits is an
+    InputError.
+    """
+    result: dict[str, DriveMap] = {}
+    for name, drive in drives.items():
+        if '*' not in name:
+            result[name] = drive
+            continue
+        patterns = [s.source for s in drive.signals().values() if '*' in s.source]
+        if not patterns:
+            raise InputError(f'{where}: drives.{name}: a * in the name but in no from')
+        found = [_matches(pattern, addresses) for pattern in patterns]
+        texts = [text for text in found[0] if all(text in other for other in found)]
+        if not texts:
+            raise InputError(f'{where}: drives.{name}: no column fits {quoted(patterns[0])}')
+        for text in texts:
+            signals = {
+                q: replace(s, source=s.source.replace('*', text))
+                for q, s in drive.signals().items()
+            }
+            result[name.replace('*', text)] = DriveMap(**signals)
+    return result
+
+
+def _matches(pattern: str, addresses: Sequence[str]) -> list[str]:
+    first, *rest = (re.escape(part) for part in pattern.split('*'))
+    whole = re.compile(first + r'([^/:.\[\]]+?)' + r'\1'.join(rest))
+    return list(dict.fromkeys(m[1] for a in addresses if (m := whole.fullmatch(a))))
+
+
+def _channel(quantity: str, signal: Signal, known: Mapping[str, Column], where: str) -> Channel:
+    if signal.value is not None:
+        factor = conversion(signal.unit, quantity) if signal.unit else Conversion()
+        return Channel(quantity, None, factor, signal.value)
+    column = _find(signal.source, known, where)
+    unit = signal.unit or ('' if signal.scale is not None else _stated(column, quantity))
+    try:
+        convert = _conversion(quantity, signal, unit)
+    except InputError as error:
+        raise InputError(f'{where}: {error}') from None
+    if signal.positive == 'fed':
+        convert = Conversion(-convert.factor, -convert.offset)
+    return Channel(quantity, column, convert)
+
+
+def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
+    if signal.scale is None:
+        if quantity == 'torque' and unit in ('A', 'mA'):
+            base = conversion(unit, 'current')
+        else:
+            base = conversion(unit, quantity) if unit else Conversion()
+        return Conversion(base.factor, base.offset + (signal.offset or 0.0))
+    after = conversion(unit, quantity) if unit else Conversion()
+    offset = (signal.offset or 0.0) * after.factor + after.offset
+    return Conversion(signal.scale * after.factor, offset)
+
+
+def _stated(column: Column, quantity: str) -> str:
+    """The unit that the log itself states, where it fits the quantity."""
+    unit = column.unit or unit_of(column.address)
+    try:
+        conversion(unit, quantity)
+    except InputError:
+        return ''
+    return unit
+
+
+def _find(address: str, known: Mapping[str, Column], where: str) -> Column:
+    column = known.get(address)
+    if column is not None:
+        return column
+    near = difflib.get_close_matches(address, list(known), 3, 0.6)
+    hint = f'; there is {", ".join(near)}' if near else f'; there are {len(known)}: see --list'
+    raise InputError(f'{where}: no column {quoted(address)}{hint}')
+
+
+def _check_drive(channels: Mapping[str, Channel], where: str) -> None:
+    moving = {'position', 'velocity'} & set(channels)
+    if not moving and 'torque' not in channels:
+        raise InputError(f'{where}: neither position, velocity nor torque')
+    if 'current' in channels and 'voltage' not in channels:
+        raise InputError(
+            f'{where}: current without voltage; add voltage: {{from: …}} or {{value: 48, unit: V}}'
+        )
+    if 'power' in channels and 'voltage' not in channels:
+        raise InputError(
+            f'{where}: power without voltage; add voltage: {{from: …}} or {{value: 48, unit: V}}'
+        )
+    if {'power', 'current'} <= set(channels):
+        raise InputError(f'{where}: give current or power, not both')
+    if all(c.column is None for c in channels.values()):
+        raise InputError(f'{where}: only constants')

@@ -1,0 +1,53 @@
+"""Readers of logs, one file a format; `open_source` finds the right one."""
+
+import stat
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Final
+
+from wattwalk_core.errors import InputError
+
+from power_recordings.importing.sources.source import Source
+
+_READERS: Final = {
+    'delimited': ('.csv', '.tsv', '.txt', '.dat'),
+    'spreadsheet': ('.xlsx', '.xlsm'),
+    'columnar': ('.parquet', '.pq', '.feather', '.arrow'),
+    'matlab': ('.mat',),
+    'hdf5': ('.h5', '.hdf5', '.hdf'),
+    'json_lists': ('.json', '.jsonl', '.ndjson'),
+    'hebi': ('.hebilog',),
+    'bag': ('.bag', '.mcap', '.db3'),
+}
+
+
+def open_source(path: Path, messages: Path | None = None) -> Source:
+    """
+    Open a log by the ending of its name; a folder is a rosbag2 bag.
+
+    messages: a folder of .msg files for types that a bag does not define itself. Raises
+    InputError for a file that is absent, of an unknown kind, or damaged.
+    """
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        raise InputError(f'cannot read {path}: {error.strerror}') from None
+    except ValueError as error:
+        raise InputError(f'cannot read {path}: {error}') from None
+    if stat.S_ISDIR(mode):
+        return _make('bag')(path, messages)
+    if not stat.S_ISREG(mode):
+        raise InputError(f'{path}: not a regular file')
+    if not path.stat().st_size:
+        raise InputError(f'{path} is empty')
+    for reader, endings in _READERS.items():
+        if path.suffix.lower() in endings:
+            return _make(reader)(path, messages)
+    known = ' '.join(ending for endings in _READERS.values() for ending in endings)
+    raise InputError(f'{path}: unknown kind of file; known are {known} and bag folders')
+
+
+def _make(reader: str) -> Callable[[Path, Path | None], Source]:
+    module = import_module(f'power_recordings.importing.sources.{reader}')
+    return module.open_file  # type: ignore[no-any-return]

@@ -1,0 +1,79 @@
+"""Named arrays as columns: what MAT, HDF5 and JSON files have in common."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from power_recordings.importing.sources.heads import unit_of
+from power_recordings.importing.sources.source import MOST_COLUMNS, Block, Column, Progress
+
+_ROWS = 65_536
+
+
+def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[Column]:
+    """
+    Return the columns of named arrays by their shapes.
+
+    An array [N] is one column, [N, K] or [K, N] are K columns `name.0` …; the longer axis is time.
+    Arrays of one length share a stream. Scalars and higher dimensions are left out.
+    """
+    found: list[Column] = []
+    for name, shape in shapes.items():
+        rows = max(shape, default=0)
+        if rows < 2 or len([n for n in shape if n > 1]) > 2:
+            continue
+        count = int(np.prod(shape, dtype=np.int64)) // rows
+        if count * len(shape) > MOST_COLUMNS or len(found) + count > MOST_COLUMNS:
+            raise InputError(f'{where}: more than {MOST_COLUMNS} columns')
+        flat = sum(n > 1 for n in shape) < 2
+        for i in range(count):
+            address = name if flat else f'{name}.{i}'
+            found.append(Column(address, f'{rows} rows', unit_of(name), rows))
+    return found
+
+
+def split(address: str, names: Mapping[str, Any]) -> tuple[str, int]:
+    """Return the name of the array and the index of the column that an address means."""
+    if address in names:
+        return address, 0
+    name, _, index = address.rpartition('.')
+    return name, int(index)
+
+
+def as_rows(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array with time along its first axis, [N, K]."""
+    array = np.squeeze(array)
+    if array.ndim == 1:
+        return array[:, None]
+    return array.T if array.shape[0] < array.shape[1] else array
+
+
+def blocks(
+    columns: Sequence[Column],
+    addresses: Sequence[str],
+    arrays: Mapping[str, NDArray[Any]],
+    size: int,
+    progress: Progress,
+) -> Iterator[Block]:
+    """Yield the rows of arrays in memory, stream by stream."""
+    streams = dict.fromkeys(c.stream for c in columns if c.address in set(addresses))
+    for stream in streams:
+        chosen = [c for c in columns if c.stream == stream and c.address in set(addresses)]
+        rows = {c.address: _column(arrays, c.address) for c in chosen}
+        count = chosen[0].rows or 0
+        for start in range(0, count, _ROWS):
+            progress(round(size * min(start + _ROWS, count) / count))
+            yield Block(stream, {a: r[start : start + _ROWS] for a, r in rows.items()})
+
+
+def _column(arrays: Mapping[str, NDArray[Any]], address: str) -> NDArray[Any]:
+    name, index = split(address, arrays)
+    values = as_rows(arrays[name])[:, index]
+    if values.dtype.kind in 'US':
+        return values.astype(object)
+    if values.dtype.kind == 'O':
+        return values
+    return values.astype(np.float64)

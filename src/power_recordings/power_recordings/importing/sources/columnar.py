@@ -1,0 +1,103 @@
+"""Parquet and Feather (Arrow) files, streamed with pyarrow."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable
+
+from power_recordings.importing.sources.heads import unit_of
+from power_recordings.importing.sources.source import MOST_COLUMNS, Block, Column, Progress
+
+_ROWS: Final = 65_536
+
+
+def open_file(path: Path, messages: Path | None = None) -> 'ColumnarFile':
+    """Open a Parquet or Feather file; InputError for one that is damaged."""
+    return ColumnarFile(path)
+
+
+class ColumnarFile:
+    """A table of columns. Streams: one. Lists inside a column go by `column.index`."""
+
+    is_bag = False
+
+    def __init__(self, path: Path) -> None:
+        import pyarrow as pa
+        from pyarrow import feather, parquet
+
+        self.path = path
+        self.size = path.stat().st_size
+        self._parquet: Any = None
+        try:
+            if path.suffix.lower() in ('.parquet', '.pq'):
+                self._parquet = parquet.ParquetFile(path)
+                self._schema = self._parquet.schema_arrow
+                self._rows = self._parquet.metadata.num_rows
+            else:
+                self._table = feather.read_table(path, memory_map=True)
+                self._schema, self._rows = self._table.schema, self._table.num_rows
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(f'{path}: not a readable table: {printable(str(error))}') from None
+        if len(self._schema.names) > MOST_COLUMNS:
+            count = len(self._schema.names)
+            raise InputError(f'{path}: {count} columns; at most {MOST_COLUMNS} are read')
+
+    def columns(self) -> Sequence[Column]:
+        """Return the columns of numbers, and of texts and times that may be dates."""
+        import pyarrow as pa
+
+        found = []
+        for field in self._schema:
+            kind = field.type
+            if pa.types.is_fixed_size_list(kind):
+                unit, names = unit_of(field.name), range(kind.list_size)
+                found += [Column(f'{field.name}.{i}', '', unit, self._rows) for i in names]
+            elif not pa.types.is_nested(kind):
+                found.append(Column(field.name, '', unit_of(field.name), self._rows))
+        return found
+
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+        """Yield rows."""
+        import pyarrow as pa
+
+        fields = {a: self._field(a) for a in addresses}
+        names = list(dict.fromkeys(name for name, _ in fields.values()))
+        if self._parquet is not None:
+            batches = self._parquet.iter_batches(_ROWS, columns=names)
+        else:
+            batches = self._table.select(names).to_batches(_ROWS)
+        done = 0
+        try:
+            for batch in batches:
+                done += batch.num_rows
+                progress(round(self.size * done / max(self._rows, 1)))
+                yield Block('', {a: _values(batch.column(n), i) for a, (n, i) in fields.items()})
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(f'{self.path}: damaged: {printable(str(error))}') from None
+
+    def _field(self, address: str) -> tuple[str, int | None]:
+        if address in self._schema.names:
+            return address, None
+        name, _, index = address.rpartition('.')
+        return name, int(index)
+
+
+def _values(column: Any, index: int | None) -> np.ndarray:
+    import pyarrow as pa
+    from pyarrow import compute as pc
+
+    if index is not None:
+        column = pc.list_element(column, index)
+    if pa.types.is_timestamp(column.type):
+        stamps = column.cast(pa.timestamp('ns')).to_numpy(zero_copy_only=False)
+        return np.asarray(stamps.astype('datetime64[ns]').astype(np.int64) / 1e9)
+    if pa.types.is_duration(column.type):
+        return np.asarray(column.cast(pa.duration('ns')).to_numpy(False).astype(np.int64) / 1e9)
+    if pa.types.is_boolean(column.type):
+        column = column.cast(pa.int8())
+    if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
+        return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False))
+    return np.asarray(column.cast(pa.string()).to_numpy(zero_copy_only=False))

@@ -1,0 +1,196 @@
+"""CSV, TSV and other delimited text, streamed with pyarrow."""
+
+import csv
+import io
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Final
+
+import numpy as np
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable
+
+from power_recordings.importing.sources.heads import Head, find_head, is_number
+from power_recordings.importing.sources.source import MOST_COLUMNS, Block, Column, Progress
+
+if TYPE_CHECKING:
+    from pyarrow import RecordBatch
+
+_HEAD: Final = 256 << 10  # bytes that are looked at to find the dialect
+_LONGEST_LINE: Final = 16 << 20
+_BLOCK: Final = 8 << 20
+_DELIMITERS: Final = (',', ';', '\t', '|', ' ')
+_COMMENTS: Final = ('#', '%', '//')
+_NOTHING: Final = ['', 'nan', 'NaN', 'NAN', 'null', 'NULL', 'None', 'NA', 'N/A', 'n/a', '-', 'OL']
+_SPACES = re.compile(rb'[ \t]+')
+_EDGES = re.compile(rb'(?m)^[ \t]+|[ \t]+$')
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a delimited file is written."""
+
+    encoding: str
+    delimiter: str
+    decimal: str
+    head: Head
+    skip: int  # bytes before the first row of values
+
+
+def open_file(path: Path, messages: Path | None = None) -> 'DelimitedFile':
+    """Open a delimited file; InputError where no rows of numbers are found in it."""
+    return DelimitedFile(path)
+
+
+class DelimitedFile:
+    """A table of delimited text. Streams: one."""
+
+    is_bag = False
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.size = path.stat().st_size
+        self.dialect = sniff(path)
+
+    def columns(self) -> Sequence[Column]:
+        """Return all columns."""
+        head = self.dialect.head
+        return [Column(n, '', u) for n, u in zip(head.names, head.units, strict=True)]
+
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+        """Yield rows; InputError for a file that is cut off inside its rows or malformed."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow_csv
+
+        wanted = list(dict.fromkeys(addresses))
+        skipped: list[int] = []
+
+        def skip_row(row: Any) -> str:
+            skipped.append(row.number or 0)
+            return 'skip'
+
+        with self.path.open('rb') as file:
+            stream = _Rows(file, self.dialect)
+            try:
+                reader = arrow_csv.open_csv(
+                    pa.PythonFile(stream, 'r'),
+                    arrow_csv.ReadOptions(
+                        column_names=list(self.dialect.head.names),
+                        block_size=_BLOCK,
+                        encoding=self.dialect.encoding,
+                    ),
+                    arrow_csv.ParseOptions(
+                        delimiter=self.dialect.delimiter, invalid_row_handler=skip_row
+                    ),
+                    arrow_csv.ConvertOptions(
+                        include_columns=wanted,
+                        column_types=dict.fromkeys(wanted, pa.string()),
+                        strings_can_be_null=False,
+                    ),
+                )
+                for batch in reader:
+                    progress(file.tell())
+                    yield Block('', self._numbers(batch))
+            except (pa.ArrowInvalid, UnicodeDecodeError) as error:
+                raise InputError(f'{self.path}: {printable(str(error))}') from None
+        if skipped:
+            note = f'{len(skipped)} rows of another number of fields left out'
+            yield Block('', {name: np.zeros(0) for name in wanted}, notes=(note,))
+
+    def _numbers(self, batch: 'RecordBatch') -> dict[str, np.ndarray]:
+        names = batch.schema.names
+        return {
+            name: _column(batch.column(i), self.dialect.decimal) for i, name in enumerate(names)
+        }
+
+
+def _column(texts: Any, decimal: str) -> np.ndarray:
+    """Texts as float64, or as they are where most are no numbers, as dates are."""
+    import pyarrow as pa
+    from pyarrow import compute as pc
+
+    texts = pc.utf8_trim_whitespace(texts)
+    if decimal == ',':
+        texts = pc.replace_substring(texts, ',', '.')
+    texts = pc.if_else(pc.is_in(texts, pa.array(_NOTHING)), pa.scalar(None, pa.string()), texts)
+    try:
+        return np.asarray(pc.cast(texts, pa.float64()).to_numpy(zero_copy_only=False))
+    except pa.ArrowInvalid:
+        pass
+    number = pc.match_substring_regex(texts, r'^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$')
+    share = pc.mean(pc.cast(pc.fill_null(number, True), pa.float64())).as_py()
+    if share is None or share < 0.5:
+        return np.asarray(texts.to_numpy(zero_copy_only=False))
+    texts = pc.if_else(number, texts, pa.scalar(None, pa.string()))
+    return np.asarray(pc.cast(texts, pa.float64()).to_numpy(zero_copy_only=False))
+
+
+class _Rows(io.RawIOBase):
+    """The rows of values of a file; runs of spaces become one where spaces delimit."""
+
+    def __init__(self, file: IO[bytes], dialect: Dialect) -> None:
+        self._file = file
+        self._fold = dialect.delimiter == ' '
+        file.seek(dialect.skip)
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        data = self._file.read(size)
+        if self._fold and data:
+            data += self._file.readline(_LONGEST_LINE)
+            data = _SPACES.sub(b' ', _EDGES.sub(b'', data))
+        return data
+
+
+def sniff(path: Path) -> Dialect:
+    """Find the dialect of a delimited file; InputError where it has no rows of numbers."""
+    with path.open('rb') as file:
+        raw = file.read(_HEAD)
+        if b'\n' not in raw and b'\r' not in raw:
+            raw += file.readline(_LONGEST_LINE)
+        whole = raw if not file.read(1) else raw[: max(raw.rfind(b'\n'), raw.rfind(b'\r')) + 1]
+    if raw[:2] in (b'\xff\xfe', b'\xfe\xff'):
+        raise InputError(f'{path}: UTF-16 text; save it as UTF-8')
+    if b'\0' in raw[:4096]:
+        raise InputError(f'{path}: a binary file, not delimited text')
+    raw_lines = whole.removeprefix(b'\xef\xbb\xbf').splitlines(keepends=True)
+    try:
+        lines, encoding = [line.decode().rstrip('\r\n') for line in raw_lines], 'utf8'
+    except UnicodeDecodeError:
+        lines, encoding = [line.decode('latin-1').rstrip('\r\n') for line in raw_lines], 'latin1'
+    comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(_COMMENTS)]
+    plain = [i for i, line in enumerate(lines) if line.strip() and i not in set(comments)]
+    begin = plain[0] if plain else 0
+    best: Dialect | None = None
+    for delimiter in _DELIMITERS:
+        rows = [_split(line, delimiter) for line in lines[begin : begin + 200]]
+        above = [_split(lines[i].lstrip().lstrip('#%/'), delimiter) for i in comments if i < begin]
+        head = find_head(rows, above)
+        if head is None or len(head.names) < 2:
+            continue
+        if best is None or len(head.names) > len(best.head.names):
+            values = [f for row in rows[head.first_row : head.first_row + 50] for f in row]
+            comma = delimiter != ',' and any(',' in f and is_number(f) for f in values)
+            skip = len(whole) - sum(map(len, raw_lines[begin + head.first_row :]))
+            best = Dialect(encoding, delimiter, ',' if comma else '.', head, skip)
+    if best is None:
+        raise InputError(f'{path}: no rows of numbers found; expected delimited text with a head')
+    if len(best.head.names) > MOST_COLUMNS:
+        raise InputError(
+            f'{path}: {len(best.head.names)} columns; at most {MOST_COLUMNS} are read'
+        )
+    return best
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == ' ':
+        return line.split()
+    try:
+        fields = next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error:
+        return []
+    return fields

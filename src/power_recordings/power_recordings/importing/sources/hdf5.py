@@ -1,0 +1,94 @@
+"""HDF5 files, MATLAB 7.3 among them, streamed with h5py."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable
+
+from power_recordings.importing.sources import arrays
+from power_recordings.importing.sources.source import Block, Column, Progress
+
+_ROWS: Final = 65_536
+_MOST_DATASETS: Final = 20_000
+
+
+def open_file(path: Path, messages: Path | None = None) -> 'Hdf5File':
+    """Open an HDF5 file; InputError for one that is damaged."""
+    return Hdf5File(path)
+
+
+class Hdf5File:
+    """Datasets as `group.dataset.column`; fields of compound types as `dataset.field`."""
+
+    is_bag = False
+
+    def __init__(self, path: Path) -> None:
+        import h5py
+
+        self.path = path
+        self.size = path.stat().st_size
+        self._fields: dict[str, tuple[str, str]] = {}  # address of an array: dataset, field
+        shapes: dict[str, tuple[int, ...]] = {}
+
+        def visit(name: str, item: Any) -> None:
+            if not isinstance(item, h5py.Dataset) or name.startswith('#refs#'):
+                return
+            if len(shapes) >= _MOST_DATASETS:
+                raise InputError(f'{path}: more than {_MOST_DATASETS} datasets')
+            key = name.replace('/', '.')
+            for field in item.dtype.names or ('',):
+                if (item.dtype[field] if field else item.dtype).kind in 'fiub':
+                    address = f'{key}.{field}' if field else key
+                    self._fields[address] = (name, field)
+                    shapes[address] = item.shape
+
+        try:
+            with h5py.File(path, 'r') as file:
+                file.visititems(visit)
+        except (OSError, RuntimeError, KeyError, ValueError) as error:
+            raise InputError(
+                f'{path}: not a readable HDF5 file: {printable(str(error))}'
+            ) from None
+        self._columns = arrays.table_columns(str(path), shapes)
+
+    def columns(self) -> Sequence[Column]:
+        """Return all columns."""
+        return self._columns
+
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+        """Yield rows, stream by stream, without loading whole datasets."""
+        import h5py
+
+        wanted = set(addresses)
+        try:
+            with h5py.File(self.path, 'r') as file:
+                for stream in dict.fromkeys(
+                    c.stream for c in self._columns if c.address in wanted
+                ):
+                    chosen = [
+                        c for c in self._columns if c.stream == stream and c.address in wanted
+                    ]
+                    rows = chosen[0].rows or 0
+                    for start in range(0, rows, _ROWS):
+                        part = slice(start, min(start + _ROWS, rows))
+                        progress(round(self.size * part.stop / rows))
+                        values = {c.address: self._values(file, c.address, part) for c in chosen}
+                        yield Block(stream, values)
+        except (OSError, RuntimeError, KeyError) as error:
+            raise InputError(f'{self.path}: damaged: {printable(str(error))}') from None
+
+    def _values(self, file: Any, address: str, rows: slice) -> NDArray[np.float64]:
+        name, index = arrays.split(address, self._fields)
+        dataset, field = self._fields[name]
+        data = file[dataset]
+        axis = int(np.argmax(data.shape))
+        place: list[Any] = [slice(None)] * data.ndim
+        place[axis] = rows
+        values = data[tuple(place)]
+        values = np.moveaxis(values[field] if field else values, axis, 0)
+        column = values.reshape(len(values), -1)[:, index]
+        return np.asarray(column, np.float64)

@@ -1,0 +1,96 @@
+"""JSON: lists by name, a list of records, or a record a line."""
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from power_recordings.importing.sources import arrays
+from power_recordings.importing.sources.source import Block, Column, Progress, number
+
+_LARGEST: Final = 256 << 20  # bytes
+_DEEPEST: Final = 8
+
+
+def open_file(path: Path, messages: Path | None = None) -> 'JsonFile':
+    """Open a JSON file; InputError for one that is damaged or too large."""
+    return JsonFile(path)
+
+
+class JsonFile:
+    """Lists of numbers by the dotted path of their keys."""
+
+    is_bag = False
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.size = path.stat().st_size
+        if self.size > _LARGEST:
+            raise InputError(f'{path}: larger than {_LARGEST >> 20} MiB; convert it to CSV')
+        self._arrays: dict[str, NDArray[Any]] = {}
+        try:
+            self._collect('', _load(path), 0)
+        except (ValueError, RecursionError) as error:
+            reason = str(error).split('\n')[0][:120]
+            raise InputError(f'{path}: not readable JSON: {reason}') from None
+        shapes = {name: array.shape for name, array in self._arrays.items()}
+        self._columns = arrays.table_columns(str(path), shapes)
+
+    def _collect(self, prefix: str, content: Any, depth: int) -> None:
+        if depth > _DEEPEST:
+            return
+        if isinstance(content, list):
+            content = _columns(content)
+        if isinstance(content, np.ndarray):
+            self._arrays[prefix.rstrip('.') or 'values'] = content
+        elif isinstance(content, dict):
+            for key, value in content.items():
+                if isinstance(value, dict | list | np.ndarray):
+                    self._collect(f'{prefix}{key}.', value, depth + 1)
+
+    def columns(self) -> Sequence[Column]:
+        """Return all columns."""
+        return self._columns
+
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+        """Yield rows."""
+        yield from arrays.blocks(self._columns, addresses, self._arrays, self.size, progress)
+
+
+def _load(path: Path) -> Any:
+    text = path.read_text(encoding='utf-8-sig')
+    if path.suffix.lower() in ('.jsonl', '.ndjson'):
+        return [json.loads(line) for line in text.splitlines() if line.strip()]
+    return json.loads(text)
+
+
+def _columns(rows: list[Any]) -> dict[str, Any] | NDArray[Any] | None:
+    """A list of records as columns, a list of numbers or of equal lists as an array."""
+    if not rows:
+        return None
+    if all(isinstance(row, dict) for row in rows):
+        keys = dict.fromkeys(key for row in rows for key in row)
+        columns = {key: [row.get(key) for row in rows] for key in keys}
+        return {k: _of_records(values) for k, values in columns.items()}
+    return _array(rows)
+
+
+def _of_records(values: list[Any]) -> Any:
+    first = next((v for v in values if v is not None), None)
+    if isinstance(first, dict):
+        return _columns([v if isinstance(v, dict) else {} for v in values])
+    return _array(values)
+
+
+def _array(rows: list[Any]) -> NDArray[Any] | None:
+    lengths = {len(row) if isinstance(row, list) else None for row in rows}
+    if lengths == {None}:
+        texts = sum(isinstance(row, str) for row in rows)
+        return np.array(rows, object).astype(str) if texts > len(rows) / 2 else number(rows)
+    if len(lengths) == 1 and not any(isinstance(v, list | dict) for row in rows for v in row):
+        return np.stack([number(row) for row in rows]) if rows[0] else None
+    return None

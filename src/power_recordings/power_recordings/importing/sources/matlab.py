@@ -1,0 +1,76 @@
+"""MAT files: up to version 7.2 with scipy, 7.3 as the HDF5 files that they are."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable
+
+from power_recordings.importing.sources import arrays
+from power_recordings.importing.sources.source import Block, Column, Progress, Source
+
+_LARGEST: Final = 1 << 28  # numbers of one variable
+_DEEPEST: Final = 8
+
+
+def open_file(path: Path, messages: Path | None = None) -> Source:
+    """Open a MAT file; InputError for one that is damaged."""
+    with path.open('rb') as file:
+        head = file.read(128)
+    if head[:4] == b'\x89HDF' or b'MATLAB 7.3' in head:
+        from power_recordings.importing.sources.hdf5 import Hdf5File
+
+        return Hdf5File(path)
+    return MatFile(path)
+
+
+class MatFile:
+    """Variables and fields of structs as `struct.field.column`."""
+
+    is_bag = False
+
+    def __init__(self, path: Path) -> None:
+        from scipy.io import loadmat, matlab, whosmat
+
+        self.path = path
+        self.size = path.stat().st_size
+        try:
+            for name, shape, _ in whosmat(path):
+                if np.prod(shape, dtype=np.float64) > _LARGEST:
+                    raise InputError(f'{path}: {name} has {shape} numbers; too many')
+            content = loadmat(path, simplify_cells=True, verify_compressed_data_integrity=True)
+        except InputError:
+            raise
+        except (
+            matlab.MatReadError,
+            ValueError,
+            TypeError,
+            KeyError,
+            OSError,
+            IndexError,
+        ) as error:
+            raise InputError(f'{path}: not a readable MAT file: {printable(str(error))}') from None
+        except (NotImplementedError, MemoryError, OverflowError, EOFError) as error:
+            raise InputError(f'{path}: not a readable MAT file: {printable(str(error))}') from None
+        self._arrays: dict[str, NDArray[Any]] = {}
+        self._collect('', {k: v for k, v in content.items() if not k.startswith('__')}, 0)
+        shapes = {name: array.shape for name, array in self._arrays.items()}
+        self._columns = arrays.table_columns(str(path), shapes)
+
+    def _collect(self, prefix: str, content: dict[str, Any], depth: int) -> None:
+        for key, value in content.items():
+            if isinstance(value, dict) and depth < _DEEPEST:
+                self._collect(f'{prefix}{key}.', value, depth + 1)
+            elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiubU':
+                self._arrays[f'{prefix}{key}'] = value
+
+    def columns(self) -> Sequence[Column]:
+        """Return all columns."""
+        return self._columns
+
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+        """Yield rows."""
+        yield from arrays.blocks(self._columns, addresses, self._arrays, self.size, progress)

@@ -1,0 +1,75 @@
+"""The interface of logs: columns by address, read in blocks."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Progress = Callable[[int], None]
+MOST_COLUMNS = 20_000
+
+
+@dataclass(frozen=True)
+class Column:
+    """
+    One signal of a log.
+
+    address: as a map's `from` has it. stream: columns of one stream share their times. unit: as
+    far as the log says it, else ''. rows: None where only reading tells.
+    """
+
+    address: str
+    stream: str
+    unit: str = ''
+    rows: int | None = None
+
+
+@dataclass(frozen=True)
+class Block:
+    """
+    Some consecutive rows of one stream.
+
+    values: by address, float64 [N] (NaN for what is no number), or texts [N] where dates are.
+    header_ns, log_ns: stamps of a bag's messages [N]; None for tables.
+    """
+
+    stream: str
+    values: dict[str, NDArray[Any]]
+    header_ns: NDArray[np.int64] | None = None
+    log_ns: NDArray[np.int64] | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def __len__(self) -> int:
+        arrays = [*self.values.values(), self.log_ns]
+        return next((len(a) for a in arrays if a is not None), 0)
+
+
+class Source(Protocol):
+    """A log file. Its constructor raises InputError for a file that it cannot read."""
+
+    path: Path
+    size: int  # bytes, for progress
+    is_bag: bool
+
+    def columns(self) -> Sequence[Column]:
+        """Return all columns."""
+
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+        """Yield the rows of the named columns; progress is told the bytes done so far."""
+
+
+def number(values: Any) -> NDArray[np.float64]:
+    """Return values as float64 [N]; what is no number becomes NaN."""
+    array = np.asarray(values)
+    if array.dtype.kind in 'fiub':
+        return array.astype(np.float64)
+    result = np.full(len(array), np.nan)
+    for i, value in enumerate(array.tolist()):
+        try:
+            result[i] = float(value)
+        except (TypeError, ValueError):
+            continue
+    return result

@@ -1,0 +1,130 @@
+"""Conversion of units by name, with pint."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import quoted
+
+if TYPE_CHECKING:
+    from pint import UnitRegistry
+
+SI: Final = {
+    'position': 'rad',
+    'velocity': 'rad/s',
+    'torque': 'N*m',
+    'command': 'rad',
+    'voltage': 'V',
+    'current': 'A',
+    'power': 'W',
+    'temperature': 'degC',
+    'time': 's',
+}
+"""The unit of each quantity in a recording."""
+
+# pint reads Nm as a textile number and does not know rev.
+_ALIASES: Final = {
+    **{name: 'turn' for name in ('rev', 'revs', 'revolution', 'revolutions', 'turns', 'r')},
+    **{name: 'turn/s' for name in ('rps', 'rev/s', 'turns/s', 'r/s')},
+    **{name: 'rpm' for name in ('rev/min', 'r/min', '1/min', 'U/min', 'min-1', 'min^-1')},
+    **{name: 'N*m' for name in ('Nm', 'N m', 'N·m', 'N.m', 'N-m', 'newton_meter')},
+    **{name: 'mN*m' for name in ('mNm', 'mN·m')},
+    **{name: 'kN*m' for name in ('kNm', 'kN·m')},
+    **{name: 'N*cm' for name in ('Ncm', 'N·cm')},
+    **{name: 'degC' for name in ('°C', 'C', 'celsius', 'Celsius', 'deg_C', 'degree_celsius')},
+    **{name: 'degF' for name in ('°F', 'F')},
+    **{name: 'deg' for name in ('°', 'degrees')},
+    **{name: 'deg/s' for name in ('°/s', 'dps', 'degrees/s')},
+    **{name: 's' for name in ('sec', 'secs', 'seconds')},
+    'µs': 'us',
+    'μs': 'us',
+    'usec': 'us',
+    'msec': 'ms',
+    'nsec': 'ns',
+    'rad/sec': 'rad/s',
+}
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """value · factor + offset."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Convert an array of any shape."""
+        if self.offset:
+            return values * self.factor + self.offset
+        return values if self.factor == 1.0 else values * self.factor
+
+
+@cache
+def conversion(unit: str, quantity: str) -> Conversion:
+    """
+    Return the conversion from a unit to that of a quantity in a recording (`SI`).
+
+    Raises InputError for a unit that is unknown or of another dimension.
+    """
+    wanted = SI[quantity]
+    unit = _ALIASES.get(unit.strip(), unit.strip())
+    if unit == wanted:
+        return Conversion()
+    import pint
+
+    registry = _registry()
+    try:
+        zero, one = (registry.Quantity(x, unit).to(wanted).magnitude for x in (0.0, 1.0))
+    except pint.DimensionalityError:
+        raise InputError(
+            f'unit {quoted(unit)} is none of {quantity}; expected one such as '
+            f'{_examples(quantity)}'
+        ) from None
+    except (pint.PintError, AttributeError, ValueError, TypeError, ArithmeticError, SyntaxError):
+        raise InputError(
+            f'unit {quoted(unit)} of {quantity} is not known; expected one such as '
+            f'{_examples(quantity)}'
+        ) from None
+    return Conversion(float(one - zero), float(zero))
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text names a unit of any quantity in a recording."""
+    return bool(quantities_of(text))
+
+
+@cache
+def quantities_of(unit: str) -> tuple[str, ...]:
+    """Return the quantities that a unit can belong to."""
+    found = []
+    for quantity in SI:
+        try:
+            conversion(unit, quantity)
+        except InputError:
+            continue
+        found.append(quantity)
+    return tuple(found)
+
+
+@cache
+def _registry() -> 'UnitRegistry':
+    from pint import UnitRegistry
+
+    return UnitRegistry()
+
+
+def _examples(quantity: str) -> str:
+    return {
+        'position': 'rad, deg, rev',
+        'command': 'rad, deg, rev',
+        'velocity': 'rad/s, deg/s, rev/s, rpm',
+        'torque': 'N·m, mN·m (of a current: scale and from_unit)',
+        'voltage': 'V, mV',
+        'current': 'A, mA',
+        'power': 'W, kW',
+        'temperature': 'degC, K, degF',
+        'time': 's, ms, us, ns',
+    }[quantity]
