@@ -21,6 +21,11 @@ setup(
         'zstandard',
         'lz4',
         'rosbags',
+        'pyarrow',
+        'openpyxl',
+        'h5py',
+        'pint',
+        'rich',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
@@ -29,6 +34,9 @@ setup(
     description='Recordings: writing, reading, repair and alignment.',
     license='Apache-2.0',
     entry_points={
-        'console_scripts': [],
+        'console_scripts': [
+            'import = power_recordings.commands.import_logs:main',
+            'info = power_recordings.commands.info:main',
+        ],
     },
 )

@@ -4,7 +4,7 @@ import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
@@ -30,7 +30,9 @@ class Card:
     Content of `card.yaml` in the folder of a recording.
 
     Texts may stay empty. `drives` are those whose electrical power was measured. `created` is a
-    date in ISO 8601; `seed` is that of a simulation. Unknown keys are kept in `other`.
+    date in ISO 8601; `seed` is that of a simulation. `torque` says for each drive whether its
+    torque is that at the joint or that of the motor, computed from its current; `torque_unit` is A
+    where the current itself stands for it. Unknown keys are kept in `other`.
     """
 
     robot: str = ''
@@ -43,6 +45,8 @@ class Card:
     software: str = ''
     seed: int | None = None
     created: str = ''
+    torque: Mapping[str, Literal['joint', 'motor']] = field(default_factory=dict)
+    torque_unit: Mapping[str, Literal['N*m', 'A']] = field(default_factory=dict)
     other: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -95,5 +99,9 @@ class Card:
         """Write card.yaml into a recording's folder, whole or not at all, and return its path."""
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'other'}
         content['drives'] = list(self.drives)
+        for name in ('torque', 'torque_unit'):
+            content[name] = dict(content[name])
+            if not content[name]:
+                del content[name]
         write_whole(Path(bag_dir) / FILE, dump_yaml({**content, **self.other}))
         return Path(bag_dir) / FILE

@@ -301,8 +301,8 @@ class _Log:
         assert self._plan.time is not None
         if self._plan.time.address not in block.values:
             raise InputError(
-                f'{clock.where}: {next(iter(block.values))} has {len(block)} rows, the time column '
-                f'{self._plan.time.address} has others; name columns of one length'
+                f'{clock.where}: {next(iter(block.values))} has {len(block)} rows, the time '
+                f'column {self._plan.time.address} has others; name columns of one length'
             )
         return clock.nanoseconds(block.values[self._plan.time.address])
 
@@ -336,10 +336,9 @@ def _card(
         'software': f'power_recordings import {version("power_recordings")}',
         **mapping.card,
         'torque': dict(plan.torque_at),
+        'torque_unit': dict(plan.torque_unit),
         'imported': {'from': [source.path.name for source in sources], 'map': where},
     }
-    if plan.torque_unit:
-        content['torque_unit'] = dict(plan.torque_unit)
     if notes:
         content['imported']['notes'] = list(notes)
     return Card.of(content)

@@ -34,8 +34,8 @@ def find_head(
     Find the head of a table in its first rows.
 
     The first row of values is the first of as many fields as most rows have that holds a number.
-    The row above it names the columns; one in between may hold units. commented: the fields of comment lines above, the last of which may be the names.
-    Returns None where no row holds numbers.
+    The row above it names the columns; one in between may hold units. commented: the fields of
+    comment lines above, the last of which may be the names. None where no row holds numbers.
     """
     widths = [len(row) for row in rows if row]
     if not widths:
@@ -50,9 +50,8 @@ def find_head(
     if len(above) > 1 and _all_units(above[-1]):
         units = [field.strip().strip('[]()') for field in above.pop()]
     names = above[-1] if above else [f'column{i}' for i in range(1, width + 1)]
-    return Head(
-        unique(names), tuple(unit_of(n) or u for n, u in zip(names, units, strict=True)), first
-    )
+    units = [unit_of(n) or u for n, u in zip(names, units, strict=True)]
+    return Head(unique(names), tuple(units), first)
 
 
 def unit_of(name: str) -> str:

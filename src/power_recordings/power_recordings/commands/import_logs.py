@@ -1,0 +1,123 @@
+"""`ros2 run power_recordings import`: a log that others recorded becomes a recording."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wattwalk_core.command import command, own_arguments
+from wattwalk_core.errors import InputError
+
+if TYPE_CHECKING:
+    from power_recordings.importing.sources.source import Source
+
+_EXAMPLE = """example:
+  ros2 run power_recordings import hops.mat --list > hops.yaml   # look, edit the map
+  ros2 run power_recordings import hops.mat --map hops.yaml -o bags/hops
+  ros2 run power_recordings info bags/hops"""
+
+
+def _arguments(args: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        'ros2 run power_recordings import',
+        description='Turn logs (csv, xlsx, parquet, feather, mat, HDF5, JSON, hebilog, ROS 1 and '
+        '2 bags) into one recording.',
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add('logs', nargs='+', type=Path, metavar='LOG', help='log file or bag folder')
+    add('--map', metavar='NAME|FILE', help='ready map by name, or a YAML file (format: import/1)')
+    add('--list', action='store_true', help='print columns or topics and a guessed map to edit')
+    add('--msgs', type=Path, metavar='DIR', help='.msg files of types that a bag does not define')
+    add('-o', '--output', type=Path, metavar='BAG', help='folder of the recording')
+    add('--overwrite', action='store_true', help='replace a recording that is there')
+    return parser.parse_args(own_arguments(args))
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """List what a log holds, or import it."""
+    options = _arguments(args)
+    from power_recordings.importing.sources import open_source
+
+    if options.list:
+        for log in options.logs:
+            _list(open_source(log, options.msgs))
+        return 0
+    if options.map is None:
+        raise InputError(
+            f'--map is missing: `import {options.logs[0]} --list` prints what is in the log and a '
+            'map to edit'
+        )
+    if options.output is None:
+        raise InputError('-o is missing: give the folder of the recording, such as -o bags/first')
+    from power_recordings.importing.map_file import load_map
+
+    mapping = load_map(options.map)
+    sources = [open_source(log, options.msgs) for log in options.logs]
+    _import(sources, mapping, options)
+    return 0
+
+
+def _import(sources: 'Sequence[Source]', mapping: object, options: argparse.Namespace) -> None:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from power_recordings.commands.info import print_quality
+    from power_recordings.importing.convert import import_logs
+    from power_recordings.importing.map_file import ImportMap
+    from power_recordings.quality.check import check_recording
+    from power_recordings.reading.reader import Recording
+
+    assert isinstance(mapping, ImportMap)
+    total = sum(source.size for source in sources)
+    columns = (TextColumn('import'), BarColumn(), TextColumn('{task.percentage:.0f} %'))
+    with Progress(
+        *columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True
+    ) as bar:
+        task = bar.add_task('import', total=total)
+        result = import_logs(
+            sources,
+            mapping,
+            f'map {options.map}',
+            options.output,
+            lambda done: bar.update(task, completed=done),
+            overwrite=options.overwrite,
+        )
+    samples = ', '.join(f'{count} {topic}' for topic, count in result.counts.items())
+    print(f'{result.path}: {samples}')
+    for note in result.notes:
+        print(f'note: {note}')
+    recording = Recording.open(result.path)
+    print_quality(recording, check_recording(recording))
+    effects = 'shaft,copper_loss,idle'
+    print(f'next: ros2 run power_lab fit {result.path} --effects {effects} -o base.yaml')
+
+
+def _list(source: 'Source') -> None:
+    import sys
+
+    import numpy as np
+    from wattwalk_core.quoting import printable
+
+    from power_recordings.importing.guess import guess_map
+    from power_recordings.importing.listing import list_columns
+
+    listed = list_columns(source)
+    lines = [f'# {source.path}: {len(listed)} columns']
+    width = min(max((len(item.column.address) for item in listed), default=6), 60)
+    lines.append(f'# {"column":{width}}  unit     rows        min        max  changes    rate')
+    for item in listed:
+        rate = '' if np.isnan(item.rate) else f'{item.rate:.4g} Hz'
+        low, high = ('' if np.isnan(x) else f'{x:.4g}' for x in (item.low, item.high))
+        name = printable(item.column.address, 120)
+        lines.append(
+            f'# {name:{width}}  {item.column.unit:5} {item.rows:8d} {low:>10} {high:>10} '
+            f'{item.changes:7.0%} {rate:>9}'
+        )
+    lines.append('# guessed map: edit, save as FILE.yaml, then import with --map FILE.yaml')
+    robot = ''.join(c if c.isalnum() else '_' for c in source.path.stem)[:40] or 'robot'
+    sys.stdout.write('\n'.join(lines) + '\n')
+    worth = [item.column for item in listed if item.changes > 0 or item.rows < 2]
+    sys.stdout.write(guess_map(worth, robot, is_bag=source.is_bag))

@@ -1,0 +1,106 @@
+"""`ros2 run power_recordings info`: what a recording holds, and whether it can be judged."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wattwalk_core.command import command, own_arguments
+
+_WIDTH = 110
+
+if TYPE_CHECKING:
+    from power_recordings.quality.check import Quality
+    from power_recordings.reading.reader import Recording
+
+_EXAMPLE = """example:
+  ros2 run power_recordings info bags/walk_small --json info.json"""
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Print the quality of recordings."""
+    parser = argparse.ArgumentParser(
+        'ros2 run power_recordings info',
+        description='Rates, gaps, updates of the electrical signals, units judged by physics, and '
+        'coverage of recordings.',
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG')
+    parser.add_argument('--json', type=Path, metavar='F', help='also write the figures as JSON')
+    options = parser.parse_args(own_arguments(args))
+    from power_recordings.quality.check import check_recording
+    from power_recordings.reading.reader import Recording
+
+    found = {}
+    for path in options.bags:
+        recording = Recording.open(path)
+        quality = check_recording(recording)
+        print_quality(recording, quality)
+        found[str(path)] = quality.content()
+    if options.json is not None:
+        import json
+
+        from wattwalk_core.files import write_whole
+
+        write_whole(options.json, json.dumps(_finite(found), indent=2, ensure_ascii=False) + '\n')
+    return 0
+
+
+def print_quality(recording: 'Recording', quality: 'Quality') -> None:
+    """Print a recording's card, its topics, a table by drive and what is amiss."""
+    from rich import box
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console(highlight=False, soft_wrap=True)
+    console.width = max(console.width, _WIDTH)
+    card = recording.card
+    about = ', '.join(text for text in (card.robot, card.unit, card.controller) if text)
+    console.print(
+        f'[bold]{escape(str(recording.path))}[/]  {quality.seconds:.1f} s  {escape(about)}'
+    )
+    for name, timing in quality.topics.items():
+        gaps = f', {timing.gaps} gaps of {timing.gap_seconds:.2f} s in all' if timing.gaps else ''
+        console.print(
+            f'  {name}: {timing.samples} samples at {timing.rate:.4g} Hz, '
+            f'jitter ±{100 * timing.jitter:.1f} %{gaps}'
+        )
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for head in ('drive', 'torque', 'updates', 'dP/d(τω)', 'ω/(dq/dt)'):
+        table.add_column(head, justify='left' if head in ('drive', 'torque') else 'right')
+    for head in ('torque N·m', 'speed rad/s', 'power W', 'τ–ω seen'):
+        table.add_column(head, justify='right')
+    for name, drive in quality.drives.items():
+        ranges = (drive.torque_range, drive.velocity_range, drive.power_range)
+        table.add_row(
+            escape(name),
+            quality.torque_at.get(name, ''),
+            _figure(drive.updates_hz, '{:.0f} Hz'),
+            _figure(drive.power_slope, '{:.2f}'),
+            _figure(drive.velocity_slope, '{:.2f}'),
+            *(f'{_figure(a, "{:.3g}")}…{_figure(b, "{:.3g}")}' for a, b in ranges),
+            f'{100 * drive.cells:.0f} %',
+        )
+    console.print(table)
+    for problem in recording.problems:
+        console.print(f'  note: {escape(problem)}')
+    for finding in quality.findings:
+        mend = f'; in the map: {finding.mend}' if finding.mend else ''
+        who = f'{finding.drive}: ' if finding.drive else ''
+        console.print(f'  {finding.severity}: {escape(who + finding.text + mend)}')
+
+
+def _figure(value: float, form: str) -> str:
+    return '–' if value != value else form.format(value)
+
+
+def _finite(value: object) -> object:
+    """JSON has no NaN: null stands for it."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and value != value else value

@@ -1,0 +1,75 @@
+"""Columns of a log with their units, ranges, rates and changes, as `import --list` shows them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from power_recordings.importing.sources.source import Column, Source
+
+_ROWS = 50_000  # of each stream that are looked at
+_AT_ONCE = 500
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A column with what its first rows show; NaN where it holds no numbers."""
+
+    column: Column
+    rows: int
+    low: float
+    high: float
+    changes: float  # share of rows whose value differs from the row before
+    rate: float  # rows a second, for bags
+
+
+def list_columns(source: Source) -> list[Listed]:
+    """Read the first rows of all columns."""
+    columns = source.columns()
+    found: dict[str, Listed] = {}
+    for start in range(0, len(columns), _AT_ONCE):
+        part = columns[start : start + _AT_ONCE]
+        found |= _look(source, part)
+    return [found.get(c.address, Listed(c, 0, np.nan, np.nan, 0.0, np.nan)) for c in columns]
+
+
+def _look(source: Source, columns: Sequence[Column]) -> dict[str, Listed]:
+    known = {column.address: column for column in columns}
+    rows: dict[str, int] = {}
+    parts: dict[str, list[np.ndarray]] = {}
+    stamps: dict[str, list[np.ndarray]] = {}
+    streams = {column.stream for column in columns}
+    for block in source.read(list(known), lambda done: None):
+        rows[block.stream] = rows.get(block.stream, 0) + len(block)
+        for address, values in block.values.items():
+            parts.setdefault(address, []).append(values)
+        if block.log_ns is not None:
+            times = (
+                block.header_ns if block.header_ns is not None and block.header_ns.any() else None
+            )
+            stamps.setdefault(block.stream, []).append(
+                times if times is not None else block.log_ns
+            )
+        if all(rows.get(stream, 0) >= _ROWS for stream in streams):
+            break
+    result = {}
+    for address, arrays in parts.items():
+        column, values = known[address], np.concatenate(arrays)
+        times = stamps.get(column.stream)
+        rate = np.nan
+        if times is not None:
+            steps = np.diff(np.concatenate(times)) / 1e9
+            rate = 1 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else np.nan
+        result[address] = _listed(column, values, rate)
+    return result
+
+
+def _listed(column: Column, values: np.ndarray, rate: float) -> Listed:
+    count = len(values)
+    if values.dtype.kind == 'O':
+        changes = float(np.mean(values[1:] != values[:-1])) if count > 1 else 0.0
+        return Listed(column, count, np.nan, np.nan, changes, rate)
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
+    changes = float(np.mean(np.diff(values) != 0)) if count > 1 and len(finite) else 0.0
+    return Listed(column, count, low, high, changes, rate)

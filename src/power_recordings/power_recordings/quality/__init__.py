@@ -1,0 +1,1 @@
+"""Checks of a recording: rates, updates of the electrical signals, units, clipping, coverage."""

@@ -1,0 +1,336 @@
+"""Quality of a recording: a table by drive, and findings with the line of the map to mend."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from power_recordings.messages.samples import DriveSamples, JointSamples
+from power_recordings.quality import physics
+from power_recordings.quality.streams import (
+    LEAST_UPDATES,
+    Timing,
+    clipped,
+    frozen,
+    timing,
+    updates,
+)
+from power_recordings.reading.reader import Recording
+
+_FEWEST = 20  # samples
+_CLIPPED = 0.01
+_FROZEN = 1.0  # s
+_MOST = {'voltage': 1000.0, 'current': 1000.0}
+_SLOPE = (0.8, 1.25)
+_LEAST_CORRELATION = 0.7
+
+
+@dataclass(frozen=True)
+class Finding:
+    """
+    Something that is amiss in a recording.
+
+    code: for programs. `severity`: `error` makes the recording useless for a power model as it is,
+    `warning` does not. mend: the line of an import map that would mend it, '' where none would.
+    """
+
+    code: str
+    severity: Literal['error', 'warning']
+    drive: str
+    text: str
+    mend: str = ''
+
+
+@dataclass(frozen=True)
+class DriveQuality:
+    """Figures of one drive; NaN for what was not recorded."""
+
+    updates_hz: float
+    power_slope: float
+    velocity_slope: float
+    torque_range: tuple[float, float]  # N·m, 1st and 99th percentile
+    velocity_range: tuple[float, float]  # rad/s
+    power_range: tuple[float, float]  # W
+    cells: float  # share of torque–speed space
+    quadrants: float
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Timing by topic, figures by drive, and what is amiss."""
+
+    seconds: float
+    topics: Mapping[str, Timing]
+    drives: Mapping[str, DriveQuality]
+    torque_at: Mapping[str, str]
+    findings: tuple[Finding, ...]
+
+    def content(self) -> dict[str, Any]:
+        """Return the figures as JSON has them."""
+        return asdict(self)
+
+
+def check_recording(recording: Recording) -> Quality:
+    """Check a recording; InputError where a topic is there but cannot be read."""
+    topics = {}
+    for name in ('joint_states', 'joint_commands', 'drive_supply', 'supply'):
+        if recording.has(name):
+            topics[name] = timing(getattr(recording, name)().stamp_ns)
+    checker = _Checker(recording)
+    drives = {name: checker.drive(name) for name in checker.names}
+    checker.supply()
+    return Quality(
+        recording.duration,
+        topics,
+        drives,
+        dict(recording.card.torque),
+        tuple(checker.findings),
+    )
+
+
+class _Checker:
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self.findings: list[Finding] = []
+        self._joints: JointSamples | None = None
+        self._electric: DriveSamples | None = None
+        if recording.has('joint_states'):
+            self._joints = recording.joint_states()
+        else:
+            self._find('no_joints', 'error', '', 'no joint_states: nothing says how drives moved')
+        if recording.has('drive_supply'):
+            self._electric = recording.drive_supply()
+        elif not recording.has('supply'):
+            self._find('no_power', 'error', '', 'neither drive_supply nor supply: no power')
+        names = self._joints.names if self._joints is not None else ()
+        if self._electric is not None:
+            names = tuple(dict.fromkeys([*names, *self._electric.names]))
+        self.names = names
+
+    def _find(
+        self,
+        code: str,
+        severity: Literal['error', 'warning'],
+        drive: str,
+        text: str,
+        mend: str = '',
+    ) -> None:
+        self.findings.append(Finding(code, severity, drive, text, mend))
+
+    def drive(self, name: str) -> DriveQuality:
+        """Return the figures of a drive, adding what is amiss to the findings."""
+        time, position, velocity, torque = self._motion(name)
+        rate, power = self._electrics(name, time, velocity)
+        slope = self._velocity(name, time, position, velocity)
+        power_slope = self._power(name, power, torque, velocity)
+        cells, quadrants = physics.coverage(torque, velocity)
+        if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
+            self._find(
+                'coverage', 'warning', name, f'visits {cells:.0%} of its torque–speed range only'
+            )
+        return DriveQuality(
+            rate,
+            power_slope,
+            slope,
+            _range(torque),
+            _range(velocity),
+            _range(power),
+            cells,
+            quadrants,
+        )
+
+    def _motion(self, name: str) -> tuple[NDArray[np.float64], ...]:
+        joints = self._joints
+        if joints is None or name not in joints.names or len(joints) < _FEWEST:
+            empty = np.zeros(0)
+            return empty, empty, empty, empty
+        column = joints.names.index(name)
+        time = (joints.stamp_ns - joints.stamp_ns[0]) / 1e9
+        position, velocity, torque = (
+            getattr(joints, f)[:, column].astype(float) for f in ('position', 'velocity', 'effort')
+        )
+        for quantity, values in (('velocity', velocity), ('torque', torque)):
+            share = clipped(values.astype(np.float32))
+            if share > _CLIPPED:
+                self._find(
+                    'clipped',
+                    'warning',
+                    name,
+                    f'{quantity} stands at an extreme value in {share:.0%} of samples: clipped?',
+                )
+        return time, position, velocity, torque
+
+    def _electrics(
+        self, name: str, time: NDArray[np.float64], velocity: NDArray[np.float64]
+    ) -> tuple[float, NDArray[np.float64]]:
+        """Rate of updates, and power at the times of the joint states."""
+        electric = self._electric
+        if electric is None or name not in electric.names or len(electric) < _FEWEST:
+            return np.nan, np.full(len(time), np.nan)
+        column = electric.names.index(name)
+        for quantity, most in _MOST.items():
+            values = getattr(electric, quantity)[:, column]
+            largest = float(np.nanmax(np.abs(values), initial=0.0))
+            if largest > most:
+                unit = quantity[0].upper().replace('C', 'A')
+                self._find(
+                    'units',
+                    'error',
+                    name,
+                    f'{quantity} reaches {largest:.4g} {unit}: m{unit}?',
+                    f'{quantity}: {{unit: m{unit}}}',
+                )
+        power = electric.power[:, column]
+        rate = float(updates(electric.stamp_ns, power[:, None])[0])
+        if rate < LEAST_UPDATES:
+            self._find(
+                'slow_power',
+                'error',
+                name,
+                f'its power changes {rate:.3g} times a second; a model of a joint needs '
+                f'{LEAST_UPDATES:.0f} (with --slow, energy over windows is judged)',
+            )
+        share = clipped(electric.current[:, column])
+        if share > _CLIPPED:
+            self._find('clipped', 'warning', name, f'current is clipped in {share:.0%} of samples')
+        if len(velocity) and self._joints is not None:
+            stamps = electric.stamp_ns - self._joints.stamp_ns[0]
+            speed = np.interp(stamps / 1e9, time, np.nan_to_num(np.abs(velocity)))
+            moving = speed > 0.2 * np.percentile(speed, 95)
+            stuck = frozen(electric.stamp_ns, power, moving & (speed > 0))
+            if stuck > _FROZEN and rate >= LEAST_UPDATES:
+                self._find(
+                    'frozen',
+                    'warning',
+                    name,
+                    f'its power is constant for {stuck:.1f} s in motion',
+                )
+            at = self._joints.stamp_ns
+            return rate, _at(electric.stamp_ns, power, at)
+        return rate, np.full(len(time), np.nan)
+
+    def _velocity(
+        self,
+        name: str,
+        time: NDArray[np.float64],
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+    ) -> float:
+        found = physics.velocity_slope(time, position, velocity) if len(time) else None
+        if found is None or abs(found.correlation) < _LEAST_CORRELATION:
+            return np.nan
+        if not _SLOPE[0] < found.slope < _SLOPE[1]:
+            factor = physics.known_factor(abs(found.slope))
+            guess = {
+                'turns': 'position: {unit: rev}',
+                'turns the other way round': 'velocity: {unit: rev/s}',
+                'rpm': 'velocity: {unit: rpm}',
+                'degrees': 'velocity: {unit: deg/s}',
+                'degrees the other way round': 'position: {unit: deg}',
+            }.get(factor or '', '')
+            if found.slope < 0:
+                guess = f'velocity: {{scale: {-1 / abs(found.slope):.4g}}}'
+            self._find(
+                'velocity_units',
+                'error',
+                name,
+                f'velocity is {found.slope:.3g} times the rate of the position',
+                guess or f'velocity: {{scale: {1 / found.slope:.4g}}}',
+            )
+        return found.slope
+
+    def _power(
+        self,
+        name: str,
+        power: NDArray[np.float64],
+        torque: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+    ) -> float:
+        found = physics.power_slope(power, torque, velocity) if len(power) else None
+        if found is None:
+            return np.nan
+        slope, error, r2 = found
+        current = self._recording.card.torque_unit.get(name) == 'A'
+        if current or r2 < 0.2 or 0.6 - 2 * error < slope < 1.6 + 2 * error:
+            if r2 < 0.2 and not current:
+                self._find(
+                    'torque_unrelated',
+                    'warning',
+                    name,
+                    f'torque and speed explain {max(r2, 0.0):.0%} of its power: this torque is '
+                    'not the one that draws it, or the drive hardly works',
+                )
+            return slope
+        mend = f'torque: {{scale: {slope:.4g}}}'
+        if slope < 0:
+            text = f'power falls by {-slope:.3g} W with each W of torque × speed: a sign is wrong'
+            mend = 'torque: {scale: -1}'
+        else:
+            factor = physics.known_factor(slope)
+            meaning = f' ({factor})' if factor else ''
+            text = f'power grows by {slope:.3g} W with each W of torque × speed{meaning}'
+        self._find('power_units', 'error', name, text, mend)
+        return slope
+
+    def supply(self) -> None:
+        """Check the supply of the whole robot."""
+        if not self._recording.has('supply'):
+            return
+        supply = self._recording.supply()
+        if len(supply) < _FEWEST:
+            return
+        mean = float(np.nanmean(supply.power))
+        if mean < 0:
+            self._find(
+                'supply_sign',
+                'error',
+                '',
+                f'the robot gives {-mean:.3g} W to its supply in the mean: sign of its current',
+                'supply: {current: {positive: fed}}',
+            )
+        rate = float(updates(supply.stamp_ns, supply.power[:, None])[0])
+        if self._electric is None and rate < LEAST_UPDATES:
+            self._find(
+                'slow_power',
+                'error',
+                '',
+                f"the robot's power changes {rate:.3g} times a second; a model needs "
+                f'{LEAST_UPDATES:.0f} (with --slow, energy over windows is judged)',
+            )
+
+
+def _at(
+    stamps: NDArray[np.int64], values: NDArray[np.float32], wanted: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Means of a faster signal around the wanted stamps, or interpolated values of a slower."""
+    finite = np.isfinite(values)
+    if finite.sum() < 2:
+        return np.full(len(wanted), np.nan)
+    t, v = stamps[finite].astype(np.float64), values[finite].astype(np.float64)
+    edges = np.r_[wanted[0], (wanted[1:] + wanted[:-1]) / 2, wanted[-1]].astype(np.float64)
+    ratio = np.median(np.diff(wanted)) / max(float(np.median(np.diff(t))), 1.0)
+    if ratio < 1.5:
+        return np.interp(wanted.astype(np.float64), t, v, np.nan, np.nan)
+    total = np.r_[0.0, np.cumsum(v)]
+    low, high = np.searchsorted(t, edges[:-1]), np.searchsorted(t, edges[1:])
+    count = high - low
+    with np.errstate(invalid='ignore', divide='ignore'):
+        return np.where(count > 0, (total[high] - total[low]) / count, np.nan)
+
+
+def _range(values: NDArray[np.float64]) -> tuple[float, float]:
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return (np.nan, np.nan)
+    low, high = np.percentile(finite, [1, 99])
+    return float(low), float(high)
+
+
+def refuse_slow(findings: Sequence[Finding], path: str) -> None:
+    """InputError for recordings whose power is too slow to be judged sample by sample."""
+    for finding in findings:
+        if finding.code == 'slow_power':
+            raise InputError(f'{path}: {finding.drive or "supply"}: {finding.text}')

@@ -1,0 +1,92 @@
+"""Rate, jitter, gaps and updates of sampled signals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_recordings.alignment.stream import GAP
+
+Floats = NDArray[np.float32]
+Stamps = NDArray[np.int64]
+
+LEAST_UPDATES = 25.0  # changes a second; fewer do not resolve the power of a joint
+
+
+@dataclass(frozen=True)
+class Timing:
+    """
+    How the samples of a topic come.
+
+    rate: 1/median step, Hz. jitter: half of the span from the 1st to the 99th percentile of the
+    steps, as a share of the median. gap_seconds: sum of the steps over 2.5 periods.
+    """
+
+    samples: int
+    rate: float
+    jitter: float
+    gaps: int
+    gap_seconds: float
+
+
+def timing(stamps: Stamps) -> Timing:
+    """Return the timing of ascending stamps [N] in ns."""
+    steps = np.diff(stamps) / 1e9
+    steps = steps[steps > 0]
+    if not len(steps):
+        return Timing(len(stamps), 0.0, 0.0, 0, 0.0)
+    period = float(np.median(steps))
+    usual = steps[steps <= GAP * period]
+    low, high = np.percentile(usual, [1, 99])
+    gaps = steps[steps > GAP * period]
+    jitter = float(high - low) / 2 / period
+    return Timing(len(stamps), 1 / period, jitter, len(gaps), float(gaps.sum()))
+
+
+def updates(stamps: Stamps, values: Floats) -> NDArray[np.float64]:
+    """
+    Return how often each of the columns [N, K] changes, in changes a second [K].
+
+    A table may repeat a slow meter's value in every row: rows are not updates. Time in gaps and
+    while the drive rests is not counted: the median rate of changes over stretches of 2 s is taken
+    of those that have any.
+    """
+    seconds = (stamps - stamps[0]) / 1e9
+    if len(seconds) < 3 or seconds[-1] <= 0:
+        return np.zeros(values.shape[1])
+    changed = (np.diff(values, axis=0) != 0) & np.isfinite(values[1:])
+    length = min(2.0, float(seconds[-1]))
+    stretch = np.minimum((seconds[1:] / length).astype(int), int(seconds[-1] / length))
+    counts = np.stack([np.bincount(stretch, weights=column) for column in changed.T], axis=1)
+    rows = np.bincount(stretch, minlength=len(counts))
+    full = rows >= 0.5 * rows.max(initial=1)
+    result = np.zeros(values.shape[1])
+    for k, column in enumerate(counts[full].T):
+        alive = column[column > 0]
+        result[k] = np.median(alive) / length if len(alive) else 0.0
+    return result
+
+
+def clipped(values: Floats) -> float:
+    """
+    Return the share of samples [N] that stand at one and the same extreme value in a row.
+
+    An extreme near zero is rest, not clipping.
+    """
+    finite = values[np.isfinite(values)]
+    if len(finite) < 20 or finite.min() == finite.max():
+        return 0.0
+    least = 0.2 * float(np.abs(finite).max())
+    at = ((finite == finite.max()) | (finite == finite.min())) & (np.abs(finite) > least)
+    held = at[1:] & at[:-1] & (finite[1:] == finite[:-1])
+    return float(held.mean())
+
+
+def frozen(stamps: Stamps, values: Floats, moving: NDArray[np.bool_]) -> float:
+    """Return the longest time [s] for which a signal [N] keeps its value while `moving` [N]."""
+    same = np.r_[False, np.diff(values) == 0] & moving
+    edges = np.flatnonzero(np.diff(np.r_[0, same.astype(np.int8), 0]))
+    if not len(edges):
+        return 0.0
+    first, last = np.maximum(edges[::2] - 1, 0), edges[1::2] - 1
+    return float((stamps[last] - stamps[first]).max()) / 1e9
