@@ -73,8 +73,10 @@ def _import(sources: 'Sequence[Source]', mapping: object, options: argparse.Name
     assert isinstance(mapping, ImportMap)
     total = sum(source.size for source in sources)
     columns = (TextColumn('import'), BarColumn(), TextColumn('{task.percentage:.0f} %'))
+    console = Console(stderr=True)
+    quiet = not console.is_terminal
     with Progress(
-        *columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True
+        *columns, TimeRemainingColumn(), console=console, transient=True, disable=quiet
     ) as bar:
         task = bar.add_task('import', total=total)
         result = import_logs(

@@ -27,7 +27,8 @@ class Signal:
 
     A value of the log is converted from `unit`; or multiplied by `scale`, `offset` added, with
     `from_unit` as a note of what it was. `positive` is the sign of power that the robot draws.
-    `at` says which torque it is: measured at the joint, or computed from the motor's current.
+    `at` says which torque it is: measured at the joint, or computed from the motor's current. An
+    `optional` signal may be absent from the log.
     """
 
     source: str = ''
@@ -38,6 +39,7 @@ class Signal:
     from_unit: str = ''
     positive: Literal['drawn', 'fed'] = 'drawn'
     at: Literal['joint', 'motor', ''] = ''
+    optional: bool = False
 
     def __post_init__(self) -> None:
         if bool(self.source) == (self.value is not None):

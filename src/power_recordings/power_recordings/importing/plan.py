@@ -68,7 +68,9 @@ def make_plan(
     for name, drive in drives.items():
         signals = drive.signals()
         channels[name] = {
-            q: _channel(q, s, known, f'{where}: drives.{name}.{q}') for q, s in signals.items()
+            q: _channel(q, s, known, f'{where}: drives.{name}.{q}')
+            for q, s in signals.items()
+            if not s.optional or s.source in known
         }
         _check_drive(channels[name], f'{where}: drives.{name}')
     supply = {
@@ -112,7 +114,8 @@ def expand(
         if '*' not in name:
             result[name] = drive
             continue
-        patterns = [s.source for s in drive.signals().values() if '*' in s.source]
+        signals = drive.signals().values()
+        patterns = [s.source for s in signals if '*' in s.source and not s.optional]
         if not patterns:
             raise InputError(f'{where}: drives.{name}: a * in the name but in no from')
         found = [_matches(pattern, addresses) for pattern in patterns]

@@ -49,6 +49,8 @@ class Clock:
         keep = np.flatnonzero(raw >= 0)
         self.missing += len(raw) - len(keep)
         raw = raw[keep]
+        if not len(raw):
+            return keep, raw
         steps = np.diff(raw, prepend=self._before if self._before is not None else raw[:1] - 1)
         fresh = steps != 0
         self.repeated += int((~fresh).sum())

@@ -13,6 +13,7 @@ _FACTORS = {
     2 * np.pi: 'turns',
     1 / (2 * np.pi): 'turns the other way round',
     60 / (2 * np.pi): 'rpm',
+    60.0: 'rpm',
     2 * np.pi / 60: 'rpm the other way round',
     180 / np.pi: 'degrees',
     np.pi / 180: 'degrees the other way round',
@@ -87,10 +88,8 @@ def power_slope(
 
 def known_factor(slope: float, tolerance: float = 0.12) -> str | None:
     """Return what a slope other than 1 stands for, '' for 1, None for no common factor."""
-    for factor, name in _FACTORS.items():
-        if abs(slope / factor - 1) < tolerance:
-            return name
-    return None
+    factor = min(_FACTORS, key=lambda f: abs(np.log(max(slope, 1e-12) / f)))
+    return _FACTORS[factor] if abs(slope / factor - 1) < tolerance else None
 
 
 def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, float]:

@@ -25,7 +25,7 @@ from wattwalk_core.quoting import printable
 from wattwalk_core.yaml_file import read_text
 
 from power_recordings.importing.sources.source import Block, Column, Progress
-from power_recordings.messages.layout import Layout
+from power_recordings.messages.cdr_layout import Layout
 from power_recordings.reading import bag_folder
 from power_recordings.reading.mcap_file import Batch, Topic, windows
 

@@ -1,0 +1,350 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from power_recordings.commands.import_logs import main
+from power_recordings.importing.map_file import load_map, names, parse_map
+from power_recordings.importing.units import conversion
+from power_recordings.quality.check import check_recording
+from power_recordings.reading.reader import Recording
+from wattwalk_core.errors import InputError
+
+MAP = """
+format: import/1
+time: {column: t, unit: ms}
+drives:
+  KNEE:
+    position: {from: pos, unit: rev}
+    velocity: {from: vel, unit: rpm}
+    torque: {from: iq, scale: 0.5, from_unit: A, at: motor}
+    voltage: {value: 24, unit: V}
+    current: {from: i, unit: mA, positive: fed}
+card: {robot: bench}
+"""
+
+
+def table(rows=500, rate=100.0):
+    """Half a turn a second at 24 V and 1 A, for `rows` samples."""
+    t = np.arange(rows) / rate
+    angle = 0.25 * np.sin(2 * np.pi * t)  # turns
+    speed = 0.25 * 2 * np.pi * np.cos(2 * np.pi * t) * 60  # rpm
+    return np.stack([1e3 * t, angle, speed, np.full(rows, 2.0), np.full(rows, -1e3)], axis=1)
+
+
+def csv(path, rows, head='t,pos,vel,iq,i'):
+    text = '\n'.join(','.join(f'{x:.9g}' for x in row) for row in rows)
+    path.write_text(f'{head}\n{text}\n')
+    return path
+
+
+def run(log, mapping, out, *more):
+    map_file = out.parent / 'map.yaml'
+    map_file.write_text(mapping)
+    return main([str(log), '--map', str(map_file), '-o', str(out), *more])
+
+
+def test_a_table_becomes_a_recording_in_si_units(tmp_path):
+    assert run(csv(tmp_path / 'log.csv', table()), MAP, tmp_path / 'bag') == 0
+    recording = Recording.open(tmp_path / 'bag')
+    joints, drives = recording.joint_states(), recording.drive_supply()
+    assert joints.names == drives.names == ('KNEE',)
+    np.testing.assert_allclose(joints.position[25], 0.25 * 2 * np.pi, rtol=1e-5)  # a quarter turn
+    np.testing.assert_allclose(joints.velocity[0], 0.25 * (2 * np.pi) ** 2, rtol=1e-5)
+    np.testing.assert_allclose(joints.effort, 1.0)  # 2 A · 0.5 N·m/A
+    np.testing.assert_allclose(drives.power, 24.0)
+    np.testing.assert_array_equal(np.diff(joints.stamp_ns), 10_000_000)
+    assert recording.card.robot == 'bench'
+    assert recording.card.torque == {'KNEE': 'motor'}
+
+
+def test_several_logs_follow_on_each_other(tmp_path):
+    first, second = (csv(tmp_path / f'{n}.csv', table(100)) for n in 'ab')
+    mapping = tmp_path / 'map.yaml'
+    mapping.write_text(MAP)
+    args = [str(first), str(second), '--map', str(mapping), '-o', str(tmp_path / 'bag')]
+    assert main(args) == 0
+    stamps = Recording.open(tmp_path / 'bag').joint_states().stamp_ns
+    assert len(stamps) == 200
+    assert (np.diff(stamps) > 0).all()
+    assert np.diff(stamps).max() == 1_000_000_000
+
+
+@pytest.mark.parametrize('ending', ['\n', '\r\n', '\r'])
+@pytest.mark.parametrize('delimiter', [',', ';', '\t', ' '])
+def test_delimited_text_is_read_in_any_dialect(tmp_path, ending, delimiter):
+    rows = table(60)
+    lines = [
+        '# recorded by a bench',
+        '# 2026-11-22',
+        delimiter.join(['t', 'pos', 'vel', 'iq', 'i']),
+    ]
+    number = (lambda x: f'{x:.6g}'.replace('.', ',')) if delimiter == ';' else '{:.6g}'.format
+    lines += [delimiter.join(number(x) for x in row) for row in rows]
+    (tmp_path / 'log.csv').write_bytes(ending.join([*lines, '']).encode())
+    assert run(tmp_path / 'log.csv', MAP, tmp_path / 'bag') == 0
+    joints = Recording.open(tmp_path / 'bag').joint_states()
+    np.testing.assert_allclose(joints.position[:, 0], 2 * np.pi * rows[:, 1], atol=1e-4)
+
+
+def test_units_in_the_head_are_used_where_the_map_says_none(tmp_path):
+    head = 'time [ms],a1 pos [deg],a1 torque [Nm],v [V],i [mA]'
+    rows = np.stack([10.0 * np.arange(50), np.arange(50), *np.ones((2, 50)), np.full(50, 500)], 1)
+    mapping = """
+format: import/1
+time: {column: time, unit: ms}
+drives:
+  A1:
+    position: {from: a1 pos}
+    torque: {from: a1 torque}
+    voltage: {from: v}
+    current: {from: i}
+"""
+    assert run(csv(tmp_path / 'log.csv', rows, head), mapping, tmp_path / 'bag') == 0
+    recording = Recording.open(tmp_path / 'bag')
+    np.testing.assert_allclose(recording.joint_states().position[45], np.pi / 4, rtol=1e-5)
+    np.testing.assert_allclose(recording.drive_supply().current, 0.5)
+
+
+def test_arrays_of_mat_hdf5_json_parquet_and_xlsx_files_are_columns(tmp_path):
+    import h5py
+    import pyarrow as pa
+    from openpyxl import Workbook
+    from pyarrow import feather, parquet
+    from scipy.io import savemat
+
+    rows = table(80)
+    named = {n: rows[:, i] for i, n in enumerate(('t', 'pos', 'vel', 'iq', 'i'))}
+    savemat(tmp_path / 'log.mat', {'data': named})
+    with h5py.File(tmp_path / 'log.h5', 'w') as file:
+        for name, values in named.items():
+            file[f'data/{name}'] = values[None, :]
+    (tmp_path / 'log.json').write_text(
+        json.dumps({'data': {k: v.tolist() for k, v in named.items()}})
+    )
+    records = [dict(zip(named, map(float, row), strict=True)) for row in rows]
+    (tmp_path / 'log.jsonl').write_text('\n'.join(json.dumps({'data': r}) for r in records))
+    parquet.write_table(pa.table(named), tmp_path / 'log.parquet')
+    feather.write_feather(pa.table(named), tmp_path / 'log.feather')
+    book = Workbook()
+    book.active.append(list(named))
+    for row in rows.tolist():
+        book.active.append(row)
+    book.save(tmp_path / 'log.xlsx')
+    for ending in ('mat', 'h5', 'json', 'jsonl', 'parquet', 'feather', 'xlsx'):
+        mapping = MAP
+        if ending in ('mat', 'h5', 'json', 'jsonl'):
+            for name in named:
+                mapping = mapping.replace(f'from: {name},', f'from: data.{name},')
+            mapping = mapping.replace('column: t,', 'column: data.t,')
+        out = tmp_path / ending
+        assert run(tmp_path / f'log.{ending}', mapping, out) == 0, ending
+        position = Recording.open(out).joint_states().position[:, 0]
+        np.testing.assert_allclose(position, 2 * np.pi * rows[:, 1], rtol=1e-5, atol=1e-6)
+
+
+def test_signals_of_several_topics_are_put_on_common_times(tmp_path, walk):
+    source = walk(3.0)
+    source.position[:] = np.sin(source.joint_time)
+    source.velocity[:] = np.cos(source.joint_time)
+    bag = source.write(tmp_path / 'source')
+    mapping = """
+format: import/1
+time: {stamp: header}
+drives:
+  '*':
+    position: {from: '/joint_states:position[*]', unit: rad}
+    velocity: {from: '/joint_states:velocity[*]', unit: rad/s}
+    torque: {from: '/joint_states:effort[*]', unit: N*m}
+    command: {from: '/joint_commands:position[*]', unit: rad}
+    voltage: {from: '/drive_supply:voltage[*]', unit: V}
+    current: {from: '/drive_supply:current[*]', unit: A}
+"""
+    assert run(bag, mapping, tmp_path / 'bag') == 0
+    was, now = Recording.open(bag), Recording.open(tmp_path / 'bag')
+    for topic in ('joint_states', 'drive_supply', 'joint_commands'):
+        before, after = getattr(was, topic)(), getattr(now, topic)()
+        assert before.names == after.names
+        np.testing.assert_array_equal(before.stamp_ns, after.stamp_ns)
+    np.testing.assert_allclose(was.joint_states().position, now.joint_states().position, rtol=1e-6)
+    np.testing.assert_array_equal(was.drive_supply().power, now.drive_supply().power)
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'line'),
+    [
+        ('from: pos,', 'from: poss,', "drives.KNEE.position: no column 'poss'; there is pos"),
+        ('unit: rev}', 'unit: V}', "drives.KNEE.position: unit 'V' is none of position"),
+        ('unit: rpm}', 'unit: furlong}', "unit 'furlong' is none of velocity"),
+        ('unit: rpm}', 'unit: blah}', "unit 'blah' of velocity is not known"),
+        ('format: import/1', 'format: import/2', "format: expected 'import/1'"),
+        ('at: motor', 'at: gear', "torque.at: expected 'joint', 'motor' or ''"),
+        ('column: t,', 'column: time,', "time.column: no column 'time'"),
+        ('from: vel,', 'from: vel, value: 3,', 'a signal has either from or value'),
+        ('    voltage: {value: 24, unit: V}\n', '', 'current without voltage'),
+        ('scale: 0.5', 'scale: .nan', 'torque.scale: expected -1e+12 to 1e+12'),
+    ],
+)
+def test_a_map_that_does_not_fit_is_refused_in_one_line_and_nothing_is_written(
+    tmp_path, capsys, old, new, line
+):
+    log = csv(tmp_path / 'log.csv', table())
+    assert old in MAP
+    assert run(log, MAP.replace(old, new), tmp_path / 'bag') == 2
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count('\n') == 1
+    assert not (tmp_path / 'bag').exists()
+
+
+def test_times_that_are_of_no_use_are_refused(tmp_path, capsys):
+    for name, times, line in (
+        ('nan', np.full(500, np.nan), 'no row with a time'),
+        ('same', np.zeros(500), 'repeat the time of the row before'),
+        ('mixed', np.random.default_rng(0).permutation(500) * 1.0, 'time goes back in'),
+        ('late', np.arange(500) * 1e12, 'is that their unit?'),
+    ):
+        rows = table()
+        rows[:, 0] = times
+        assert run(csv(tmp_path / f'{name}.csv', rows), MAP, tmp_path / name) == 2
+        assert line in capsys.readouterr().err
+        assert not (tmp_path / name).exists()
+
+
+def test_what_was_left_out_is_said(tmp_path, capsys):
+    rows = table()
+    rows[10, 0] = rows[9, 0]
+    rows[20, 0] = np.nan
+    rows[300:, 0] -= 2500.0  # the log starts again
+    assert run(csv(tmp_path / 'log.csv', rows), MAP, tmp_path / 'bag') == 0
+    out = capsys.readouterr().out
+    assert '1 rows without a time left out' in out
+    assert '1 rows with the time of the row before left out' in out
+    assert '2 parts: time goes back in 1 places' in out
+
+
+def test_list_prints_columns_and_a_map_that_can_be_used_at_once(tmp_path, capsys):
+    rows = table()
+    head = 'time_ms,knee_pos,knee_vel,knee_torque,bus_current'
+    rows[:, 3:] += rows[:, 1:2]
+    log = csv(tmp_path / 'log.csv', np.c_[rows, 24 + rows[:, 1]], f'{head},bus_voltage')
+    assert main([str(log), '--list']) == 0
+    listed = capsys.readouterr().out
+    assert 'knee_pos' in listed
+    assert run(log, listed, tmp_path / 'bag') == 0
+
+
+def test_ready_maps_are_valid():
+    assert {'ur_rtde', 'ur_ros2', 'ros_odrive', 'moteus', 'unitree_go2'} < set(names())
+    assert {'voraus', 'hebi', 'wattwalk'} < set(names())
+    for name in names():
+        assert load_map(name).drives
+
+
+@pytest.mark.parametrize(
+    ('unit', 'quantity', 'factor', 'offset'),
+    [
+        ('rev', 'position', 2 * np.pi, 0),
+        ('rpm', 'velocity', 2 * np.pi / 60, 0),
+        ('Nm', 'torque', 1, 0),
+        ('mNm', 'torque', 1e-3, 0),
+        ('degF', 'temperature', 5 / 9, -160 / 9),
+        ('K', 'temperature', 1, -273.15),
+        ('us', 'time', 1e-6, 0),
+    ],
+)
+def test_units_are_converted(unit, quantity, factor, offset):
+    found = conversion(unit, quantity)
+    assert found.factor == pytest.approx(factor, rel=1e-9)
+    assert found.offset == pytest.approx(offset, abs=1e-9)
+
+
+def test_wrong_units_are_found_by_physics_with_the_line_that_mends_them(tmp_path):
+    rows = table(2000)
+    rows[:, 3] = np.cos(3 * rows[:, 0] / 1e3)  # A
+    torque, speed = 0.5 * rows[:, 3], rows[:, 2] * 2 * np.pi / 60
+    rows[:, 4] = -(torque * speed + 2 * torque**2 + 1) / 24 * 1e3
+    log = csv(tmp_path / 'log.csv', rows)
+    for change, code, mend in (
+        (('', ''), None, ''),
+        (('unit: rpm', 'unit: rev/s'), 'velocity_units', 'velocity: {unit: rpm}'),
+        (('unit: rev}', 'unit: rad}'), 'velocity_units', 'position: {unit: rev}'),
+        (('scale: 0.5', 'scale: -0.5'), 'power_units', 'torque: {scale: -1}'),
+    ):
+        run(log, MAP.replace(*change) if change[0] else MAP, tmp_path / 'bag', '--overwrite')
+        errors = [
+            f
+            for f in check_recording(Recording.open(tmp_path / 'bag')).findings
+            if f.severity == 'error'
+        ]
+        assert [f.code for f in errors][:1] == ([code] if code else [])
+        if code:
+            assert errors[0].mend == mend
+
+
+def test_a_table_faster_than_its_meter_is_found_slow(tmp_path):
+    rows = table(3000)
+    rows[:, 4] = -np.repeat(np.random.default_rng(1).normal(1e3, 100, 60), 50)  # 2 Hz
+    run(csv(tmp_path / 'log.csv', rows), MAP, tmp_path / 'bag')
+    quality = check_recording(Recording.open(tmp_path / 'bag'))
+    assert 'slow_power' in [f.code for f in quality.findings]
+    assert quality.drives['KNEE'].updates_hz == pytest.approx(2, abs=0.5)
+
+
+def test_a_map_from_a_stranger_is_plain_data():
+    with pytest.raises(InputError, match='map: drives: expected keys with values'):
+        parse_map({'format': 'import/1', 'drives': 5}, 'map')
+    with pytest.raises(InputError, match='drives'):
+        parse_map({'format': 'import/1', 'drives': {}}, 'map')
+
+
+def test_bags_of_ros_1_are_read(tmp_path):
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    header, joints = store.types['std_msgs/msg/Header'], store.types['sensor_msgs/msg/JointState']
+    battery, time = (
+        store.types['sensor_msgs/msg/BatteryState'],
+        store.types['builtin_interfaces/msg/Time'],
+    )
+    with Writer(tmp_path / 'log.bag') as bag:
+        states = bag.add_connection('/joint_states', joints.__msgtype__, typestore=store)
+        supply = bag.add_connection('/supply', battery.__msgtype__, typestore=store)
+        for i in range(200):
+            stamp = 1_600_000_000_000_000_000 + i * 10_000_000
+            head = header(i, time(*divmod(stamp, 10**9)), '')
+            state = joints(head, ['KNEE'], np.array([0.01 * i]), np.array([1.0]), np.array([2.0]))
+            bag.write(states, stamp, store.serialize_ros1(state, joints.__msgtype__))
+            empty = np.zeros(0, np.float32)
+            message = battery(
+                head, 24.0, 0.0, -2.0, *[0.0] * 3, 0.0, 0, 0, 0, True, empty, empty, '', ''
+            )
+            bag.write(supply, stamp, store.serialize_ros1(message, battery.__msgtype__))
+    out = tmp_path / 'bag'
+    assert main([str(tmp_path / 'log.bag'), '--map', 'wattwalk', '-o', str(out)]) == 0
+    recording = Recording.open(out)
+    np.testing.assert_allclose(recording.joint_states().effort, 2.0)
+    np.testing.assert_allclose(recording.supply().power, 48.0)
+
+
+REAL = Path(__file__).resolve().parents[4] / 'shared' / 'real_data'
+
+
+@pytest.mark.skipif(
+    not REAL.is_dir(), reason='the public logs of real drives are not beside the checkout'
+)
+@pytest.mark.parametrize(
+    ('log', 'mapping', 'topic', 'count'),
+    [
+        ('yu_cobot.parquet', 'voraus', 'drive_supply', 398),
+        ('ur3e_move.xlsx', 'ur_rtde', 'supply', 888),
+        ('ur3e_L1L2.csv', 'ur_rtde', 'supply', 65),
+    ],
+)
+def test_real_logs_are_imported_with_ready_maps(tmp_path, log, mapping, topic, count):
+    assert main([str(REAL / log), '--map', mapping, '-o', str(tmp_path / 'bag')]) == 0
+    recording = Recording.open(tmp_path / 'bag')
+    assert len(getattr(recording, topic)()) == count
+    slopes = [d.velocity_slope for d in check_recording(recording).drives.values()]
+    assert np.nanmax(np.abs(np.array(slopes) - 1)) < 0.05 or np.isnan(slopes).all()
