@@ -55,11 +55,7 @@ ROS_FILES = sorted(
     for path in SOURCES.glob('*/[a-z]*/**/*.py')
     if 'test' not in path.parts and 'rclpy' in path.read_text(encoding='utf-8')
 )
-NODE_FILES = sorted(
-    path
-    for path in SOURCES.glob('*/*/*_node.py')
-    if 'import Node' in path.read_text(encoding='utf-8')
-)
+NODE_FILES = [path for path in ROS_FILES if '(Node):' in path.read_text(encoding='utf-8')]
 PATIENCE = 30.0
 
 
@@ -207,7 +203,7 @@ def spin_until(node):
     return spin
 
 
-@pytest.mark.parametrize('path', NODE_FILES, ids=lambda path: path.stem)
+@pytest.mark.parametrize('path', NODE_FILES, ids=lambda path: f'{path.parts[-3]}-{path.stem}')
 def test_no_node_overwrites_what_its_base_class_keeps_for_itself(node, path):
     names = own_names(path)
     assert names, f'{path} has no class of Node'
@@ -215,7 +211,7 @@ def test_no_node_overwrites_what_its_base_class_keeps_for_itself(node, path):
 
 
 def test_there_are_nodes_to_check():
-    assert {path.stem for path in NODE_FILES} >= {'daq_node', 'recorder_node', 'sim_node'}
+    assert {path.stem for path in NODE_FILES} >= {'daq', 'recorder', 'run', 'motion', 'node'}
 
 
 @pytest.mark.parametrize('make', MESSAGES.values(), ids=list(MESSAGES))
