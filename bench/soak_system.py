@@ -145,8 +145,10 @@ class System:
         bus = ['-p', 'interface:=unixsocket', '-p', f'channel:={folder}/bus']
         instrument = ['-p', 'host:=127.0.0.1', '-p', f'port:={self.supply.port}']
         self.nodes = {
-            'daq': self._start('power_daq.nodes.daq', ['--ros-args', *bus], 'daq'),
-            'supply': self._start('power_daq.nodes.supply', ['--ros-args', *instrument], 'supply'),
+            'daq': self._start('power_daq.commands.daq', ['--ros-args', *bus], 'daq'),
+            'supply': self._start(
+                'power_daq.commands.supply', ['--ros-args', *instrument], 'supply'
+            ),
         }
         self.used: dict[str, tuple[float, float, int]] = {}
 
@@ -161,7 +163,7 @@ class System:
         """Start a recorder, and wait until it is ready."""
         name = f'bag_{len(self.takes) + 1}'
         path = (folder or self.folder) / name
-        process = self._start('power_daq.nodes.recorder', ['-o', str(path)], name)
+        process = self._start('power_daq.commands.record', ['-o', str(path)], name)
         process.wait_for_line('recording to', PATIENCE)
         now = self.measured()
         self.takes.append(Take(path, process, now, now))

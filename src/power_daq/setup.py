@@ -8,14 +8,7 @@ setup(
     packages=find_packages(exclude=['test']),
     include_package_data=True,
     package_data={
-        package_name: [
-            '**/*.yaml',
-            '**/*.dbc',
-            '**/*.safetensors',
-            '**/py.typed',
-            '**/*.css',
-            '**/*.js',
-        ]
+        package_name: ['**/*.yaml', '**/*.dbc', '**/py.typed'],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
@@ -24,7 +17,6 @@ setup(
     install_requires=[
         'setuptools',
         'numpy',
-        'pyyaml',
         'python-can',
         'cantools',
         'pyvisa',
@@ -36,15 +28,14 @@ setup(
     zip_safe=False,
     maintainer='wattwalk maintainers',
     maintainer_email='wattwalk@example.org',
-    description='Measures the drives of a robot: bus drivers, clock mapping, the DAQ node, '
-    'the recorder and aligned reading of recordings.',
+    description='Measurement of the drives of a robot: bus, clocks, DAQ, supply and recorder.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'daq = power_daq.nodes.daq:main',
-            'record = power_daq.nodes.recorder:main',
-            'watch = power_daq.nodes.watch:main',
-            'supply = power_daq.nodes.supply:main',
+            'daq = power_daq.commands.daq:main',
+            'record = power_daq.commands.record:main',
+            'watch = power_daq.commands.watch:main',
+            'supply = power_daq.commands.supply:main',
         ],
         'can.interface': ['unixsocket = power_daq.bus.unix_socket:UnixSocketBus'],
     },

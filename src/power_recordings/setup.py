@@ -16,7 +16,6 @@ setup(
         'setuptools',
         'numpy',
         'scipy',
-        'pyyaml',
         'mcap',
         'zstandard',
         'lz4',

@@ -17,8 +17,7 @@ import pytest
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from power_daq.nodes.recorder import main
-from power_daq.nodes.recorder_options import card_of, topics_of
+from power_daq.commands.record import card_of, main, topics_of
 from power_recordings.card import Card
 from power_recordings.messages import cdr
 from power_recordings.reading.reader import Recording
@@ -107,7 +106,7 @@ class Recorder:
 
     def __init__(self, robot: Robot, path: Path, *arguments: str, limit: int = 0) -> None:
         self.path = path
-        run = 'import sys; from power_daq.nodes.recorder import main; sys.exit(main())'
+        run = 'import sys; from power_daq.commands.record import main; sys.exit(main())'
         command = [sys.executable, '-c', run, '-o', str(path), *arguments]
         command += ['--ros-args', '-r', f'__ns:={robot.namespace}']
         self.process = subprocess.Popen(
@@ -260,7 +259,7 @@ def test_nothing_on_any_topic_is_said(record: Callable[..., Recorder], tmp_path:
         ),
         (['--topics', 'fluid:actuator_msgs/Nothing'], 'unknown message type'),
         (['--card', 'robot'], "--card 'robot': expected key=value"),
-        (['--card', 'seed=soon'], "seed is 'soon'"),
+        (['--card', 'seed=soon'], "seed: expected a whole number, there is 'soon'"),
         (['--duration', '-3'], '--duration is -3 s'),
     ],
 )

@@ -1,9 +1,7 @@
-"""The DAQ node: reads the drives' bus or meters, publishes what they draw and where they are."""
+"""The DAQ node: publishes supply and joint states of drives from their bus or meters."""
 
-import argparse
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,12 +10,9 @@ from power_recordings.calibration import NONE, label
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
-from wattwalk_core.command import command
 from wattwalk_core.nodes.diagnostics import Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
-from wattwalk_core.nodes.running import run_node
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.bus_acquisition import SampleQueue
@@ -32,17 +27,6 @@ _LOSSLESS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000
 )
 
-_EXAMPLE = """
-example, with the simulated robot:
-  ros2 run power_daq daq --ros-args -p interface:=unixsocket -p channel:=/tmp/drives
-example, on hardware:
-  ros2 run power_daq daq --ros-args -p interface:=socketcan -p channel:=can0 \\
-      -p dbc:=robot.dbc -p mapping:=robot.yaml
-example, EtherCAT terminals (as root):
-  ros2 run power_daq daq --ros-args -p interface:=ethercat -p channel:=eth1 \\
-      -p mapping:=ethercat.yaml
-"""
-
 
 class DaqNode(Node):
     """Publishes drive_supply, joint_states and diagnostics; InputError for bad parameters."""
@@ -52,17 +36,17 @@ class DaqNode(Node):
         given = DeviceParameters(self)
         self._queue = SampleQueue(_QUEUED_SAMPLES)
         self._supply: SupplyPublisher | None = None
-        self._source = source = open_device(given, self._queue, self.get_logger().warning)
+        self._device = device = open_device(given, self._queue, self.get_logger().warning)
         applied = self.get_parameter('calibration').value
         self._calibration = label(Path(applied).expanduser()) if applied else NONE
-        frame_id = given.text('frame_id', source.device, 'frame_id of drive_supply')
+        frame_id = given.text('frame_id', device.device, 'frame_id of drive_supply')
         per_message = given.whole('samples_per_message', 1, 'samples in a drive_supply', 1, 1000)
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time: samples of a device are in system time')
         self._publishers_by_group = self._make_publishers(frame_id, per_message)
         self._publishing = PublishingThread(self._queue, self._publish, self._flush)
-        self._acquisition = source.acquisition
-        self._reporter = Reporter(self, source.part, source.hardware)
+        self._acquisition = device.acquisition
+        self._reporter = Reporter(self, device.part, device.hardware)
         self.create_timer(_PERIOD, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._publishing.start()
         self._acquisition.start()
@@ -70,9 +54,9 @@ class DaqNode(Node):
     def _make_publishers(
         self, frame_id: str, per_message: int
     ) -> dict[str, Callable[[Sample], int]]:
-        """By group: what publishes its samples, and says how many went out."""
+        """Return by group the function that publishes a sample and returns how many went out."""
         made: dict[str, Callable[[Sample], int]] = {}
-        drives = self._source.drives
+        drives = self._device.drives
         if 'electrical' in drives:
             supply = SupplyPublisher(
                 self.create_publisher(DriveSupply, 'drive_supply', _LOSSLESS),
@@ -108,12 +92,12 @@ class DaqNode(Node):
         if self._acquisition.failed or self._publishing.failed:
             self.stop()
             return
-        report = self._source.report(time.monotonic())
+        report = self._device.report(time.monotonic())
         figures = {**report.figures, 'calibration': self._calibration}
         self._reporter.say(replace(report, figures=figures))
 
     def stop(self) -> None:
-        """End both threads, publish what is left; raises what one of them failed by."""
+        """End both threads and publish waiting samples; raise the error of a failed thread."""
         self._acquisition.stop()
         try:
             self._end_acquisition()
@@ -123,28 +107,13 @@ class DaqNode(Node):
                 self.get_logger().error(f'{len(self._queue)} samples were not published')
 
     def _end_acquisition(self) -> None:
-        source, logger = self._source, self.get_logger()
-        if self._acquisition.join(min(_PERIOD, source.ending)):
+        device, logger = self._device, self.get_logger()
+        if self._acquisition.join(min(_PERIOD, device.ending)):
             return
-        left = source.ending - _PERIOD
+        left = device.ending - _PERIOD
         if left > 0:
-            logger.warning(f'waiting up to {left:.0f} s for {source.hardware} to end')
+            logger.warning(f'waiting up to {left:.0f} s for {device.hardware} to end')
         if not self._acquisition.join(max(left, 0.0)):
             logger.error(
-                f'{source.hardware} did not end within {source.ending:.0f} s: {source.abandoned}'
+                f'{device.hardware} did not end within {device.ending:.0f} s: {device.abandoned}'
             )
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until Ctrl-C; 2 for bad parameters, 1 for a failed device."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_daq daq',
-        description='Publishes the supply of each drive at 1 kHz and joint states at 400 Hz, '
-        'from a CAN FD bus; or the supply alone, from EtherCAT terminals.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    arguments = sys.argv[1:] if args is None else list(args)
-    parser.parse_args(remove_ros_args(arguments))
-    return run_node(DaqNode, arguments)

@@ -1,48 +1,34 @@
 """The recorder: writes the suite's topics to a bag, with a card."""
 
-import argparse
 import shutil
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from power_recordings.card import Card
+from power_recordings.messages.types import message_class
 from power_recordings.writing.background import BackgroundRecorder, RecordingProgress
-from power_recordings.writing.writer import BagWriter
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
-from wattwalk_core.command import command
-from wattwalk_core.errors import InputError
-from wattwalk_core.files import check_room
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
-from wattwalk_core.nodes.running import run_node
-
-from power_daq.nodes.recorder_options import card_of, message_class, topics_of
 
 _DEPTH = 2000
 _HOUSEKEEPING = 0.2  # s
-_EXAMPLE = """
-example, until Ctrl-C:
-  ros2 run power_daq record -o bags/walk_1 --card robot=anymal_c unit=A terrain=flat
-example, one minute of two topics:
-  ros2 run power_daq record -o bags/leg --duration 60 --topics drive_supply joint_states
-"""
 
 
 class RecorderNode(Node):
     """
     Puts the bytes of each message into the recorder as it arrives.
 
-    topics: their types by name. card: what the user says of the recording, to be completed and
-    saved in the folder `bag` at the end. duration: s until the node ends by itself, 0 for never.
+    topics: their types by name. card: the user's entries, completed and saved in the folder `bag`
+    at the end. duration: s until the node ends by itself, 0 for never.
     """
 
     def __init__(
@@ -145,57 +131,3 @@ def _show(now: RecordingProgress, rates: dict[str, float], log: Callable[..., No
         print(f'\r\x1b[K{line[: shutil.get_terminal_size().columns - 1]}', end='', flush=True)
     else:
         log(line, throttle_duration_sec=10.0)
-
-
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_daq record',
-        description="Records the suite's topics to a rosbag2 MCAP bag, until Ctrl-C.",
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        '-o', '--output', type=Path, required=True, metavar='BAG', help='new folder of the bag'
-    )
-    parser.add_argument(
-        '--topics', nargs='+', metavar='TOPIC', help='instead of all: NAME or NAME:package/Type'
-    )
-    parser.add_argument('--duration', type=float, default=0.0, metavar='S', help='stop after that')
-    parser.add_argument(
-        '--card',
-        nargs='+',
-        action='extend',
-        default=[],
-        metavar='KEY=VALUE',
-        help='robot, unit, drives, controller, calibration, terrain, notes, … for card.yaml',
-    )
-    options = parser.parse_args(remove_ros_args(list(arguments)))
-    if options.duration < 0:
-        raise InputError(f'--duration is {options.duration:g} s; expected a positive number')
-    return options
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Record until Ctrl-C or the end of the duration; 2 for bad input or a full disk."""
-    arguments = sys.argv[1:] if args is None else list(args)
-    options = _parse(arguments)
-    card = card_of(options.card)
-    topics = topics_of(options.topics)
-    for type_name in topics.values():
-        message_class(type_name)
-
-    def make() -> RecorderNode:
-        check_room(options.output)
-        bag = BagWriter(options.output, flush_period=10.0)
-        card.save(options.output)
-        recorder = BackgroundRecorder(bag)
-        try:
-            node = RecorderNode(recorder, topics, card, options.output, options.duration)
-        except BaseException:
-            recorder.close()
-            raise
-        print(f'recording to {options.output}; Ctrl-C ends it', flush=True)
-        return node
-
-    return run_node(make, arguments)

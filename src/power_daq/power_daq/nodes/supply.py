@@ -1,22 +1,16 @@
-"""The supply node: asks a bench supply for voltage and current and publishes them."""
+"""The supply node: polls a bench supply for voltage and current and publishes them."""
 
-import argparse
-import sys
 import time
-from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
-from wattwalk_core.command import command
 from wattwalk_core.nodes.diagnostics import Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
-from wattwalk_core.nodes.running import run_node
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.supply.battery import BatteryPublisher
@@ -28,23 +22,11 @@ from power_daq.supply.poller import Poller
 from power_daq.supply.reading import Reading
 
 _PERIOD = 1.0
-_QUESTIONS = 32
+_QUERIES = 32
 _S = 1_000_000_000
 _LOSSLESS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000
 )
-
-_EXAMPLE = """
-It only reads, unless switch_output_on is true.
-
-example, an EA PSB 9000:
-  ros2 run power_daq supply --ros-args -p host:=192.168.0.42
-example, without hardware:
-  ros2 run sim_bridge supply_instrument --ros-args -p current:=3.0
-  ros2 run power_daq supply --ros-args -p host:=127.0.0.1
-the energy counter back to zero:
-  ros2 service call /reset_energy std_srvs/srv/Trigger
-"""
 
 
 class SupplyNode(Node):
@@ -70,7 +52,7 @@ class SupplyNode(Node):
             self.create_publisher(BatteryState, 'supply', qos), frame_id, settings.resource
         )
         # A switching-on under way is waited for: cut off it would leave the panel locked.
-        self._ending = _PERIOD + _QUESTIONS * settings.timeout
+        self._ending = _PERIOD + _QUERIES * settings.timeout
         prepare = None if request is None else partial(self._switch_on, request)
         self._poller = Poller(
             partial(Instrument, settings),
@@ -142,21 +124,6 @@ class SupplyNode(Node):
         self._reporter.say(self._health.report(time.monotonic(), energy, balance))
 
     def stop(self) -> None:
-        """End the thread; raises what it failed by."""
+        """End the thread; raise its error if it failed."""
         self._poller.stop()
         self._poller.join(self._ending)
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until Ctrl-C; 2 for bad parameters or a refused output."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_daq supply',
-        description='Publishes voltage and current of a bench supply at 100 Hz, from SCPI over '
-        'TCP; counts energy and sets it against the drives.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    arguments = sys.argv[1:] if args is None else list(args)
-    parser.parse_args(remove_ros_args(arguments))
-    return run_node(SupplyNode, arguments)

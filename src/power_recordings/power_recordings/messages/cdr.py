@@ -15,15 +15,30 @@ from rosbags.typesys.store import Typestore
 from wattwalk_core.errors import InputError
 
 from power_recordings.messages.cdr_layout import Layout
-
-JOINT_STATE = 'sensor_msgs/msg/JointState'
-BATTERY_STATE = 'sensor_msgs/msg/BatteryState'
-IMU = 'sensor_msgs/msg/Imu'
-ODOMETRY = 'nav_msgs/msg/Odometry'
-TWIST_STAMPED = 'geometry_msgs/msg/TwistStamped'
-DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
-DRIVE_SUPPLY = 'drive_power_msgs/msg/DriveSupply'
-POWER_ESTIMATE = 'drive_power_msgs/msg/PowerEstimate'
+from power_recordings.messages.types import (
+    BATTERY_STATE as BATTERY_STATE,
+)
+from power_recordings.messages.types import (
+    DIAGNOSTIC_ARRAY as DIAGNOSTIC_ARRAY,
+)
+from power_recordings.messages.types import (
+    DRIVE_SUPPLY as DRIVE_SUPPLY,
+)
+from power_recordings.messages.types import (
+    IMU as IMU,
+)
+from power_recordings.messages.types import (
+    JOINT_STATE as JOINT_STATE,
+)
+from power_recordings.messages.types import (
+    ODOMETRY as ODOMETRY,
+)
+from power_recordings.messages.types import (
+    POWER_ESTIMATE as POWER_ESTIMATE,
+)
+from power_recordings.messages.types import (
+    TWIST_STAMPED as TWIST_STAMPED,
+)
 
 _PACKAGE = 'drive_power_msgs'
 

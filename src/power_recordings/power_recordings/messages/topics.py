@@ -132,8 +132,3 @@ KINDS: Mapping[str, Kind] = {
     'cmd_vel': Kind(cdr.TWIST_STAMPED, _TWIST, _cmd_vel),
     'foot_force': Kind(cdr.JOINT_STATE, ('effort',), _foot_force),
 }
-
-TYPES: Mapping[str, str] = {
-    **{name: kind.type_name for name, kind in KINDS.items()},
-    'diagnostics': cdr.DIAGNOSTIC_ARRAY,
-}

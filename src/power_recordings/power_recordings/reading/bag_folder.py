@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from rosbags.rosbag2 import Reader, ReaderError
 from wattwalk_core.errors import InputError
+from wattwalk_core.yaml_file import read_yaml
 
 from power_recordings.reading.mcap_file import Batch, McapFile, Topic
 
@@ -70,12 +70,12 @@ def find(path: Path) -> Bag:
 def _described(path: Path) -> Bag:
     file = path / 'metadata.yaml'
     try:
-        content: Any = yaml.safe_load(file.read_text(encoding='utf-8'))
+        content: Any = read_yaml(file, 'metadata')
         information = content['rosbag2_bagfile_information']
         names = [str(name) for name in information['relative_file_paths']]
         promised = int(information['message_count'])
         compressed = str(information.get('compression_mode') or '').lower()
-    except (OSError, yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError):
+    except (InputError, KeyError, TypeError, ValueError):
         files = sorted(path.glob('*.mcap'), key=_number)
         if not files:
             raise InputError(f'{file} is damaged and there is no .mcap file beside it') from None

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import yaml
 from wattwalk_core.errors import InputError
+from wattwalk_core.yaml_file import dump_yaml
 
 VERSION = 9
 _FOREVER = {'sec': 9223372036, 'nsec': 854775807}
@@ -41,16 +41,16 @@ class Qos:
             'depth': self.depth,
             'reliability': self.reliability,
             'durability': self.durability,
-            'deadline': dict(_FOREVER),
-            'lifespan': dict(_FOREVER),
+            'deadline': _FOREVER,
+            'lifespan': _FOREVER,
             'liveliness': 'automatic',
-            'liveliness_lease_duration': dict(_FOREVER),
+            'liveliness_lease_duration': _FOREVER,
             'avoid_ros_namespace_conventions': False,
         }
 
     def dump(self) -> str:
         """Return the profile as YAML for the metadata of an MCAP channel."""
-        return yaml.safe_dump([self.profile()], sort_keys=False).rstrip()
+        return dump_yaml([self.profile()]).rstrip()
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,8 @@ def information(
     return {
         'version': VERSION,
         'storage_identifier': 'mcap',
-        'duration': dict(duration),
-        'starting_time': dict(start),
+        'duration': duration,
+        'starting_time': start,
         'message_count': count,
         'topics_with_message_count': [
             {
@@ -96,16 +96,11 @@ def information(
         'files': [
             {
                 'path': file_name,
-                'starting_time': dict(start),
-                'duration': dict(duration),
+                'starting_time': start,
+                'duration': duration,
                 'message_count': count,
             }
         ],
         'custom_data': None,
         'ros_distro': 'jazzy',
     }
-
-
-def dump(content: dict[str, Any]) -> str:
-    """YAML in the order of the keys."""
-    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)

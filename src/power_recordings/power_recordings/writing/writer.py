@@ -11,6 +11,7 @@ from typing import IO, Any, Self, cast
 from mcap.writer import CompressionType, Writer
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import RecordingError, advice, write_whole
+from wattwalk_core.yaml_file import dump_yaml
 
 from power_recordings.messages import cdr as messages
 from power_recordings.writing import metadata
@@ -276,14 +277,14 @@ class BagWriter:
             self._last,
         )
         try:
-            self._mcap.add_metadata('rosbag2', {'serialized_metadata': metadata.dump(content)})
+            self._mcap.add_metadata('rosbag2', {'serialized_metadata': dump_yaml(content)})
             self._mcap.finish()
             self._output.append(self._spool.take())
             self._output.sync()
         finally:
             self._output.close()
         whole = {'rosbag2_bagfile_information': content}
-        write_whole(self.path / 'metadata.yaml', metadata.dump(whole))
+        write_whole(self.path / 'metadata.yaml', dump_yaml(whole))
 
 
 def _make_way(path: Path, overwrite: bool) -> None:

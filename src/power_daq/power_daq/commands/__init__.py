@@ -1,0 +1,1 @@
+"""Commands of the package: they parse arguments, then import and run a node."""

@@ -1,0 +1,38 @@
+"""`ros2 run power_daq daq`: measure drives on a CAN bus or EtherCAT terminals."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from wattwalk_core.command import command, own_arguments
+
+_EXAMPLE = """
+example, with the simulated robot:
+  ros2 run power_daq daq --ros-args -p interface:=unixsocket -p channel:=/tmp/drives
+example, on hardware:
+  ros2 run power_daq daq --ros-args -p interface:=socketcan -p channel:=can0 \\
+      -p dbc:=robot.dbc -p mapping:=robot.yaml
+example, EtherCAT terminals (as root):
+  ros2 run power_daq daq --ros-args -p interface:=ethercat -p channel:=eth1 \\
+      -p mapping:=ethercat.yaml
+"""
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until Ctrl-C; 2 for bad parameters, 1 for a failed device."""
+    parser = argparse.ArgumentParser(
+        prog='ros2 run power_daq daq',
+        description='Publishes the supply of each drive at 1 kHz and joint states at 400 Hz, '
+        'from a CAN FD bus; or the supply alone, from EtherCAT terminals.',
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    arguments = sys.argv[1:] if args is None else list(args)
+    parser.parse_args(own_arguments(arguments))
+
+    from wattwalk_core.nodes.running import run_node
+
+    from power_daq.nodes.daq import DaqNode
+
+    return run_node(DaqNode, arguments)

@@ -1,0 +1,121 @@
+"""`ros2 run power_daq record`: record the suite's topics to a bag with a card."""
+
+import argparse
+import datetime
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from power_recordings.card import Card
+from power_recordings.messages.types import TYPES, message_class
+from wattwalk_core.command import command, own_arguments
+from wattwalk_core.errors import InputError
+
+_EXAMPLE = """
+example, until Ctrl-C:
+  ros2 run power_daq record -o bags/walk_1 --card robot=anymal_c unit=A terrain=flat
+example, one minute of two topics:
+  ros2 run power_daq record -o bags/leg --duration 60 --topics drive_supply joint_states
+"""
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Record until Ctrl-C or the end of the duration; 2 for bad input or a full disk."""
+    arguments = sys.argv[1:] if args is None else list(args)
+    options = _parse(arguments)
+    card = card_of(options.card)
+    topics = topics_of(options.topics)
+
+    from power_recordings.writing.background import BackgroundRecorder
+    from power_recordings.writing.writer import BagWriter
+    from wattwalk_core.files import check_room
+    from wattwalk_core.nodes.running import run_node
+
+    from power_daq.nodes.recorder import RecorderNode
+
+    for type_name in topics.values():
+        message_class(type_name)
+
+    def make() -> Any:
+        check_room(options.output)
+        bag = BagWriter(options.output, flush_period=10.0)
+        card.save(options.output)
+        recorder = BackgroundRecorder(bag)
+        try:
+            node = RecorderNode(recorder, topics, card, options.output, options.duration)
+        except BaseException:
+            recorder.close()
+            raise
+        print(f'recording to {options.output}; Ctrl-C ends it', flush=True)
+        return node
+
+    return run_node(make, arguments)
+
+
+def _parse(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='ros2 run power_daq record',
+        description="Records the suite's topics to a rosbag2 MCAP bag, until Ctrl-C.",
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        '-o', '--output', type=Path, required=True, metavar='BAG', help='new folder of the bag'
+    )
+    parser.add_argument(
+        '--topics', nargs='+', metavar='TOPIC', help='instead of all: NAME or NAME:package/Type'
+    )
+    parser.add_argument('--duration', type=float, default=0.0, metavar='S', help='stop after that')
+    parser.add_argument(
+        '--card',
+        nargs='+',
+        action='extend',
+        default=[],
+        metavar='KEY=VALUE',
+        help='robot, unit, drives, controller, calibration, terrain, notes, … for card.yaml',
+    )
+    options = parser.parse_args(own_arguments(arguments))
+    if options.duration < 0:
+        raise InputError(f'--duration is {options.duration:g} s; expected a positive number')
+    return options
+
+
+def topics_of(given: Sequence[str] | None) -> dict[str, str]:
+    """Return topics and types from names, or from `name:package/Type` for other topics."""
+    chosen: dict[str, str] = {}
+    for text in given or TYPES:
+        name, _, type_name = text.partition(':')
+        known = TYPES.get(name.rsplit('/', 1)[-1])
+        if type_name:
+            from power_recordings.messages.cdr import full_name
+
+            known = full_name(type_name)
+        if known is None:
+            raise InputError(
+                f'unknown topic {name!r}: give its type as in {name}:std_msgs/String, '
+                f'or one of {", ".join(TYPES)}'
+            )
+        chosen[name] = known
+    return chosen
+
+
+def card_of(given: Sequence[str]) -> Card:
+    """Return a card from `key=value`, drives separated by commas; else InputError."""
+    content: dict[str, Any] = {}
+    for text in given:
+        key, equals, value = text.partition('=')
+        if not equals or not key:
+            raise InputError(f'--card {text!r}: expected key=value')
+        content[key] = value
+    if 'drives' in content:
+        content['drives'] = [name.strip() for name in content['drives'].split(',')]
+    if str(content.get('seed', '')).lstrip('-').isdigit():
+        content['seed'] = int(content['seed'])
+    if content.get('complete') in ('true', 'false'):
+        content['complete'] = content['complete'] == 'true'
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec='seconds')
+    defaults = {'created': now, 'software': f'power_daq {version("power_daq")}'}
+    return Card.of({**defaults, **content})
