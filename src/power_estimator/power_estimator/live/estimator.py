@@ -250,8 +250,8 @@ class LiveEstimator:
             self.refused += 1
             return None
         result = None
-        for when, row, fresh in self._sampler.add(stamp, signals):
-            result = self._advance(LiveSample(when, *row, fresh)) or result
+        for when, (at, rate, load, target), fresh in self._sampler.add(stamp, signals):
+            result = self._advance(LiveSample(when, at, rate, load, target, fresh)) or result
         return result
 
     def _advance(self, sample: LiveSample) -> Estimate | None:
