@@ -69,9 +69,11 @@ class Robot:
             velocity=vector(self.data.velocity),
             effort=vector(self.data.torque),
         )
-        supply = DriveSupply(name=names, device_time=[0])
-        supply.voltage = vector(self.data.voltage)
-        supply.current = vector(self.data.current)
+        supply = DriveSupply(name=names, device_time=[0, 1])
+        # A second sample is flagged, and far off.
+        supply.status = [0] * len(names) + [DriveSupply.OVERRANGE] * len(names)
+        supply.voltage = vector(self.data.voltage) * 2
+        supply.current = vector(self.data.current) + [1000.0] * len(names)
         for message in (command, state, supply):
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
         self.commands.publish(command)
@@ -117,6 +119,7 @@ def test_the_node_estimates_and_says_so_when_its_input_stops(node_process, robot
     assert all(math.isfinite(p) for p in found.power)
     assert found.header.stamp.sec >= 1_700_000_000
     robot.until(lambda: 'R² of the sum' in robot.figures)
+    assert float(robot.figures['measured'].split()[0]) < 1000
     assert robot.sentences[-1] in (
         'estimating',
         'the robot moves as it never did in the training data',

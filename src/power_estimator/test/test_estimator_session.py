@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from power_estimator.live.estimator import Status
-from power_estimator.live.score import LiveScore
+from power_estimator.live.score import LiveScore, measured_power
 from power_estimator.live.session import LiveSession, Vector
 from power_estimator.network.ppn import PowerPredictionNetwork
 from wattwalk_core.errors import InputError
@@ -127,6 +127,33 @@ def test_the_live_score_pairs_an_estimate_with_the_mean_over_its_time():
             score.estimated(stamp, float(watts[index - 19 : index + 1].mean()))
     score.measured(stamp + 1, 0.0)
     assert score.figures()['R² of the sum'] == '1.000 over 30 s'
+
+
+def test_power_is_unknown_where_the_status_flags_a_sample():
+    power = measured_power(2, [48, 50, 48, 50], [1, 2, 3, 4], [0, 0, 2, 0])
+    assert np.array_equal(power, [[48, 100], [np.nan, 200]], equal_nan=True)
+
+
+@pytest.mark.parametrize('status', [[], [0, 0, 0], [0, 0, 0, 0, 0]])
+def test_a_supply_message_without_a_status_per_value_is_refused(status):
+    with pytest.raises(ValueError, match=f'{len(status)} status values do not fit 2 drives'):
+        measured_power(2, [48] * 4, [1] * 4, status)
+
+
+def test_flagged_samples_do_not_enter_the_live_score(ppn, drives):
+    data = drives(3.0)
+    live = LiveSession(ppn)
+    rng = np.random.default_rng(0)
+    for index in range(1200):
+        feed(live, data, data.names, samples=1, start=index)
+        stamp = START + index * PERIOD + 1
+        # Of two samples the second is wrong by a kilowatt and flagged, for one of the drives.
+        rows = np.array([rng.normal(100, 30, 2), [1100, 100]])
+        rows[1, index % 2] = np.nan
+        live.supply(Vector(stamp, data.names, rows))
+    figures = live.report(3.0)[2]
+    assert abs(float(figures['measured'].split()[0]) - 200) < 10
+    assert figures['flagged supply samples left out'] == '1200'
 
 
 def test_the_live_score_says_nothing_before_a_second_is_over():

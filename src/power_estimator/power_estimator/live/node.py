@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -22,6 +21,7 @@ from wattwalk_core.nodes.running import run_node
 
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
 from power_estimator.live.estimator import Estimate, LiveConfig
+from power_estimator.live.score import measured_power
 from power_estimator.live.session import LiveSession, Vector
 from power_estimator.loader import load_model
 
@@ -91,14 +91,14 @@ class PowerEstimator(Node):
             self._session.sent((now - estimate.stamp) / 1e9)
 
     def _on_supply(self, message: DriveSupply) -> None:
-        shape = (-1, len(message.name))
-        power: NDArray[np.float64] = np.asarray(message.voltage, float) * np.asarray(
-            message.current, float
-        )
-        if power.size and power.size % len(message.name) == 0:
-            stamp = _ns(message.header.stamp)
-            mean = power.reshape(shape).mean(axis=0, keepdims=True)
-            self._session.supply(Vector(stamp, tuple(message.name), mean))
+        try:
+            power = measured_power(
+                len(message.name), message.voltage, message.current, message.status
+            )
+        except ValueError as error:
+            self.get_logger().warning(f'drive_supply: {error}', throttle_duration_sec=10.0)
+            return
+        self._session.supply(Vector(_ns(message.header.stamp), tuple(message.name), power))
 
     def _publish(self, estimate: Estimate) -> None:
         message = PowerEstimate(

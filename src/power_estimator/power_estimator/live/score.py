@@ -1,8 +1,9 @@
-"""How the live estimate compares with what is being measured."""
+"""Comparison of the live estimate with the measured power."""
 
 from collections import deque
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from power_estimator.evaluation.scores import r2
 
@@ -49,3 +50,20 @@ class LiveScore:
             'estimated': f'{estimated[-self._second :].mean():.1f} W over 1 s',
             'R² of the sum': f'{r2(measured, estimated):.3f} over {self.window:.0f} s',
         }
+
+
+def measured_power(
+    drives: int, voltage: ArrayLike, current: ArrayLike, status: ArrayLike
+) -> NDArray[np.float64]:
+    """
+    Power in W [samples, drives] of a DriveSupply message, NaN where a status is not 0.
+
+    voltage, current, status: row-major [samples × drives]. ValueError for other lengths.
+    """
+    volts, amperes, flags = (np.asarray(x, float) for x in (voltage, current, status))
+    if not volts.size == amperes.size == flags.size or not drives or volts.size % drives:
+        raise ValueError(
+            f'{volts.size} voltages, {amperes.size} currents and {flags.size} status values do '
+            f'not fit {drives} drives'
+        )
+    return np.where(flags == 0, volts * amperes, np.nan).reshape(-1, drives)

@@ -1,4 +1,4 @@
-"""What the live node does with messages, and what it says about itself, without ROS."""
+"""Messages, estimates and diagnostics of the live node, without ROS."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -78,6 +78,7 @@ class LiveSession:
         self._estimated = -np.inf
         self._last: Estimate | None = None
         self._unknown = 0
+        self._left_out = 0
 
     @property
     def drives(self) -> tuple[str, ...]:
@@ -112,10 +113,18 @@ class LiveSession:
         return self._say(estimate)
 
     def supply(self, measured: Vector) -> None:
-        """Take the measured power of drives [1, names] in W, to be compared with."""
+        """
+        Take the measured power of drives [samples, names] in W, to be compared with.
+
+        Samples with a NaN in one of the estimated drives are left out.
+        """
         found = self._columns.of(measured) if self.drives else None
-        if found is not None:
-            self._score.measured(measured.stamp, float(found[0].sum()))
+        if found is None:
+            return
+        good = found[np.isfinite(found).all(axis=1)]
+        self._left_out += len(found) - len(good)
+        if len(good):
+            self._score.measured(measured.stamp, float(good.sum(axis=1).mean()))
 
     def stale(self, now: float) -> Estimate | None:
         """An estimate that says that there is none, if an input has stopped or lacks targets."""
@@ -156,6 +165,8 @@ class LiveSession:
             figures['age p99'] = f'{1e3 * np.percentile(list(self._ages), 99):.2f} ms'
         if self._last:
             figures['total'] = f'{self._last.total:.1f} W'
+        if self._left_out:
+            figures['flagged supply samples left out'] = str(self._left_out)
         figures |= self._score.figures()
         return status in (Status.OK, Status.WARMING_UP), sentence, figures
 
