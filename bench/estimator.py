@@ -108,7 +108,7 @@ def bench_arithmetic(checkpoint: Checkpoint) -> None:
 def bench_batch() -> None:
     """A policy step of 20 ms (four samples) of many robots with twelve drives each."""
     import torch
-    from power_estimator.network.cost import policy_step_cost
+    from power_estimator.evaluation.cost import policy_step_cost
 
     torch.set_num_threads(1)
     for hidden, sizes in ((32, (64, 512, 4096)), (HIDDEN, (64, 512))):

@@ -18,12 +18,14 @@ import numpy as np
 import torch
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.power_term import PowerModel, WindowedNetwork, load_power
+from policy_training.environment.power_term import load_power
 from policy_training.learning.learner import Learner
+from power_estimator.batch.power import BatchPower
 from power_estimator.drive_types import DriveType
 from power_estimator.network.checkpoint import FILE, Checkpoint, Network, NetworkConfig
 from power_estimator.network.features import Scaling
 from power_estimator.network.lstm import Weights
+from windowed_network import WindowedNetwork
 
 RATE = 12_000.0  # policy steps a second
 SLOWER = 1.1
@@ -52,7 +54,7 @@ def save_network(folder: Path, hidden: int) -> Path:
 class Variant:
     """One way to train; the seconds of its rounds, of the wall's clock and of the CPU's."""
 
-    def __init__(self, name: str, power: PowerModel | None, config: TrainingConfig) -> None:
+    def __init__(self, name: str, power: BatchPower | None, config: TrainingConfig) -> None:
         self.name = name
         self.steps = config.physics.environments * config.ppo.steps
         self.learner = Learner(config, WalkingEnvironment(config, power=power))

@@ -5,10 +5,11 @@ from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.observations import CLOCKED, STANDARD
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.power_term import WindowedNetwork, load_power, predict_step
+from policy_training.environment.power_term import load_power, predict_step
 from policy_training.environment.vec_env import Mirror, TorchEnvironment
 from policy_training.learning.export import export_policy
 from wattwalk_core.anymal import JOINT_NAMES
+from windowed_network import WindowedNetwork
 
 QUIET = {
     'noise.base_velocity': 0.0,

@@ -6,8 +6,8 @@ from power_estimator.commands import distil as distil_command
 from power_estimator.commands import sweep as sweep_command
 from power_estimator.commands import train as train_command
 from power_estimator.drive_types import infer_types
+from power_estimator.evaluation.cost import policy_step_cost, sample_cost
 from power_estimator.loader import load_model
-from power_estimator.network.cost import policy_step_cost, sample_cost
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import TrainingSet
 from power_estimator.training.sweep import Sweep, SweepPoint, points

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.observations import CLOCKED, Observation
+from power_estimator.batch.power import BatchPower
 from wattwalk_core.anymal import DEFAULT_POSE
 
 from policy_training.config import TrainingConfig
-from policy_training.environment.power_term import PowerModel, predict_step
+from policy_training.environment.power_term import predict_step
 from policy_training.environment.rewards import FootClock, Moment, Rewards
 from policy_training.environment.robots import Motion, Robots
 from policy_training.environment.velocity_commands import Commands
@@ -48,7 +49,7 @@ class WalkingEnvironment:
         self,
         config: TrainingConfig,
         *,
-        power: PowerModel | None = None,
+        power: BatchPower | None = None,
         observation: Observation | None = None,
     ) -> None:
         self.config = config
@@ -168,7 +169,7 @@ class WalkingEnvironment:
         part = self.observation.part(name)
         return np.asarray(self._shake[:, part] / self.observation.scales()[part], np.float64)
 
-    def _power_term(self, model: PowerModel) -> Floats:
+    def _power_term(self, model: BatchPower) -> Floats:
         power = self.config.power
         self.watts = predict_step(model, self.robots.substeps)
         counted = self.age > power.masked

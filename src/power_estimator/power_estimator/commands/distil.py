@@ -15,8 +15,8 @@ from wattwalk_core.command import command
 
 from power_estimator import recordings
 from power_estimator.evaluation.comparison import table
+from power_estimator.evaluation.cost import policy_step_cost
 from power_estimator.evaluation.tables import TrainingBars, terminal
-from power_estimator.network.cost import policy_step_cost
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.training.cross_validation import Job
 from power_estimator.training.distillation import (

@@ -14,9 +14,9 @@ from wattwalk_core.files import write_whole
 
 from power_estimator.drive_types import DriveType, assign
 from power_estimator.evaluation.comparison import rows_of
+from power_estimator.evaluation.cost import sample_cost
 from power_estimator.evaluation.scores import block_means, r2
 from power_estimator.network.checkpoint import Checkpoint, NetworkConfig
-from power_estimator.network.cost import sample_cost
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import TrainingSet
 from power_estimator.training.cross_validation import CrossValidation, Job
