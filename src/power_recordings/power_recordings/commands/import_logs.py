@@ -9,7 +9,7 @@ from wattwalk_core.command import command, own_arguments
 from wattwalk_core.errors import InputError
 
 if TYPE_CHECKING:
-    from power_recordings.importing.sources.source import Source
+    from power_recordings.importing.sources.source import LogSource
 
 _EXAMPLE = """example:
   ros2 run power_recordings import hops.mat --list > hops.yaml   # look, edit the map
@@ -60,7 +60,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _import(sources: 'Sequence[Source]', mapping: object, options: argparse.Namespace) -> None:
+def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.Namespace) -> None:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -97,7 +97,7 @@ def _import(sources: 'Sequence[Source]', mapping: object, options: argparse.Name
     print(f'next: ros2 run power_lab fit {result.path} --effects {effects} -o base.yaml')
 
 
-def _list(source: 'Source') -> None:
+def _list(source: 'LogSource') -> None:
     import sys
 
     import numpy as np

@@ -15,9 +15,9 @@ from wattwalk_core.errors import InputError
 from power_recordings.card import Card
 from power_recordings.importing.map_file import JOINT, ImportMap, TimeMap
 from power_recordings.importing.merge import Merger
-from power_recordings.importing.plan import Channel, ImportPlan, make_plan
-from power_recordings.importing.sources.source import Block, Source
-from power_recordings.importing.times import PAUSE, START, Clock
+from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
+from power_recordings.importing.sources.source import LogBlock, LogSource
+from power_recordings.importing.times import PAUSE, START, LogClock
 from power_recordings.messages import cdr
 from power_recordings.writing.writer import BagWriter
 
@@ -43,7 +43,7 @@ class Imported:
 class _Group:
     """The channels that make one topic, and the streams that they come from."""
 
-    channels: Sequence[tuple[str, Channel]]  # drive, channel
+    channels: Sequence[tuple[str, LogChannel]]  # drive, channel
     streams: list[str] = field(default_factory=list)
     merger: Merger | None = None
     order: list[int] = field(default_factory=list)
@@ -88,7 +88,7 @@ class _Group:
         return stamps, found
 
 
-def _numbers(channel: Channel, values: NDArray[Any]) -> Floats:
+def _numbers(channel: LogChannel, values: NDArray[Any]) -> Floats:
     if values.dtype.kind == 'O':
         raise InputError(f'column {channel.address!r} holds texts; expected numbers')
     return values
@@ -192,7 +192,7 @@ class _Writer:
 
 
 def import_logs(
-    sources: Sequence[Source],
+    sources: Sequence[LogSource],
     mapping: ImportMap,
     where: str,
     out: Path,
@@ -241,11 +241,13 @@ def import_logs(
 class _Log:
     """One log on its way: its clocks by stream, and its channels by topic."""
 
-    def __init__(self, source: Source, plan: ImportPlan, mapping: ImportMap, after: int) -> None:
+    def __init__(
+        self, source: LogSource, plan: ImportPlan, mapping: ImportMap, after: int
+    ) -> None:
         self._source, self._plan = source, plan
         self._time = mapping.time or TimeMap(rate=1.0)
         self._groups = groups_of(plan)
-        self._clocks: dict[str, Clock] = {}
+        self._clocks: dict[str, LogClock] = {}
         self._after = after
         self._shift: int | None = None
         self._rows = 0
@@ -256,7 +258,7 @@ class _Log:
         """Stamp of the last row, ns."""
         return max(clock.last or 0 for clock in self._clocks.values())
 
-    def add(self, block: Block) -> Written:
+    def add(self, block: LogBlock) -> Written:
         """Convert a block; return what can be written."""
         self.notes += [f'{self._source.path.name}: {note}' for note in block.notes]
         if not len(block):
@@ -264,7 +266,7 @@ class _Log:
         clock = self._clocks.get(block.stream)
         if clock is None:
             where = f'{self._source.path}' + (f': {block.stream}' if self._source.is_bag else '')
-            clock = self._clocks[block.stream] = Clock(where, self._time.unit, self._shift or 0)
+            clock = self._clocks[block.stream] = LogClock(where, self._time.unit, self._shift or 0)
         raw = self._raw(block, clock)
         if self._shift is None and (raw >= 0).any():
             self._shift = max(0, self._after + PAUSE - int(raw[raw >= 0].min()))
@@ -283,7 +285,7 @@ class _Log:
             self.notes += [f'{clock.where}: {note}' for note in clock.notes()]
         return {topic: group.take(final=True) for topic, group in self._groups.items()}
 
-    def _raw(self, block: Block, clock: Clock) -> Stamps:
+    def _raw(self, block: LogBlock, clock: LogClock) -> Stamps:
         """Times of a block in ns, -1 where they are missing."""
         if block.log_ns is not None:
             if self._plan.stamp == 'log':
@@ -309,7 +311,7 @@ class _Log:
 
 def groups_of(plan: ImportPlan) -> dict[str, _Group]:
     """Return the channels of each topic."""
-    parts: dict[str, list[tuple[str, Channel]]] = {name: [] for name in TOPICS}
+    parts: dict[str, list[tuple[str, LogChannel]]] = {name: [] for name in TOPICS}
     for drive, channels in plan.drives.items():
         measured = bool({'current', 'power'} & set(channels))
         for quantity, channel in channels.items():
@@ -327,7 +329,7 @@ def _card(
     mapping: ImportMap,
     plan: ImportPlan,
     measured: Sequence[str],
-    sources: Sequence[Source],
+    sources: Sequence[LogSource],
     where: str,
     notes: Sequence[str],
 ) -> Card:

@@ -8,7 +8,7 @@ from typing import Final
 
 from power_recordings.importing.map_file import FORMAT, QUANTITIES
 from power_recordings.importing.sources.heads import unit_of
-from power_recordings.importing.sources.source import Column
+from power_recordings.importing.sources.source import LogColumn
 from power_recordings.importing.units import quantities_of
 
 _WANTED = r'(cmd|command|target|setpoint|desired|demand|(^|_)(ref|des|set|goal)(_|$))'
@@ -60,10 +60,10 @@ class Guess:
     rank: int
     pattern: str  # the address with * for what tells drives apart
     drive: str
-    column: Column
+    column: LogColumn
 
 
-def guess_map(columns: Sequence[Column], robot: str, *, is_bag: bool) -> str:
+def guess_map(columns: Sequence[LogColumn], robot: str, *, is_bag: bool) -> str:
     """
     Return the YAML of a map that takes what the columns' names suggest.
 
@@ -94,7 +94,7 @@ def guess_map(columns: Sequence[Column], robot: str, *, is_bag: bool) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def _guesses(column: Column) -> list[Guess]:
+def _guesses(column: LogColumn) -> list[Guess]:
     name = _words(column.address)
     for rank, (quantity, rule) in enumerate(_RULES):
         if not re.search(rule, name):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from power_recordings.importing.sources.source import Column, Source
+from power_recordings.importing.sources.source import LogColumn, LogSource
 
 _ROWS = 50_000  # of each stream that are looked at
 _AT_ONCE = 500
@@ -15,7 +15,7 @@ _AT_ONCE = 500
 class Listed:
     """A column with what its first rows show; NaN where it holds no numbers."""
 
-    column: Column
+    column: LogColumn
     rows: int
     low: float
     high: float
@@ -23,7 +23,7 @@ class Listed:
     rate: float  # rows a second, for bags
 
 
-def list_columns(source: Source) -> list[Listed]:
+def list_columns(source: LogSource) -> list[Listed]:
     """Read the first rows of all columns."""
     columns = source.columns()
     found: dict[str, Listed] = {}
@@ -33,7 +33,7 @@ def list_columns(source: Source) -> list[Listed]:
     return [found.get(c.address, Listed(c, 0, np.nan, np.nan, 0.0, np.nan)) for c in columns]
 
 
-def _look(source: Source, columns: Sequence[Column]) -> dict[str, Listed]:
+def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
     known = {column.address: column for column in columns}
     rows: dict[str, int] = {}
     parts: dict[str, list[np.ndarray]] = {}
@@ -64,7 +64,7 @@ def _look(source: Source, columns: Sequence[Column]) -> dict[str, Listed]:
     return result
 
 
-def _listed(column: Column, values: np.ndarray, rate: float) -> Listed:
+def _listed(column: LogColumn, values: np.ndarray, rate: float) -> Listed:
     count = len(values)
     if values.dtype.kind == 'O':
         changes = float(np.mean(values[1:] != values[:-1])) if count > 1 else 0.0

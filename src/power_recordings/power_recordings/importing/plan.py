@@ -12,18 +12,18 @@ from wattwalk_core.quoting import quoted
 
 from power_recordings.importing.map_file import DriveMap, ImportMap, Signal
 from power_recordings.importing.sources.heads import unit_of
-from power_recordings.importing.sources.source import Column
+from power_recordings.importing.sources.source import LogColumn
 from power_recordings.importing.units import Conversion, conversion
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Channel:
+class LogChannel:
     """One quantity of a drive or of the supply: its column (None: a constant) and conversion."""
 
     quantity: str
-    column: Column | None
+    column: LogColumn | None
     conversion: Conversion
     value: float = np.nan
 
@@ -37,11 +37,11 @@ class Channel:
 class ImportPlan:
     """What a map takes out of one log."""
 
-    drives: Mapping[str, Mapping[str, Channel]]
-    supply: Mapping[str, Channel]
+    drives: Mapping[str, Mapping[str, LogChannel]]
+    supply: Mapping[str, LogChannel]
     torque_at: Mapping[str, str]  # joint or motor, by drive
     torque_unit: Mapping[str, str]  # A where it is a current
-    time: Column | None
+    time: LogColumn | None
     stamp: str
 
     def addresses(self) -> tuple[str, ...]:
@@ -52,7 +52,7 @@ class ImportPlan:
 
 
 def make_plan(
-    mapping: ImportMap, columns: Sequence[Column], where: str, is_bag: bool
+    mapping: ImportMap, columns: Sequence[LogColumn], where: str, is_bag: bool
 ) -> ImportPlan:
     """
     Find the columns that a map names.
@@ -64,7 +64,7 @@ def make_plan(
     for column in columns:
         known.setdefault(re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', column.address), column)
     drives = expand(mapping.drives, tuple(known), where)
-    channels: dict[str, dict[str, Channel]] = {}
+    channels: dict[str, dict[str, LogChannel]] = {}
     for name, drive in drives.items():
         signals = drive.signals()
         channels[name] = {
@@ -137,10 +137,12 @@ def _matches(pattern: str, addresses: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(m[1] for a in addresses if (m := whole.fullmatch(a))))
 
 
-def _channel(quantity: str, signal: Signal, known: Mapping[str, Column], where: str) -> Channel:
+def _channel(
+    quantity: str, signal: Signal, known: Mapping[str, LogColumn], where: str
+) -> LogChannel:
     if signal.value is not None:
         factor = conversion(signal.unit, quantity) if signal.unit else Conversion()
-        return Channel(quantity, None, factor, signal.value)
+        return LogChannel(quantity, None, factor, signal.value)
     column = _find(signal.source, known, where)
     unit = signal.unit or ('' if signal.scale is not None else _stated(column, quantity))
     try:
@@ -149,7 +151,7 @@ def _channel(quantity: str, signal: Signal, known: Mapping[str, Column], where: 
         raise InputError(f'{where}: {error}') from None
     if signal.positive == 'fed':
         convert = Conversion(-convert.factor, -convert.offset)
-    return Channel(quantity, column, convert)
+    return LogChannel(quantity, column, convert)
 
 
 def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
@@ -164,7 +166,7 @@ def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
     return Conversion(signal.scale * after.factor, offset)
 
 
-def _stated(column: Column, quantity: str) -> str:
+def _stated(column: LogColumn, quantity: str) -> str:
     """The unit that the log itself states, where it fits the quantity."""
     unit = column.unit or unit_of(column.address)
     try:
@@ -174,7 +176,7 @@ def _stated(column: Column, quantity: str) -> str:
     return unit
 
 
-def _find(address: str, known: Mapping[str, Column], where: str) -> Column:
+def _find(address: str, known: Mapping[str, LogColumn], where: str) -> LogColumn:
     column = known.get(address)
     if column is not None:
         return column
@@ -183,7 +185,7 @@ def _find(address: str, known: Mapping[str, Column], where: str) -> Column:
     raise InputError(f'{where}: no column {quoted(address)}{hint}')
 
 
-def _check_drive(channels: Mapping[str, Channel], where: str) -> None:
+def _check_drive(channels: Mapping[str, LogChannel], where: str) -> None:
     moving = {'position', 'velocity'} & set(channels)
     if not moving and 'torque' not in channels:
         raise InputError(f'{where}: neither position, velocity nor torque')

@@ -20,11 +20,13 @@ _EPOCH = 1e8  # s; larger times are taken for seconds since 1970
 PAUSE = 1_000_000_000  # ns between parts of a log that follow on each other
 _MOST_BAD = 0.1  # share of rows whose time is of no use
 _LATEST = 4e9  # s
+_RATES = (0.2, 5e4)  # Hz, that a log of a drive can have
+_UNITS = ('s', 'ms', 'us', 'ns')
 _ORDINARY = re.compile(r'(\d{4})[:/.](\d\d)[:/.](\d\d)[ T:](\d\d:\d\d:.*)')
 
 
 @dataclass
-class Clock:
+class LogClock:
     """
     Turns the times of one log into ascending stamps, block by block.
 
@@ -104,17 +106,39 @@ class Clock:
         if times.dtype.kind == 'O':
             return self._dates(times)
         seconds = times * conversion(self.unit, 'time').factor
-        bad = ~np.isfinite(seconds) | (np.abs(seconds) > _LATEST)
-        if len(seconds) and bad.all() and np.isfinite(times).any():
-            largest = float(np.nanmax(np.abs(times)))
+        finite = np.isfinite(seconds)
+        late = finite & (np.abs(seconds) > _LATEST)
+        if late.sum() > 0.5 * finite.sum():
+            largest = float(np.abs(times[finite]).max())
             raise InputError(
                 f'{self.where}: times reach {largest:.4g} {self.unit}; is that their unit? '
                 'expected s, ms, us or ns'
             )
+        bad = ~finite | late
+        if not self.rows:
+            self._check_unit(seconds[~bad])
         whole = np.where(bad, 0.0, seconds)
         relative = len(whole) and float(np.median(whole)) < _EPOCH
         result = np.rint(whole * 1e9).astype(np.int64) + (START * 10**9 if relative else 0)
         return np.where(bad, -1, result)
+
+    def _check_unit(self, seconds: NDArray[np.float64]) -> None:
+        """InputError where another unit of time would make a likely rate, and this does not."""
+        steps = np.diff(seconds)
+        steps = steps[steps > 0]
+        if len(steps) < 2:
+            return
+        rate = 1 / float(np.median(steps))
+        if _RATES[0] <= rate <= _RATES[1]:
+            return
+        unit = conversion(self.unit, 'time').factor
+        for other in _UNITS:
+            likely = rate * unit / conversion(other, 'time').factor
+            if 5 <= likely <= 2e4:
+                raise InputError(
+                    f'{self.where}: times in {self.unit} make {rate:.3g} rows a second; is that '
+                    f'their unit? {other} would make {likely:.3g}: time: {{unit: {other}}}'
+                )
 
     def _dates(self, texts: NDArray[Any]) -> Stamps:
         result = np.full(len(texts), -1, np.int64)

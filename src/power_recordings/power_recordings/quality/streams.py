@@ -11,6 +11,7 @@ Floats = NDArray[np.float32]
 Stamps = NDArray[np.int64]
 
 LEAST_UPDATES = 25.0  # changes a second; fewer do not resolve the power of a joint
+_EACH_ROW = 0.8  # share of rows that change from which on each row is an update
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,8 @@ def updates(stamps: Stamps, values: Floats) -> NDArray[np.float64]:
 
     A table may repeat a slow meter's value in every row: rows are not updates. Time in gaps and
     while the drive rests is not counted: the median rate of changes over stretches of 2 s is taken
-    of those that have any.
+    of those that have any. Where nearly all rows change, the rest repeat by chance of the meter's
+    resolution, and the rate is that of the rows.
     """
     seconds = (stamps - stamps[0]) / 1e9
     if len(seconds) < 3 or seconds[-1] <= 0:
@@ -64,7 +66,8 @@ def updates(stamps: Stamps, values: Floats) -> NDArray[np.float64]:
     for k, column in enumerate(counts[full].T):
         alive = column[column > 0]
         result[k] = np.median(alive) / length if len(alive) else 0.0
-    return result
+    rate = 1 / max(float(np.median(np.diff(seconds))), 1e-9)
+    return np.where(result > _EACH_ROW * rate, np.maximum(result, round(rate, 3)), result)
 
 
 def clipped(values: Floats) -> float:

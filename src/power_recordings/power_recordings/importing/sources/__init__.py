@@ -1,14 +1,14 @@
 """Readers of logs, one file a format; `open_source` finds the right one."""
 
 import stat
-from collections.abc import Callable
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 from wattwalk_core.errors import InputError
 
-from power_recordings.importing.sources.source import Source
+from power_recordings.importing.sources.source import LogSource
 
 _READERS: Final = {
     'delimited': ('.csv', '.tsv', '.txt', '.dat'),
@@ -20,9 +20,17 @@ _READERS: Final = {
     'hebi': ('.hebilog',),
     'bag': ('.bag', '.mcap', '.db3'),
 }
+_NEEDS: Final = {
+    'delimited': ('pyarrow', 'pyarrow'),
+    'spreadsheet': ('openpyxl', 'openpyxl'),
+    'columnar': ('pyarrow', 'pyarrow'),
+    'hdf5': ('h5py', 'h5py'),
+    'hebi': ('hebi', '--no-deps hebi-py==2.16.1'),
+}
+"""Module that a reader needs beyond the required ones, and its name for pip."""
 
 
-def open_source(path: Path, messages: Path | None = None) -> Source:
+def open_source(path: Path, messages: Path | None = None) -> LogSource:
     """
     Open a log by the ending of its name; a folder is a rosbag2 bag.
 
@@ -36,18 +44,26 @@ def open_source(path: Path, messages: Path | None = None) -> Source:
     except ValueError as error:
         raise InputError(f'cannot read {path}: {error}') from None
     if stat.S_ISDIR(mode):
-        return _make('bag')(path, messages)
+        return _open('bag', path, messages)
     if not stat.S_ISREG(mode):
         raise InputError(f'{path}: not a regular file')
     if not path.stat().st_size:
         raise InputError(f'{path} is empty')
     for reader, endings in _READERS.items():
         if path.suffix.lower() in endings:
-            return _make(reader)(path, messages)
+            return _open(reader, path, messages)
     known = ' '.join(ending for endings in _READERS.values() for ending in endings)
     raise InputError(f'{path}: unknown kind of file; known are {known} and bag folders')
 
 
-def _make(reader: str) -> Callable[[Path, Path | None], Source]:
+def _open(reader: str, path: Path, messages: Path | None) -> LogSource:
+    check_library(reader, path)
     module = import_module(f'power_recordings.importing.sources.{reader}')
-    return module.open_file  # type: ignore[no-any-return]
+    return module.open_file(path, messages)  # type: ignore[no-any-return]
+
+
+def check_library(reader: str, path: Path) -> None:
+    """InputError with the line to install what a reader needs, where it is missing."""
+    module, package = _NEEDS.get(reader, ('numpy', ''))
+    if find_spec(module) is None:
+        raise InputError(f'{path}: reading it needs {module}: pip install {package}')

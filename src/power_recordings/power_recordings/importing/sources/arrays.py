@@ -8,19 +8,19 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
 from power_recordings.importing.sources.heads import unit_of
-from power_recordings.importing.sources.source import MOST_COLUMNS, Block, Column, Progress
+from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
 
 _ROWS = 65_536
 
 
-def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[Column]:
+def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[LogColumn]:
     """
     Return the columns of named arrays by their shapes.
 
     An array [N] is one column, [N, K] or [K, N] are K columns `name.0` …; the longer axis is time.
     Arrays of one length share a stream. Scalars and higher dimensions are left out.
     """
-    found: list[Column] = []
+    found: list[LogColumn] = []
     for name, shape in shapes.items():
         rows = max(shape, default=0)
         if rows < 2 or len([n for n in shape if n > 1]) > 2:
@@ -31,7 +31,7 @@ def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[Colum
         flat = sum(n > 1 for n in shape) < 2
         for i in range(count):
             address = name if flat else f'{name}.{i}'
-            found.append(Column(address, f'{rows} rows', unit_of(name), rows))
+            found.append(LogColumn(address, f'{rows} rows', unit_of(name), rows))
     return found
 
 
@@ -52,12 +52,12 @@ def as_rows(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def blocks(
-    columns: Sequence[Column],
+    columns: Sequence[LogColumn],
     addresses: Sequence[str],
     arrays: Mapping[str, NDArray[Any]],
     size: int,
     progress: Progress,
-) -> Iterator[Block]:
+) -> Iterator[LogBlock]:
     """Yield the rows of arrays in memory, stream by stream."""
     streams = dict.fromkeys(c.stream for c in columns if c.address in set(addresses))
     for stream in streams:
@@ -66,7 +66,7 @@ def blocks(
         count = chosen[0].rows or 0
         for start in range(0, count, _ROWS):
             progress(round(size * min(start + _ROWS, count) / count))
-            yield Block(stream, {a: r[start : start + _ROWS] for a, r in rows.items()})
+            yield LogBlock(stream, {a: r[start : start + _ROWS] for a, r in rows.items()})
 
 
 def _column(arrays: Mapping[str, NDArray[Any]], address: str) -> NDArray[Any]:

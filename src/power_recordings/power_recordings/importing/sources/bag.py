@@ -24,7 +24,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 from wattwalk_core.yaml_file import read_text
 
-from power_recordings.importing.sources.source import Block, Column, Progress
+from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress
 from power_recordings.messages.cdr_layout import Layout
 from power_recordings.reading import bag_folder
 from power_recordings.reading.mcap_file import Batch, Topic, windows
@@ -70,7 +70,7 @@ class BagFile:
             why = ''.join(f': {problem}' for problem in self.problems[:1])
             raise InputError(f'{path} holds no messages{why}')
 
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[LogColumn]:
         """Return the numbers of each topic, as its first message has them."""
         found = []
         for topic, layout in self._examples.items():
@@ -81,10 +81,10 @@ class BagFile:
                 names = _names(layout, path, column.count)
                 listed += [path] if column.count is None else [f'{path}[{n}]' for n in names]
             rows = self.counts[topic]
-            found += [Column(f'{topic}:{p}', topic, '', rows) for p in listed[:_MOST_COLUMNS]]
+            found += [LogColumn(f'{topic}:{p}', topic, '', rows) for p in listed[:_MOST_COLUMNS]]
         return found
 
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield the named numbers topic by topic, as the messages come."""
         wanted: dict[str, list[str]] = defaultdict(list)
         for address in addresses:
@@ -105,7 +105,7 @@ class BagFile:
 
     def _decode(
         self, batch: Batch, fields: Sequence[str], layouts: dict[int, list[Layout]]
-    ) -> Block:
+    ) -> LogBlock:
         count, topic = len(batch.offsets), batch.topic.name
         values = {f'{topic}:{f}': np.full(count, np.nan) for f in fields}
         stamps = np.zeros(count, np.int64)
@@ -135,7 +135,7 @@ class BagFile:
                     sec, nsec = (layout.decode(rows[same], p).astype(np.int64) for p in _STAMP)
                     stamps[left[same]] = sec * 1_000_000_000 + nsec
                 left, rows = left[~same], rows[~same]
-        return Block(topic, values, stamps, batch.log_times)
+        return LogBlock(topic, values, stamps, batch.log_times)
 
     def _layout(self, topic: Topic, example: bytes) -> Layout:
         store = self._store(topic)

@@ -9,7 +9,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources.heads import unit_of
-from power_recordings.importing.sources.source import MOST_COLUMNS, Block, Column, Progress
+from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
 
 _ROWS: Final = 65_536
 
@@ -45,7 +45,7 @@ class ColumnarFile:
             count = len(self._schema.names)
             raise InputError(f'{path}: {count} columns; at most {MOST_COLUMNS} are read')
 
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[LogColumn]:
         """Return the columns of numbers, and of texts and times that may be dates."""
         import pyarrow as pa
 
@@ -54,12 +54,12 @@ class ColumnarFile:
             kind = field.type
             if pa.types.is_fixed_size_list(kind):
                 unit, names = unit_of(field.name), range(kind.list_size)
-                found += [Column(f'{field.name}.{i}', '', unit, self._rows) for i in names]
+                found += [LogColumn(f'{field.name}.{i}', '', unit, self._rows) for i in names]
             elif not pa.types.is_nested(kind):
-                found.append(Column(field.name, '', unit_of(field.name), self._rows))
+                found.append(LogColumn(field.name, '', unit_of(field.name), self._rows))
         return found
 
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows."""
         import pyarrow as pa
 
@@ -74,7 +74,9 @@ class ColumnarFile:
             for batch in batches:
                 done += batch.num_rows
                 progress(round(self.size * done / max(self._rows, 1)))
-                yield Block('', {a: _values(batch.column(n), i) for a, (n, i) in fields.items()})
+                yield LogBlock(
+                    '', {a: _values(batch.column(n), i) for a, (n, i) in fields.items()}
+                )
         except (pa.ArrowException, OSError) as error:
             raise InputError(f'{self.path}: damaged: {printable(str(error))}') from None
 

@@ -13,7 +13,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources.heads import Head, find_head, is_number
-from power_recordings.importing.sources.source import MOST_COLUMNS, Block, Column, Progress
+from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
 
 if TYPE_CHECKING:
     from pyarrow import RecordBatch
@@ -29,7 +29,7 @@ _EDGES = re.compile(rb'(?m)^[ \t]+|[ \t]+$')
 
 
 @dataclass(frozen=True)
-class Dialect:
+class TableDialect:
     """How a delimited file is written."""
 
     encoding: str
@@ -54,12 +54,12 @@ class DelimitedFile:
         self.size = path.stat().st_size
         self.dialect = sniff(path)
 
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[LogColumn]:
         """Return all columns."""
         head = self.dialect.head
-        return [Column(n, '', u) for n, u in zip(head.names, head.units, strict=True)]
+        return [LogColumn(n, '', u) for n, u in zip(head.names, head.units, strict=True)]
 
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows; InputError for a file that is cut off inside its rows or malformed."""
         import pyarrow as pa
         from pyarrow import csv as arrow_csv
@@ -92,12 +92,12 @@ class DelimitedFile:
                 )
                 for batch in reader:
                     progress(file.tell())
-                    yield Block('', self._numbers(batch))
+                    yield LogBlock('', self._numbers(batch))
             except (pa.ArrowInvalid, UnicodeDecodeError) as error:
                 raise InputError(f'{self.path}: {printable(str(error))}') from None
         if skipped:
             note = f'{len(skipped)} rows of another number of fields left out'
-            yield Block('', {name: np.zeros(0) for name in wanted}, notes=(note,))
+            yield LogBlock('', {name: np.zeros(0) for name in wanted}, notes=(note,))
 
     def _numbers(self, batch: 'RecordBatch') -> dict[str, np.ndarray]:
         names = batch.schema.names
@@ -130,7 +130,7 @@ def _column(texts: Any, decimal: str) -> np.ndarray:
 class _Rows(io.RawIOBase):
     """The rows of values of a file; runs of spaces become one where spaces delimit."""
 
-    def __init__(self, file: IO[bytes], dialect: Dialect) -> None:
+    def __init__(self, file: IO[bytes], dialect: TableDialect) -> None:
         self._file = file
         self._fold = dialect.delimiter == ' '
         file.seek(dialect.skip)
@@ -146,7 +146,7 @@ class _Rows(io.RawIOBase):
         return data
 
 
-def sniff(path: Path) -> Dialect:
+def sniff(path: Path) -> TableDialect:
     """Find the dialect of a delimited file; InputError where it has no rows of numbers."""
     with path.open('rb') as file:
         raw = file.read(_HEAD)
@@ -165,7 +165,7 @@ def sniff(path: Path) -> Dialect:
     comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(_COMMENTS)]
     plain = [i for i, line in enumerate(lines) if line.strip() and i not in set(comments)]
     begin = plain[0] if plain else 0
-    best: Dialect | None = None
+    best: TableDialect | None = None
     for delimiter in _DELIMITERS:
         rows = [_split(line, delimiter) for line in lines[begin : begin + 200]]
         above = [_split(lines[i].lstrip().lstrip('#%/'), delimiter) for i in comments if i < begin]
@@ -176,7 +176,7 @@ def sniff(path: Path) -> Dialect:
             values = [f for row in rows[head.first_row : head.first_row + 50] for f in row]
             comma = delimiter != ',' and any(',' in f and is_number(f) for f in values)
             skip = len(whole) - sum(map(len, raw_lines[begin + head.first_row :]))
-            best = Dialect(encoding, delimiter, ',' if comma else '.', head, skip)
+            best = TableDialect(encoding, delimiter, ',' if comma else '.', head, skip)
     if best is None:
         raise InputError(f'{path}: no rows of numbers found; expected delimited text with a head')
     if len(best.head.names) > MOST_COLUMNS:

@@ -10,7 +10,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources import arrays
-from power_recordings.importing.sources.source import Block, Column, Progress
+from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress
 
 _ROWS: Final = 65_536
 _MOST_DATASETS: Final = 20_000
@@ -55,11 +55,11 @@ class Hdf5File:
             ) from None
         self._columns = arrays.table_columns(str(path), shapes)
 
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[LogColumn]:
         """Return all columns."""
         return self._columns
 
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows, stream by stream, without loading whole datasets."""
         import h5py
 
@@ -77,7 +77,7 @@ class Hdf5File:
                         part = slice(start, min(start + _ROWS, rows))
                         progress(round(self.size * part.stop / rows))
                         values = {c.address: self._values(file, c.address, part) for c in chosen}
-                        yield Block(stream, values)
+                        yield LogBlock(stream, values)
         except (OSError, RuntimeError, KeyError) as error:
             raise InputError(f'{self.path}: damaged: {printable(str(error))}') from None
 

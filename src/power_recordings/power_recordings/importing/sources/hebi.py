@@ -9,7 +9,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources import arrays
-from power_recordings.importing.sources.source import Block, Column, Progress
+from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress
 
 _FIELDS: Final = (
     *('position', 'position_command', 'velocity', 'velocity_command', 'effort', 'effort_command'),
@@ -30,12 +30,8 @@ class HebiLog:
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-        try:
-            from hebi.util import load_log
-        except ImportError:
-            raise InputError(
-                f'{path}: reading it needs hebi-py: pip install --no-deps hebi-py==2.16.1'
-            ) from None
+        from hebi.util import load_log
+
         self.path = path
         self.size = path.stat().st_size
         try:
@@ -55,12 +51,12 @@ class HebiLog:
             for module in range(table.shape[2])
             if np.isfinite(table[:, i, module]).any()
         }
-        self._columns = [Column(a, '', '', len(rows)) for a in self._arrays]
+        self._columns = [LogColumn(a, '', '', len(rows)) for a in self._arrays]
 
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[LogColumn]:
         """Return the columns that hold numbers."""
         return self._columns
 
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows."""
         yield from arrays.blocks(self._columns, addresses, self._arrays, self.size, progress)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
 from power_recordings.importing.sources import arrays
-from power_recordings.importing.sources.source import Block, Column, Progress, number
+from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress, number
 
 _LARGEST: Final = 256 << 20  # bytes
 _DEEPEST: Final = 8
@@ -52,11 +52,11 @@ class JsonFile:
                 if isinstance(value, dict | list | np.ndarray):
                     self._collect(f'{prefix}{key}.', value, depth + 1)
 
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[LogColumn]:
         """Return all columns."""
         return self._columns
 
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows."""
         yield from arrays.blocks(self._columns, addresses, self._arrays, self.size, progress)
 

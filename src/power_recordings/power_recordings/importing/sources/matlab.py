@@ -10,19 +10,21 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources import arrays
-from power_recordings.importing.sources.source import Block, Column, Progress, Source
+from power_recordings.importing.sources.source import LogBlock, LogColumn, LogSource, Progress
 
 _LARGEST: Final = 1 << 28  # numbers of one variable
 _DEEPEST: Final = 8
 
 
-def open_file(path: Path, messages: Path | None = None) -> Source:
+def open_file(path: Path, messages: Path | None = None) -> LogSource:
     """Open a MAT file; InputError for one that is damaged."""
     with path.open('rb') as file:
         head = file.read(128)
     if head[:4] == b'\x89HDF' or b'MATLAB 7.3' in head:
+        from power_recordings.importing.sources import check_library
         from power_recordings.importing.sources.hdf5 import Hdf5File
 
+        check_library('hdf5', path)
         return Hdf5File(path)
     return MatFile(path)
 
@@ -67,10 +69,10 @@ class MatFile:
             elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiubU':
                 self._arrays[f'{prefix}{key}'] = value
 
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[LogColumn]:
         """Return all columns."""
         return self._columns
 
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows."""
         yield from arrays.blocks(self._columns, addresses, self._arrays, self.size, progress)

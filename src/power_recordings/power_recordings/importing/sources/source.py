@@ -13,7 +13,7 @@ MOST_COLUMNS = 20_000
 
 
 @dataclass(frozen=True)
-class Column:
+class LogColumn:
     """
     One signal of a log.
 
@@ -28,7 +28,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Block:
+class LogBlock:
     """
     Some consecutive rows of one stream.
 
@@ -47,17 +47,17 @@ class Block:
         return next((len(a) for a in arrays if a is not None), 0)
 
 
-class Source(Protocol):
+class LogSource(Protocol):
     """A log file. Its constructor raises InputError for a file that it cannot read."""
 
     path: Path
     size: int  # bytes, for progress
     is_bag: bool
 
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[LogColumn]:
         """Return all columns."""
 
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield the rows of the named columns; progress is told the bytes done so far."""
 
 

@@ -12,7 +12,13 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources.heads import Head, find_head
-from power_recordings.importing.sources.source import MOST_COLUMNS, Block, Column, Progress, number
+from power_recordings.importing.sources.source import (
+    MOST_COLUMNS,
+    LogBlock,
+    LogColumn,
+    Progress,
+    number,
+)
 
 _ROWS: Final = 4096
 _HEAD: Final = 50
@@ -44,10 +50,10 @@ class Spreadsheet:
         if not self._heads:
             raise InputError(f'{path}: no sheet with rows of numbers found')
 
-    def columns(self) -> Sequence[Column]:
+    def columns(self) -> Sequence[LogColumn]:
         """Return the columns of all sheets."""
         return [
-            Column(self._address(sheet, name), sheet, unit)
+            LogColumn(self._address(sheet, name), sheet, unit)
             for sheet, head in self._heads.items()
             for name, unit in zip(head.names, head.units, strict=True)
         ]
@@ -55,7 +61,7 @@ class Spreadsheet:
     def _address(self, sheet: str, name: str) -> str:
         return name if len(self._heads) == 1 else f'{sheet}.{name}'
 
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[Block]:
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows, sheet by sheet."""
         for sheet, head in self._heads.items():
             places = {
@@ -71,7 +77,7 @@ class Spreadsheet:
                 done += len(some)
                 progress(min(self.size, done * 8 * len(head.names)))
                 columns = {a: _column([_cell(row, i) for row in some]) for a, i in places.items()}
-                yield Block(sheet, columns)
+                yield LogBlock(sheet, columns)
 
 
 def _check_size(path: Path) -> None:
