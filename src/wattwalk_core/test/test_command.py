@@ -28,3 +28,8 @@ def test_bad_input_ends_with_one_line_and_exit_code_2(capsys):
 
     assert refuse(['a']) == 2
     assert capsys.readouterr().err.endswith(": ['a'] are bad\n")
+
+
+def test_control_characters_of_bad_input_do_not_reach_the_terminal():
+    assert str(InputError('no \x1b[31mname\nhere')) == r'no \x1b[31mname here'
+    assert len(str(InputError('x' * 10_000))) < 1000

@@ -1,8 +1,9 @@
-"""Files that are there whole or not at all, and the errors of a disk in words."""
+"""Files read within limits and written whole or not at all; errors of the disk in words."""
 
 import errno
 import os
 import shutil
+import stat
 from pathlib import Path
 
 from wattwalk_core.errors import InputError
@@ -24,8 +25,28 @@ class RecordingError(InputError):
     """A recording cannot be written on; the message says what was kept and what was lost."""
 
 
+def read_bytes(path: Path, what: str, limit: int) -> bytes:
+    """
+    Read a regular file of at most `limit` bytes.
+
+    Raises InputError, which calls the file `what`, for one that is absent, no regular file (a
+    pipe, a device) or larger.
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise InputError(f'{what} {path}: not a regular file')
+        with path.open('rb') as file:
+            data = file.read(limit + 1)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(f'cannot read {what} {path}: {reason}') from error
+    if len(data) > limit:
+        raise InputError(f'{what} {path}: larger than {limit >> 10} KiB')
+    return data
+
+
 def advice(error: OSError) -> str:
-    """What went wrong on the disk and what to do about it."""
+    """Return the reason of an error of the disk, and a remedy."""
     return _ADVICE.get(error.errno or 0, error.strerror or str(error))
 
 

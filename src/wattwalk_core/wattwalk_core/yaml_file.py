@@ -6,7 +6,6 @@ to gigabytes), no repeated keys, at most DEPTH levels, numbers of at most DIGITS
 bounded size. Everything else is an InputError of one line.
 """
 
-import stat
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +13,7 @@ from typing import Any, Final
 import yaml
 
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import read_bytes
 from wattwalk_core.quoting import printable, quoted
 
 SIZE: Final = 1 << 20  # bytes
@@ -75,26 +75,11 @@ for _tag in ('int', 'float'):
 
 
 def read_text(path: Path, what: str, limit: int = SIZE) -> str:
-    """
-    Read a regular file of UTF-8 text of at most `limit` bytes.
-
-    Raises InputError, which calls the file `what`, for one that is absent, no regular file (a
-    pipe, a device), larger, or not UTF-8.
-    """
+    """Read a regular file of UTF-8 text; InputError as of `files.read_bytes`, or if it is none."""
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise InputError(f'{what} {path}: not a regular file')
-        with path.open('rb') as file:
-            data = file.read(limit + 1)
-        if len(data) > limit:
-            raise InputError(f'{what} {path}: larger than {limit >> 10} KiB')
-        return data.decode()
+        return read_bytes(path, what, limit).decode()
     except UnicodeDecodeError as error:
         raise InputError(f'{what} {path}: not UTF-8 text (byte {error.start})') from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(f'cannot read {what} {path}: {reason}') from error
 
 
 def parse_yaml(text: str, where: str) -> Any:
