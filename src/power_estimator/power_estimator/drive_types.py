@@ -19,7 +19,7 @@ class DriveType:
     patterns: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r'[\w.-]+', self.name):
+        if not re.fullmatch(r'[\w.-]{1,64}', self.name):
             raise InputError(f'drive type {self.name!r}: use letters, digits, "_", "." and "-"')
         if not self.patterns:
             raise InputError(f'drive type {self.name!r} has no name pattern; give one like *_HAA')

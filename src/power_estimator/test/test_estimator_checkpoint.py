@@ -22,7 +22,7 @@ def contents(path):
 
 @pytest.fixture
 def saved(checkpoint, tmp_path):
-    recordings = (TrainingRecording('walk', 'ab12', {'robot': 'r'}, {'HAA': [[0.5, 1.5]]}),)
+    recordings = (TrainingRecording('walk', 'ab12', {'robot': 'r'}, {'HAA': ((0.5, 1.5),)}),)
     path = tmp_path / 'model.safetensors'
     replace(checkpoint, recordings=recordings).save(path)
     return path
@@ -37,7 +37,7 @@ def rewrite(path, change):
 def test_what_was_saved_is_loaded(saved, checkpoint):
     loaded = Checkpoint.load(saved)
     assert loaded.config == checkpoint.config
-    assert loaded.recordings[0].held_out == {'HAA': [[0.5, 1.5]]}
+    assert loaded.recordings[0].held_out == {'HAA': ((0.5, 1.5),)}
     for a, b in zip(loaded.networks, checkpoint.networks, strict=True):
         assert (a.type, a.scaling, a.low, a.high) == (b.type, b.scaling, b.low, b.high)
         assert np.array_equal(a.weights.recurrent, b.weights.recurrent)
@@ -139,14 +139,14 @@ def empty(tensors, card):
 @pytest.mark.parametrize(
     ('change', 'problem'),
     [
-        (drop, 'tensor HAA/bias is missing'),
-        (narrow, r'tensor recurrent has shape \(96, 23\), not \(96, 24\)'),
-        (poison, 'tensor output is not made of finite float32 numbers'),
-        (relabel, 'HAA has 24 units, the card says 100'),
-        (strip, 'its card is incomplete or damaged .*power_mean_w'),
-        (flatten, 'has a scale that is not positive'),
+        (drop, "lacks 'HAA/bias'"),
+        (narrow, r'HAA/recurrent has shape \[96, 23\], expected \[96, 24\]'),
+        (poison, 'HFE/output holds values that are not finite float32 numbers'),
+        (relabel, r'HAA/input has shape \[96, 3\], expected \[400, 3\]'),
+        (strip, "types.HAA: 'power_mean_w' is missing"),
+        (flatten, r'types.HAA.feature_scale\[1\]: expected 1e-06 to 1e\+09, there is 0'),
         (refeature, 'features .* are not'),
-        (extend, 'its card is incomplete or damaged'),
+        (extend, "config: unknown key 'layers'"),
         (empty, 'holds no network'),
     ],
 )
@@ -166,7 +166,7 @@ def test_an_unknown_model_is_refused_with_the_names_that_there_are():
 
 
 def test_a_configuration_out_of_range_is_refused():
-    with pytest.raises(InputError, match='hidden = 0 is not within 1 … 1024'):
+    with pytest.raises(InputError, match='hidden: expected a whole number from 1 to 1024'):
         NetworkConfig(hidden=0)
     with pytest.raises(InputError, match='warm_up = 60 is not below history = 60'):
         NetworkConfig(warm_up=60)

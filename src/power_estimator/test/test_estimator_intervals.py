@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.intervals import Intervals
 from power_estimator.network.ppn import PowerPredictionNetwork
 from wattwalk_core.errors import InputError
+from wattwalk_core.schema import parse
 
 
 def noisy(count, seed):
@@ -66,12 +68,12 @@ def test_equal_estimates_share_a_bin_and_no_bin_has_fewer_than_100(tied, count, 
 
 
 def test_nonsense_is_refused():
-    with pytest.raises(InputError, match=r'interval level = 1\.5'):
+    with pytest.raises(InputError, match=r'level: expected 0.01 to 0.999, there is 1.5'):
         Intervals(1.5, (), (1.0,), (1.0,))
     with pytest.raises(InputError, match='not finite numbers by ascending bins'):
         Intervals(0.9, (5.0, 1.0), (1.0,) * 3, (1.0,) * 3)
-    with pytest.raises(InputError, match='not finite numbers'):
-        Intervals(0.9, (), (float('nan'),), (1.0,))
+    with pytest.raises(InputError, match=r'below\[0\]: expected .* W, there is nan'):
+        parse(Intervals, {'level': 0.9, 'edges': [], 'below': [math.nan], 'above': [1]}, 'card')
 
 
 def test_a_network_keeps_its_intervals_on_disk_and_older_files_have_none(checkpoint, tmp_path):
@@ -82,7 +84,9 @@ def test_a_network_keeps_its_intervals_on_disk_and_older_files_have_none(checkpo
     assert all(n.intervals is not None for n in loaded.networks)
     plain = replace(
         checkpoint,
-        networks=tuple(replace(n, intervals=None, likeness=None) for n in checkpoint.networks),
+        networks=tuple(
+            replace(n, intervals=None, out_of_distribution=None) for n in checkpoint.networks
+        ),
     )
     plain.save(file)
     ppn = PowerPredictionNetwork(Checkpoint.load(file))

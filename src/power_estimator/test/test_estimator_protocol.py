@@ -97,5 +97,5 @@ def test_too_few_samples_are_refused_with_the_number_that_is_needed():
 @pytest.mark.parametrize('bad', [{'folds': 0}, {'folds': 11}, {'segments': 0}, {'margin': -1}])
 def test_settings_out_of_range_are_refused_with_value_and_range(bad):
     (name, value), *_ = bad.items()
-    with pytest.raises(InputError, match=f'{name} = {value} is not within'):
+    with pytest.raises(InputError, match=f'{name}: expected .*, there is {value}'):
         Protocol(**bad)

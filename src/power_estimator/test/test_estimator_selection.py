@@ -27,9 +27,9 @@ def swept(bag, tmp_path_factory):
 def test_a_sweep_always_holds_the_papers_choice():
     found = points([8], [0.1])
     assert found == (SweepPoint(8), SweepPoint(100), SweepPoint(100, 20), SweepPoint(100, 60))
-    with pytest.raises(InputError, match='hidden = 0 is not within'):
+    with pytest.raises(InputError, match='hidden: expected a whole number from 1 to 1024'):
         points([0], [0.1])
-    with pytest.raises(InputError, match='history = 2 is not within'):
+    with pytest.raises(InputError, match='history: expected a whole number from 4'):
         points([8], [0.01])
 
 

@@ -5,7 +5,16 @@ from typing import Annotated, ClassVar, Literal
 
 import pytest
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Length, Name, Quantity, check, parse, read, schema
+from wattwalk_core.schema import (
+    Length,
+    Name,
+    Quantity,
+    check,
+    check_quantities,
+    parse,
+    read,
+    schema,
+)
 
 
 @schema
@@ -57,7 +66,8 @@ def test_content_becomes_a_frozen_dataclass_with_its_defaults():
         ({'kind': 'HAA', 'names': 'a'}, "names: expected a list, there is 'a'"),
         ({'kind': 'HAA', 'names': ['a', 1]}, 'names[1]: expected text, there is 1'),
         ({'kind': 'HAA', 'crew': []}, 'crew: expected at least 1 values, there are 0'),
-        ({'kind': 'HAA', 'crew': ['']}, "crew[0]: expected a name, there is ''"),
+        ({'kind': 'HAA', 'crew': ['']}, 'crew[0]: expected a name of 1 to 200 printable'),
+        ({'kind': 'HAA', 'crew': ['\x1b[31m']}, 'crew[0]: expected a name of 1 to 200 printable'),
         ({'kind': 'HAA', 'braked': 1}, 'braked: expected true or false, there is 1'),
         ({'kind': 'HAA', 'limits': {'a': -1}}, 'limits.a: expected 0 to 100 N·m, there is -1'),
         ({'kind': 'HAA', 'limits': {'a': float('nan')}}, 'limits.a: expected 0 to 100 N·m'),
@@ -118,3 +128,20 @@ def test_importing_a_schema_does_not_import_pydantic():
     code = 'import sys, wattwalk_core.schema; print("pydantic" in sys.modules)'
     out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == 'False'
+
+
+@schema
+class Timing:
+    rate: Annotated[float, Quantity(10.0, 1000.0, 'Hz')] = 200.0
+    block: Annotated[int, Quantity(1, 100)] = 4
+
+    def __post_init__(self):
+        check_quantities(self)
+
+
+def test_an_instance_made_by_code_may_check_its_own_quantities():
+    assert Timing(block=5.0).block == 5
+    with pytest.raises(InputError, match='block: expected a whole number from 1 to 100, there is'):
+        Timing(block=0)
+    with pytest.raises(InputError, match=r'^timing: rate: expected 10 to 1000 Hz, there is nan'):
+        parse(Timing, {'rate': float('nan')}, 'timing')

@@ -35,7 +35,6 @@ T = TypeVar('T')
 
 _EXPECTED = {
     'string_type': 'text',
-    'string_too_short': 'a name',
     'bool_type': 'true or false',
     'int_type': 'a whole number',
     'float_type': 'a number',
@@ -126,8 +125,32 @@ class Length:
         return {**handler(source), 'min_length': self.least}  # type: ignore[return-value]
 
 
-Name = Annotated[str, Length(1)]
-"""Text that is not empty."""
+@dataclass(frozen=True)
+class Printable:
+    """A text of printable characters, of a length from `least` to `most`, as an annotation."""
+
+    least: int = 1
+    most: int = 200
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: 'GetCoreSchemaHandler'
+    ) -> 'CoreSchema':
+        from pydantic_core import PydanticCustomError, core_schema
+
+        def check(value: str) -> str:
+            if self.least <= len(value) <= self.most and value.isprintable():
+                return value
+            text = (
+                f'expected a name of {self.least} to {self.most} printable characters, there is '
+                f'{quoted(value)}'
+            )
+            raise PydanticCustomError('quantity', '{text}', {'text': text})
+
+        return core_schema.no_info_after_validator_function(check, handler(source))
+
+
+Name = Annotated[str, Printable()]
+"""Text that is not empty, is not long and may go to a terminal."""
 
 
 def parse(kind: type[T], content: object, where: str) -> T:
@@ -161,6 +184,26 @@ def read(kind: type[T], path: Path, what: str) -> T:
 def check(item: object, where: str) -> None:
     """Check an instance that code has made; InputError for the first field that is amiss."""
     parse(type(item), dataclasses.asdict(item), where)  # type: ignore[call-overload]
+
+
+def check_quantities(item: Any) -> None:
+    """Check an instance's fields with a Quantity, for its `__post_init__`; InputError."""
+    for name, (kind, quantity) in _quantities(item.__class__).items():
+        try:
+            object.__setattr__(item, name, quantity.check(getattr(item, name), kind))
+        except ValueError as error:
+            raise InputError(f'{name}: {error}') from None
+
+
+@lru_cache
+def _quantities(cls: type) -> dict[str, tuple[type, Quantity]]:
+    """Type and Quantity of each field that is annotated with one."""
+    return {
+        name: (hint.__origin__, note)
+        for name, hint in typing.get_type_hints(cls, include_extras=True).items()
+        for note in getattr(hint, '__metadata__', ())
+        if isinstance(note, Quantity)
+    }
 
 
 @lru_cache

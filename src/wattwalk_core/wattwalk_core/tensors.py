@@ -43,12 +43,12 @@ def read_tensors(path: Path, what: str, limit: int = SIZE) -> TensorFile:
     where = f'{what} {path}'
     if data[8:9] != b'{' and (data[:2] == b'PK' or data[:1] == b'\x80'):
         raise InputError(
-            f'{where} is a pickle (torch.save); only safetensors is read, it runs no code'
+            f'{where}: is a pickle (torch.save); only safetensors is read, it runs no code'
         )
     length = int.from_bytes(data[:8], 'little')
     if length > _HEADER:
         raise InputError(
-            f'{where} is damaged or not safetensors (a header of {length} bytes; at most '
+            f'{where}: is damaged or not safetensors (a header of {length} bytes; at most '
             f'{_HEADER} are read)'
         )
     try:
@@ -56,7 +56,7 @@ def read_tensors(path: Path, what: str, limit: int = SIZE) -> TensorFile:
         texts = json.loads(data[8 : 8 + length]).get('__metadata__') or {}
     except (SafetensorError, KeyError, TypeError, ValueError, AttributeError) as error:
         reason = printable(str(error), 120)
-        raise InputError(f'{where} is damaged or not safetensors ({reason})') from None
+        raise InputError(f'{where}: is damaged or not safetensors ({reason})') from None
     return TensorFile(dict(tensors), texts)
 
 
@@ -101,10 +101,10 @@ def read_state(path: Path, what: str, limit: int = SIZE) -> Any:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             unpacked = sum(item.file_size for item in archive.infolist())
         if unpacked > limit:
-            raise InputError(f'{what} {path} unpacks to more than {limit >> 10} KiB')
+            raise InputError(f'{what} {path}: unpacks to more than {limit >> 10} KiB')
         return torch.load(io.BytesIO(data), map_location='cpu', weights_only=True)
     except InputError:
         raise
     except Exception as error:  # torch names no narrower class for a damaged file
         reason = printable(str(error), 120)
-        raise InputError(f'{what} {path} is damaged: {reason}') from error
+        raise InputError(f'{what} {path}: is damaged ({reason})') from error

@@ -4,12 +4,12 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
-from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Quantity, check_quantities
 
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
@@ -32,23 +32,14 @@ class Status(IntEnum):
 class LiveConfig:
     """Timing of the live estimate."""
 
-    rate: float = 200.0  # Hz, of the model's input
-    block: int = 4  # samples averaged into one estimate
-    bridged: int = 2  # samples that may be missing before the past is dropped
-    command_timeout: float = 0.2  # s without a command after which the input is stale
-    margin: float = 0.05  # of a feature's range, tolerated outside the training data
+    rate: Annotated[float, Quantity(10.0, 1000.0, 'Hz')] = 200.0  # of the model's input
+    block: Annotated[int, Quantity(1, 100, 'samples')] = 4  # averaged into one estimate
+    bridged: Annotated[int, Quantity(0, 20, 'samples')] = 2  # missing before the past is dropped
+    command_timeout: Annotated[float, Quantity(0.01, 60.0, 's')] = 0.2  # until input is stale
+    margin: Annotated[float, Quantity(0.0, 10.0)] = 0.05  # of a feature's range, outside of it
 
     def __post_init__(self) -> None:
-        limits = {
-            'rate': (10.0, 1000.0),
-            'block': (1, 100),
-            'bridged': (0, 20),
-            'command_timeout': (0.01, 60.0),
-            'margin': (0.0, 10.0),
-        }
-        for name, (low, high) in limits.items():
-            if not low <= getattr(self, name) <= high:
-                raise InputError(f'{name} = {getattr(self, name)} is not within {low} … {high}')
+        check_quantities(self)
 
 
 @dataclass(frozen=True)

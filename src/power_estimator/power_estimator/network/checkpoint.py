@@ -3,15 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-import yaml
-from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
+from wattwalk_core.schema import Name, Printable, Quantity, check_quantities, parse, schema
+from wattwalk_core.tensors import TensorFile, checked_tensors, read_tensors
+from wattwalk_core.yaml_file import dump_yaml, parse_yaml
 
 from power_estimator.drive_types import DriveType
 from power_estimator.network.features import FEATURES, Scaling
@@ -19,43 +18,32 @@ from power_estimator.network.intervals import Intervals
 from power_estimator.network.lstm import Weights
 from power_estimator.network.out_of_distribution import OutOfDistributionScore
 
-Floats = NDArray[np.float32]
 FILE = 'model.safetensors'
-FORMAT = 'power_prediction_network/1'
-_TENSORS = ('input', 'recurrent', 'bias', 'output', 'output_bias')
+Format = Literal['power_prediction_network/1']
+
+_Number = Annotated[float, Quantity(-1e9, 1e9)]
+_Scale = Annotated[float, Quantity(1e-6, 1e9)]
 
 
-@dataclass(frozen=True)
+@schema
 class NetworkConfig:
     """Shape and timing of the network; the defaults are the paper's (Section III-B)."""
 
-    hidden: int = 100
-    history: int = 60  # samples of the windowed form, 0.3 s at 200 Hz
-    warm_up: int = 15  # samples after a reset without an estimate
-    rate: float = 200.0  # Hz, of input and output
-    block: int = 4  # outputs averaged into one estimate, 50 Hz
+    hidden: Annotated[int, Quantity(1, 1024)] = 100
+    history: Annotated[int, Quantity(4, 2000, 'samples')] = 60  # of the windowed form
+    warm_up: Annotated[int, Quantity(0, 2000, 'samples')] = 15  # after a reset, no estimate
+    rate: Annotated[float, Quantity(10.0, 1000.0, 'Hz')] = 200.0
+    block: Annotated[int, Quantity(1, 100, 'outputs')] = 4  # averaged into one estimate
 
     def __post_init__(self) -> None:
-        limits = {
-            'hidden': (1, 1024),
-            'history': (4, 2000),
-            'warm_up': (0, 2000),
-            'rate': (10.0, 1000.0),
-            'block': (1, 100),
-        }
-        for name, (low, high) in limits.items():
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise InputError(f'{name} = {value!r} is not a number')
-            if not low <= value <= high:
-                raise InputError(f'{name} = {value} is not within {low} … {high}')
+        check_quantities(self)
         if self.warm_up >= self.history:
             raise InputError(f'warm_up = {self.warm_up} is not below history = {self.history}')
 
 
 @dataclass(frozen=True)
 class Network:
-    """What was learned about one drive type."""
+    """The network of one drive type and the ranges of its training data."""
 
     type: DriveType
     scaling: Scaling
@@ -63,17 +51,47 @@ class Network:
     high: tuple[float, float, float]
     weights: Weights
     intervals: Intervals | None = None  # older files have neither
+    out_of_distribution: OutOfDistributionScore | None = None
+
+
+@schema
+class TrainingRecording:
+    """A recording that the networks were trained on; held_out in s, by drive type."""
+
+    name: Name
+    sha256: Name
+    card: dict[str, Any] = field(default_factory=dict)
+    held_out: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+
+
+@schema
+class _TypeCard:
+    patterns: tuple[Name, ...]
+    feature_mean: tuple[_Number, _Number, _Number]
+    feature_scale: tuple[_Scale, _Scale, _Scale]
+    power_mean_w: _Number
+    power_scale_w: _Scale
+    low: tuple[_Number, _Number, _Number]
+    high: tuple[_Number, _Number, _Number]
+    intervals: Intervals | None = None
     likeness: OutOfDistributionScore | None = None
 
 
-@dataclass(frozen=True)
-class TrainingRecording:
-    """A recording that the networks were trained on."""
+@schema
+class _NetworkCard:
+    format: Format
+    software: Annotated[str, Printable(0)]
+    features: tuple[str, ...]
+    config: NetworkConfig
+    types: dict[str, _TypeCard]
+    training: dict[str, Any]
+    recordings: tuple[TrainingRecording, ...]
 
-    name: str
-    sha256: str
-    card: Mapping[str, Any] = field(default_factory=dict)
-    held_out: Mapping[str, list[list[float]]] = field(default_factory=dict)  # s, by drive type
+    def __post_init__(self) -> None:
+        if self.features != FEATURES:
+            raise InputError(f'features {list(self.features)} are not {list(FEATURES)}')
+        if not self.types:
+            raise InputError('types holds no network')
 
 
 @dataclass(frozen=True)
@@ -88,111 +106,82 @@ class Checkpoint:
 
     def save(self, path: Path) -> None:
         """Write atomically; InputError if the folder cannot be written."""
+        from safetensors.numpy import save
+
         tensors = {
-            f'{network.type.name}/{name}': np.ascontiguousarray(getattr(network.weights, name))
+            f'{network.type.name}/{name}': np.ascontiguousarray(values)
             for network in self.networks
-            for name in _TENSORS
+            for name, values in vars(network.weights).items()
         }
-        card = {
-            'format': FORMAT,
-            'software': self.software,
-            'features': list(FEATURES),
-            'config': asdict(self.config),
-            'types': {n.type.name: _type_card(n) for n in self.networks},
-            'training': dict(self.training),
-            'recordings': [asdict(recording) for recording in self.recordings],
-        }
-        write_whole(path, save(tensors, {'card': yaml.safe_dump(card, sort_keys=False)}))
+        card = _NetworkCard(
+            'power_prediction_network/1',
+            self.software,
+            FEATURES,
+            self.config,
+            {n.type.name: _type_card(n) for n in self.networks},
+            dict(self.training),
+            self.recordings,
+        )
+        write_whole(path, save(tensors, {'card': dump_yaml(_without_none(asdict(card)))}))
 
     @classmethod
     def load(cls, path: Path) -> 'Checkpoint':
         """Read FILE or RUN/model.safetensors; InputError names the file and what is wrong."""
         file = path / FILE if path.is_dir() else path
+        if not file.exists():
+            raise InputError(f'{file}: there is no such file; train writes it when it is done')
+        content = read_tensors(file, 'network')
         try:
-            tensors, card = _read(file)
-            return _checkpoint(tensors, card)
+            return _checkpoint(content)
         except InputError as error:
-            raise InputError(f'{file}: {error}') from None
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(f'{file}: its card is incomplete or damaged ({error!r})') from None
+            raise InputError(f'network {file}: {error}') from None
 
 
-def _type_card(network: Network) -> dict[str, Any]:
-    card: dict[str, Any] = {
-        'patterns': list(network.type.patterns),
-        'feature_mean': list(network.scaling.mean),
-        'feature_scale': list(network.scaling.scale),
-        'power_mean_w': network.scaling.power_mean,
-        'power_scale_w': network.scaling.power_scale,
-        'low': list(network.low),
-        'high': list(network.high),
-    }
-    if network.intervals is not None:
-        card['intervals'] = network.intervals.content()
-    if network.likeness is not None:
-        card['likeness'] = network.likeness.content()
-    return card
+def _without_none(content: dict[str, Any]) -> dict[str, Any]:
+    """Leave out what a type has not; readers of former versions expect no null there."""
+    for entry in content['types'].values():
+        for key in [key for key, value in entry.items() if value is None]:
+            del entry[key]
+    return content
 
 
-def _read(file: Path) -> tuple[dict[str, Floats], dict[str, Any]]:
-    try:
-        with file.open('rb') as stream:
-            head = stream.read(9)
-    except FileNotFoundError:
-        raise InputError('there is no such file; train writes it when it is done') from None
-    except OSError as error:
-        raise InputError(f'cannot be read ({error.strerror})') from None
-    if head[8:] != b'{' and (head[:2] == b'PK' or head[:1] == b'\x80'):
-        raise InputError('is a pickle (torch.save); only safetensors is read, it runs no code')
-    try:
-        with safe_open(file, framework='np') as tensors:
-            metadata = tensors.metadata() or {}
-            values = {key: tensors.get_tensor(key) for key in tensors.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, ValueError) as error:
-        raise InputError(f'is damaged or not safetensors ({error})') from None
-    try:
-        card = yaml.safe_load(metadata.get('card', ''))
-    except yaml.YAMLError:
-        raise InputError('its card is not valid YAML') from None
-    if not isinstance(card, dict) or card.get('format') != FORMAT:
-        raise InputError(f'is not a Power Prediction Network of format {FORMAT}')
-    return values, card
-
-
-def _checkpoint(tensors: dict[str, Floats], card: dict[str, Any]) -> Checkpoint:
-    if tuple(card['features']) != FEATURES:
-        raise InputError(f'features {card["features"]} are not {list(FEATURES)}')
-    config = NetworkConfig(**card['config'])
-    networks = []
-    for name, entry in card['types'].items():
-        missing = [t for t in _TENSORS if f'{name}/{t}' not in tensors]
-        if missing:
-            raise InputError(f'tensor {name}/{missing[0]} is missing')
-        weights = Weights(**{t: tensors[f'{name}/{t}'] for t in _TENSORS})
-        if weights.hidden != config.hidden:
-            raise InputError(f'{name} has {weights.hidden} units, the card says {config.hidden}')
-        scaling = Scaling(
-            _three(entry['feature_mean']),
-            _three(entry['feature_scale']),
-            float(entry['power_mean_w']),
-            float(entry['power_scale_w']),
-        )
-        kind = DriveType(str(name), tuple(str(p) for p in entry['patterns']))
-        intervals = Intervals.of(entry['intervals']) if 'intervals' in entry else None
-        likeness = OutOfDistributionScore.of(entry['likeness']) if 'likeness' in entry else None
-        low, high = _three(entry['low']), _three(entry['high'])
-        networks.append(Network(kind, scaling, low, high, weights, intervals, likeness))
-    if not networks:
-        raise InputError('holds no network')
-    return Checkpoint(
-        config,
-        tuple(networks),
-        tuple(TrainingRecording(**recording) for recording in card['recordings']),
-        dict(card['training']),
-        str(card['software']),
+def _type_card(network: Network) -> _TypeCard:
+    scaling = network.scaling
+    return _TypeCard(
+        patterns=network.type.patterns,
+        feature_mean=scaling.mean,
+        feature_scale=scaling.scale,
+        power_mean_w=scaling.power_mean,
+        power_scale_w=scaling.power_scale,
+        low=network.low,
+        high=network.high,
+        intervals=network.intervals,
+        likeness=network.out_of_distribution,
     )
 
 
-def _three(values: Any) -> tuple[float, float, float]:
-    a, b, c = (float(v) for v in values)
-    return a, b, c
+def _checkpoint(content: TensorFile) -> Checkpoint:
+    if 'card' not in content.texts:
+        raise InputError('is not a Power Prediction Network: it has no card')
+    card = parse(_NetworkCard, parse_yaml(content.texts['card'], 'card'), 'card')
+    shapes = Weights.shapes(card.config.hidden)
+    tensors = checked_tensors(
+        content.tensors,
+        {f'{kind}/{name}': shape for kind in card.types for name, shape in shapes.items()},
+        'the file',
+    )
+    networks = tuple(
+        Network(
+            DriveType(kind, entry.patterns),
+            Scaling(
+                entry.feature_mean, entry.feature_scale, entry.power_mean_w, entry.power_scale_w
+            ),
+            entry.low,
+            entry.high,
+            Weights(**{name: tensors[f'{kind}/{name}'] for name in shapes}),
+            entry.intervals,
+            entry.likeness,
+        )
+        for kind, entry in card.types.items()
+    )
+    return Checkpoint(card.config, networks, card.recordings, card.training, card.software)

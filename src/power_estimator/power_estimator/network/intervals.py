@@ -1,24 +1,24 @@
-"""How far an estimate may be off: split-conformal intervals by predicted power."""
+"""Split-conformal intervals of estimates, by predicted power."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Quantity, check_quantities, schema
 
 Floats = NDArray[np.float32]
 LEVEL = 0.9
 _BINS = 8
 _IN_A_BIN = 100  # residuals that a quantile of 5 % may rest on
+_Watts = Annotated[float, Quantity(-1e9, 1e9, 'W')]
 
 
-@dataclass(frozen=True)
+@schema
 class Intervals:
     """
-    Where the measured power of an estimate at 50 Hz lies with probability `level`.
+    Range in which the measured power of an estimate at 50 Hz lies with probability `level`.
 
     Bins of estimated power have their own widths, from residuals that the network was not
     trained on (split-conformal prediction; Lei et al. 2018, by bin as Boström et al. 2021). The
@@ -26,15 +26,14 @@ class Intervals:
     are not exchangeable with new ones, so that no coverage is guaranteed.
     """
 
-    level: float
-    edges: tuple[float, ...]  # W, between the n bins [n − 1]
-    below: tuple[float, ...]  # W that the measured power may lie below the estimate [n]
-    above: tuple[float, ...]  # W that it may lie above [n]
+    level: Annotated[float, Quantity(0.01, 0.999)]
+    edges: tuple[_Watts, ...]  # between the n bins [n − 1]
+    below: tuple[_Watts, ...]  # by which the measured power may lie below the estimate [n]
+    above: tuple[_Watts, ...]  # by which it may lie above [n]
 
     def __post_init__(self) -> None:
+        check_quantities(self)
         numbers = (*self.edges, *self.below, *self.above)
-        if not 0 < self.level < 1:
-            raise InputError(f'interval level = {self.level} is not within 0 … 1')
         sizes = len(self.edges) + 1 == len(self.below) == len(self.above)
         if not sizes or not np.isfinite(numbers).all() or list(self.edges) != sorted(self.edges):
             raise InputError(f'intervals {numbers} are not finite numbers by ascending bins')
@@ -66,16 +65,6 @@ class Intervals:
         index = np.searchsorted(np.array(self.edges), estimated, side='right')
         low = estimated - np.array(self.below, np.float32)[index]
         return low, estimated + np.array(self.above, np.float32)[index]
-
-    def content(self) -> dict[str, Any]:
-        """As lists and numbers, for a card."""
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
-
-    @classmethod
-    def of(cls, content: Mapping[str, Any]) -> 'Intervals':
-        """From `content`; KeyError, TypeError or InputError for anything else."""
-        lists = (tuple(float(v) for v in content[k]) for k in ('edges', 'below', 'above'))
-        return cls(float(content['level']), *lists)
 
 
 def _edges(estimated: NDArray[np.float64], bins: int) -> tuple[float, ...]:

@@ -1,12 +1,12 @@
-"""Whether a motion is like those of the training data, beyond the range of each signal."""
+"""Distance of a motion from those of the training data, beyond the range of each signal."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Quantity, check_quantities, schema
 
 from power_estimator.network.features import FEATURES
 
@@ -15,9 +15,10 @@ SIZE = 2 * len(FEATURES)
 _QUANTILE = 0.9998
 _SLACK = 1.5  # on the distance's square at that quantile; a fifth more in amplitude
 _FEWEST = 20 * SIZE  # blocks
+_Number = Annotated[float, Quantity(-1e30, 1e30)]
 
 
-@dataclass(frozen=True)
+@schema
 class OutOfDistributionScore:
     """
     Mahalanobis distance of an estimate's block of samples from those of the training data.
@@ -27,22 +28,19 @@ class OutOfDistributionScore:
     go with the error, or motion much faster than any that was seen.
     """
 
-    mean: tuple[float, ...]  # [6]
-    inverse: tuple[tuple[float, ...], ...]  # of the covariance [6, 6]
-    limit: float  # of the distance's square
+    mean: tuple[_Number, ...]  # [6]
+    inverse: tuple[tuple[_Number, ...], ...]  # of the covariance [6, 6]
+    limit: Annotated[float, Quantity(1e-30, 1e30)]  # of the distance's square
 
     def __post_init__(self) -> None:
-        shape = (np.shape(self.mean), np.shape(self.inverse))
-        if shape != ((SIZE,), (SIZE, SIZE)) or not np.isfinite(self.inverse).all():
-            raise InputError(
-                f'likeness of shapes {shape} is not {SIZE} and {SIZE} × {SIZE} numbers'
-            )
-        if not (np.isfinite(self.mean).all() and self.limit > 0):
-            raise InputError(f'likeness has mean {self.mean} and limit {self.limit}')
+        check_quantities(self)
+        sizes = [len(self.mean), len(self.inverse), *(len(row) for row in self.inverse)]
+        if sizes != [SIZE] * (SIZE + 2):
+            raise InputError(f'mean and inverse are not {SIZE} and {SIZE} × {SIZE} numbers')
 
     @classmethod
     def fit(cls, blocks: Floats, mirror: bool) -> 'OutOfDistributionScore | None':
-        """From blocks [N, S, 3] of training data; None if they are few or always the same."""
+        """Fit to blocks [N, S, 3] of training data; None if they are few or always the same."""
         values = describe(blocks).astype(float)
         if len(values) < _FEWEST:
             return None
@@ -59,20 +57,9 @@ class OutOfDistributionScore:
             float(_SLACK * np.quantile(square, _QUANTILE)),
         )
 
-    def content(self) -> dict[str, Any]:
-        """As lists and numbers, for a card."""
-        rows = [list(row) for row in self.inverse]
-        return {'mean': list(self.mean), 'inverse': rows, 'limit': self.limit}
-
-    @classmethod
-    def of(cls, content: Mapping[str, Any]) -> 'OutOfDistributionScore':
-        """From `content`; KeyError, TypeError, ValueError or InputError for anything else."""
-        inverse = tuple(tuple(float(v) for v in row) for row in content['inverse'])
-        return cls(tuple(float(v) for v in content['mean']), inverse, float(content['limit']))
-
 
 class Guard:
-    """Tells for D drives at once whether a block of samples is unlike the training data."""
+    """Out-of-distribution test of blocks of samples, for D drives at once."""
 
     def __init__(self, known: Iterable[OutOfDistributionScore | None]) -> None:
         """known: what each drive is compared with; None says nothing about a drive."""
@@ -80,14 +67,14 @@ class Guard:
         self._mean = np.zeros((len(drives), SIZE))
         self._inverse = np.zeros((len(drives), SIZE, SIZE))
         self._limit = np.full(len(drives), np.inf)
-        for index, likeness in enumerate(drives):
-            if likeness is not None:
-                self._mean[index] = likeness.mean
-                self._inverse[index] = likeness.inverse
-                self._limit[index] = likeness.limit
+        for index, score in enumerate(drives):
+            if score is not None:
+                self._mean[index] = score.mean
+                self._inverse[index] = score.inverse
+                self._limit[index] = score.limit
 
     def unlike(self, block: Floats) -> NDArray[np.bool_]:
-        """Which drives [..., D] move unlike the training data in a block [..., S, D, 3]."""
+        """Mark the drives [..., D] whose block [..., S, D, 3] is unlike the training data."""
         away = describe(np.moveaxis(block, -2, -3)) - self._mean
         square = np.einsum('...di,dij,...dj->...d', away, self._inverse, away)
         return np.asarray(square > self._limit)

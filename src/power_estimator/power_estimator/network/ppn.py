@@ -63,7 +63,7 @@ class PowerPredictionNetwork:
         columns = assign(drives, self.types)
         for network in self.checkpoint.networks:
             for column in columns[network.type.name]:
-                known[column] = network.likeness
+                known[column] = network.out_of_distribution
         return Guard(known)
 
     def interval(self, power: Floats, drives: Sequence[str]) -> tuple[Floats, Floats]:

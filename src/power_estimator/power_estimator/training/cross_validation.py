@@ -193,8 +193,8 @@ class CrossValidation:
                 trainer.best,
             )
             intervals = self._intervals(network, labels)
-            likeness = self._likeness(job, labels)
-            networks.append(replace(network, intervals=intervals, likeness=likeness))
+            score = self._out_of_distribution(job, labels)
+            networks.append(replace(network, intervals=intervals, out_of_distribution=score))
             held_out[job.type.name] = list(runs(labels, self.data.segment, Part.TEST))
         about = {**asdict(self._training), **asdict(self._protocol), 'fold': fold}
         recordings = tuple(
@@ -255,7 +255,9 @@ class CrossValidation:
         found = compare([ppn], rows_of(self.data.drives(names), labels, Part.VALIDATION))
         return Intervals.fit(found.measured, found.estimated[ppn.name])
 
-    def _likeness(self, job: Job, labels: NDArray[np.int8]) -> OutOfDistributionScore | None:
+    def _out_of_distribution(
+        self, job: Job, labels: NDArray[np.int8]
+    ) -> OutOfDistributionScore | None:
         block = self.config.block
         found = []
         for x, _ in self._stretches(job, labels, Part.TRAIN, block):
@@ -304,12 +306,14 @@ class CrossValidation:
         used = rows[:, None] & self._measured[:, columns]
         return self._views[:, :, columns][:, used].reshape(-1, self._views.shape[3])
 
-    def _spans(self, stretches: Sequence[slice], recording: int) -> list[list[float]]:
-        return [
-            [float(self.data.time[s.start]), float(self.data.time[s.stop - 1])]
+    def _spans(
+        self, stretches: Sequence[slice], recording: int
+    ) -> tuple[tuple[float, float], ...]:
+        return tuple(
+            (float(self.data.time[s.start]), float(self.data.time[s.stop - 1]))
             for s in stretches
             if self.data.recording[s.start] == recording
-        ]
+        )
 
 
 def _restore(trainer: Trainer, kept: Mapping[str, NDArray[np.floating]], job: Job) -> None:

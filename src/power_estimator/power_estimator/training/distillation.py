@@ -65,7 +65,7 @@ class Distillation:
             teacher.types,
             network=replace(config, hidden=hidden),
             training=training,
-            protocol=Protocol(int(about.get('segments', 6)), 1, config.history),
+            protocol=Protocol(about.get('segments', 6), 1, config.history),
             others=[given.live],
             recordings=given.recordings,
             targets=teacher.predict(given.data),

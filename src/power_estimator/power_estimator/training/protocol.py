@@ -4,10 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Quantity, check_quantities
 
 TENTHS = 10
 
@@ -33,14 +35,12 @@ class Protocol:
     that neither a window of that history nor a zero-phase filter looks into another set.
     """
 
-    segments: int = 6
-    folds: int = 6
-    margin: int = 60  # samples, the history of the network
+    segments: Annotated[int, Quantity(1, 60)] = 6
+    folds: Annotated[int, Quantity(1, TENTHS)] = 6
+    margin: Annotated[int, Quantity(0, 10_000, 'samples')] = 60  # the history of the network
 
     def __post_init__(self) -> None:
-        for name, low, high in (('segments', 1, 60), ('folds', 1, TENTHS), ('margin', 0, 10_000)):
-            if not low <= getattr(self, name) <= high:
-                raise InputError(f'{name} = {getattr(self, name)} is not within {low} … {high}')
+        check_quantities(self)
 
     def minimum(self) -> int:
         """Samples below which the protocol has parts too short to learn from or to test on."""

@@ -4,12 +4,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Quantity, check_quantities
 
 from power_estimator.evaluation import scores
 from power_estimator.network.features import FEATURES, Scaling
@@ -20,34 +22,21 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class TrainerConfig:
-    """How a network is trained; the defaults were chosen on walking data (docs/ppn.md)."""
+    """Settings of the training; the defaults were chosen on walking data (docs/ppn.md)."""
 
-    epochs: int = 20
-    batch: int = 16  # sequences side by side
-    chunk: int = 50  # samples between updates, the length of back-propagation
-    learning_rate: float = 5e-3
-    final_learning_rate: float = 1e-4
-    reset_probability: float = 0.05  # per sequence and chunk
+    epochs: Annotated[int, Quantity(1, 10_000)] = 20
+    batch: Annotated[int, Quantity(1, 4096)] = 16  # sequences side by side
+    chunk: Annotated[int, Quantity(20, 10_000, 'samples')] = 50  # between updates
+    learning_rate: Annotated[float, Quantity(1e-6, 1.0)] = 5e-3
+    final_learning_rate: Annotated[float, Quantity(0.0, 1.0)] = 1e-4
+    reset_probability: Annotated[float, Quantity(0.0, 1.0)] = 0.05  # per sequence and chunk
     mirror: bool = True  # a drive that turns the other way under the opposite load draws the same
-    patience: int = 8  # epochs without a better validation
-    gradient_norm: float = 1.0
-    seed: int = 0
+    patience: Annotated[int, Quantity(1, 10_000)] = 8  # epochs without a better validation
+    gradient_norm: Annotated[float, Quantity(1e-6, 1e6)] = 1.0
+    seed: Annotated[int, Quantity(0, 2**31 - 1)] = 0
 
     def __post_init__(self) -> None:
-        limits = {
-            'epochs': (1, 10_000),
-            'batch': (1, 4096),
-            'chunk': (20, 10_000),
-            'learning_rate': (1e-6, 1.0),
-            'final_learning_rate': (0.0, 1.0),
-            'reset_probability': (0.0, 1.0),
-            'patience': (1, 10_000),
-            'gradient_norm': (1e-6, 1e6),
-            'seed': (0, 2**31 - 1),
-        }
-        for name, (low, high) in limits.items():
-            if not low <= getattr(self, name) <= high:
-                raise InputError(f'{name} = {getattr(self, name)} is not within {low} … {high}')
+        check_quantities(self)
 
 
 @dataclass(frozen=True)

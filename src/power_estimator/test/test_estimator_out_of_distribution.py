@@ -1,7 +1,10 @@
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 from power_estimator.network.out_of_distribution import Guard, OutOfDistributionScore
 from wattwalk_core.errors import InputError
+from wattwalk_core.schema import parse
 
 
 def motion(count=20_000, seed=0, period=2.0, amplitude=1.0):
@@ -19,44 +22,44 @@ def blocks(x):
     return x[: len(x) // 4 * 4].reshape(-1, 4, 3)
 
 
-def alarms(likeness, x):
-    return float(Guard([likeness]).unlike(blocks(x)[:, :, None]).mean())
+def alarms(score, x):
+    return float(Guard([score]).unlike(blocks(x)[:, :, None]).mean())
 
 
 @pytest.fixture(scope='module')
-def likeness():
+def score():
     return OutOfDistributionScore.fit(blocks(motion()), mirror=True)
 
 
-def test_the_same_motion_at_another_time_raises_no_alarm(likeness):
-    assert alarms(likeness, motion(seed=1)) < 0.001
-    assert alarms(likeness, -motion(seed=2)) < 0.001
+def test_the_same_motion_at_another_time_raises_no_alarm(score):
+    assert alarms(score, motion(seed=1)) < 0.001
+    assert alarms(score, -motion(seed=2)) < 0.001
 
 
-def test_signals_that_do_not_belong_together_raise_it_though_each_is_in_its_range(likeness):
+def test_signals_that_do_not_belong_together_raise_it_though_each_is_in_its_range(score):
     home = motion()
     torn = home.copy()
     torn[:, 0] = np.roll(home[:, 0], 60)
     low, high = home.min(axis=0), home.max(axis=0)
     assert ((torn >= low) & (torn <= high)).all()
-    assert alarms(likeness, torn) > 0.5
+    assert alarms(score, torn) > 0.5
 
 
-def test_a_motion_much_faster_than_any_that_was_seen_raises_it(likeness):
+def test_a_motion_much_faster_than_any_that_was_seen_raises_it(score):
     fast = motion(period=0.1)
     assert (np.abs(fast) < 1.05 * np.abs(motion()).max(axis=0)).all()
-    assert alarms(likeness, fast) > 0.3
+    assert alarms(score, fast) > 0.3
 
 
-def test_slower_and_smaller_motion_is_no_alarm(likeness):
-    assert alarms(likeness, motion(period=5.0, amplitude=0.5)) == 0
+def test_slower_and_smaller_motion_is_no_alarm(score):
+    assert alarms(score, motion(period=5.0, amplitude=0.5)) == 0
 
 
-def test_each_drive_is_compared_with_its_own_and_unknown_ones_never(likeness):
+def test_each_drive_is_compared_with_its_own_and_unknown_ones_never(score):
     torn = motion()
     torn[:, 0] *= -1
     x = np.stack([motion(), torn, torn], axis=1)
-    guard = Guard([likeness, likeness, None])
+    guard = Guard([score, score, None])
     found = np.array([guard.unlike(x[i : i + 4]) for i in range(0, 4000, 4)]).mean(axis=0)
     assert found[0] < 0.001
     assert found[1] > 0.5
@@ -68,9 +71,10 @@ def test_few_or_constant_blocks_give_nothing_to_compare_with():
     assert OutOfDistributionScore.fit(np.ones((500, 4, 3), np.float32), mirror=False) is None
 
 
-def test_a_card_gives_back_the_same_and_nonsense_is_refused(likeness):
-    assert OutOfDistributionScore.of(likeness.content()) == likeness
-    with pytest.raises(InputError, match='likeness of shapes'):
-        OutOfDistributionScore.of({**likeness.content(), 'mean': [0.0]})
-    with pytest.raises(InputError, match='limit -1'):
-        OutOfDistributionScore.of({**likeness.content(), 'limit': -1})
+def test_a_card_gives_back_the_same_and_nonsense_is_refused(score):
+    content = asdict(score)
+    assert parse(OutOfDistributionScore, content, 'card') == score
+    with pytest.raises(InputError, match='mean and inverse are not 6 and 6 × 6 numbers'):
+        parse(OutOfDistributionScore, {**content, 'mean': [0.0]}, 'card')
+    with pytest.raises(InputError, match='limit: expected 1e-30 to'):
+        parse(OutOfDistributionScore, {**content, 'limit': -1}, 'card')
