@@ -15,8 +15,8 @@ from typing import Any
 from policy_runner.policies.gait_phase import CADENCE_ADAPTATION
 from policy_runner.policies.trot import TROTS
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.expert_policy import Leaders
-from policy_training.evaluation.robustness import TrialConfig, world
+from policy_training.environment.expert_policy import ExpertPolicy
+from policy_training.evaluation.robustness import RobustnessConfig, rough_world
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -32,17 +32,19 @@ def falls(
     changes: dict[str, Any] | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> int:
-    """Falls of robots that are led by a scripted gait; changes: of the trials' world."""
-    trials = world(TrialConfig(robots=robots, seconds=seconds)).with_values(changes or {})
-    environment = WalkingEnvironment(trials)
+    """Return the falls of robots led by a scripted gait; changes: of the config by name."""
+    config = rough_world(RobustnessConfig(robots=robots, seconds=seconds)).with_values(
+        changes or {}
+    )
+    environment = WalkingEnvironment(config)
     environment.age[:] = 0
-    leaders = Leaders(
+    expert = ExpertPolicy(
         environment, replace(TROTS[gait], frequency=rate, cadence_adaptation=adaptation)
     )
-    fallen, steps = 0, round(seconds / trials.step_time)
+    fallen, steps = 0, round(seconds / config.step_time)
     for step in range(1, steps + 1):
-        outcome = environment.step(leaders.actions())
-        leaders.reset(outcome.done)
+        outcome = environment.step(expert.actions())
+        expert.reset(outcome.done)
         fallen += int((outcome.done & ~outcome.timed_out).sum())
         progress(step / steps)
     return fallen

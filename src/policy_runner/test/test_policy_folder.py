@@ -29,6 +29,20 @@ def edit(folder, change):
     card.write_text(yaml.safe_dump(content, sort_keys=False))
 
 
+def test_keys_by_their_former_names_are_read(tmp_path):
+    contract = policy_folders.contract(observation=CLOCKED)
+    write_folder(tmp_path / 'p', contract, policy_folders.tensors(contract))
+    new = {'cadence_adaptation': 'hurry', 'command_rate_limit': 'command_slew'}
+
+    def rename(content):
+        seen = content['observation']
+        content['observation'] = {new.get(key, key): value for key, value in seen.items()}
+
+    edit(tmp_path / 'p', rename)
+    assert 'hurry' in (tmp_path / 'p' / 'policy.yaml').read_text()
+    assert read_folder(tmp_path / 'p')[0] == contract
+
+
 def edit_weights(folder, change):
     tensors = {
         name: values.copy() for name, values in load_file(folder / 'weights.safetensors').items()
@@ -69,8 +83,10 @@ def rename_joint(content):
         (lambda c: c['observation'].update(command_rate_limit=[1, 1]), 'three numbers'),
         (lambda c: c['observation'].update(command_rate_limit=[1, 0, 1]), 'command_rate_limit[1]'),
         (lambda c: c['observation'].update(command_rate_limit='fast'), "'fast'"),
-        (lambda c: c['observation'].update(command_slew=[1, 1, 2]), "'command_rate_limit'"),
-        (lambda c: c['observation'].update(hurry=[3, 0.25, 0.6]), "'cadence_adaptation'"),
+        (
+            lambda c: c['observation'].update(hurry=[3, 0.7, 0.6]),
+            'cadence_adaptation is [3.0, 0.7',
+        ),
         (lambda c: c['observation'].update(command_slow=[1, 1, 2]), "'command_slow'"),
         (lambda c: c['network'].update(hidden=[5]), 'layer0.weight has shape [4, 48]'),
         (lambda c: c['network'].update(hidden=[4, 4]), 'layer1'),

@@ -4,10 +4,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import policy_folders
 import pytest
 from policy_runner.policies.by_name import load_policy
 from policy_training.commands.evaluate import main
-from policy_training.evaluation import robustness as trials
 from policy_training.evaluation.gait_cycle import find_steps
 from policy_training.evaluation.measured_walk import (
     RAW_RATE,
@@ -16,7 +16,7 @@ from policy_training.evaluation.measured_walk import (
     measure_walk,
     recorded_walk,
 )
-from policy_training.evaluation.robustness import TrialConfig
+from policy_training.evaluation.robustness import RobustnessConfig, _judge
 from policy_training.evaluation.scores import score
 from policy_training.evaluation.tasks import TASKS, Task, parse_tasks
 from policy_training.evaluation.verdict import verdict
@@ -99,14 +99,13 @@ def test_strides_are_found_from_touch_down_to_touch_down():
 
 
 def test_a_policy_folder_is_a_controller_of_the_simulation(tmp_path):
-    policy_folders = pytest.importorskip('policy_folders')
     folder = policy_folders.save(tmp_path / 'p')
     controller = make_controller(str(folder), 0)
     simulation = Simulation(Plant.load('ideal'), walking_world())
     assert controller.period == 40
     np.testing.assert_allclose(controller.command(simulation).position, DEFAULT_POSE, atol=1e-6)
     (folder / 'policy.yaml').write_text('{}')
-    with pytest.raises(InputError, match='lacks'):
+    with pytest.raises(InputError, match='is missing'):
         make_controller(str(folder), 0)
 
 
@@ -139,7 +138,8 @@ def judged(reached_error, fell_at=None, pushed_at=None, kick=0.0):
     if pushed_at is not None:
         pushed[pushed_at] = True
         reached[pushed_at : pushed_at + 90] += kick
-    return trials._judge(TrialConfig(robots=2, seconds=8.0), commands, reached, fell, pushed, step)
+    config = RobustnessConfig(robots=2, seconds=8.0)
+    return _judge(config, commands, reached, fell, pushed, step)
 
 
 def test_errors_of_trials_are_those_of_settled_walking():

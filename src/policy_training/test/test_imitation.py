@@ -18,7 +18,7 @@ def actor_of(learner):
     return {name: value.clone() for name, value in learner.ppo.actor.state_dict().items()}
 
 
-def test_a_network_comes_to_do_what_the_trot_does(tiny):
+def test_a_network_comes_to_act_as_the_trot_does(tiny):
     learner = make_learner(tiny.with_values(TROT))
     mirror, shares = Mirror(learner.environment.observation), []
     config = learner.config
@@ -30,7 +30,7 @@ def test_a_network_comes_to_do_what_the_trot_does(tiny):
 
 def test_the_critic_learns_alone_before_the_gait_is_touched(tiny):
     learner = make_learner(tiny.with_values(TROT))
-    learner.begin_with_gait(lambda share: None)
+    learner.imitate_expert(lambda share: None)
     before = actor_of(learner)
     critic = learner.ppo.critic.mlp[0].weight.detach().clone()
     learner.run(2, lambda done: None)
@@ -49,10 +49,10 @@ def test_without_a_gait_the_policy_learns_from_the_first_round(tiny):
     assert not torch.equal(before['mlp.0.weight'], actor_of(learner)['mlp.0.weight'])
 
 
-def test_the_same_seed_gives_the_same_first_gait(tiny):
+def test_the_same_seed_gives_the_same_imitation(tiny):
     results = []
     for _ in range(2):
         learner = make_learner(tiny.with_values(TROT))
-        learner.begin_with_gait(lambda share: None)
+        learner.imitate_expert(lambda share: None)
         results.append(actor_of(learner)['mlp.0.weight'].numpy())
     np.testing.assert_array_equal(*results)

@@ -4,7 +4,7 @@ from policy_runner.policies.by_name import SHIPPED, shipped
 from policy_runner.policies.folder import read_folder
 from policy_runner.policies.perceptron import Perceptron
 from policy_training.evaluation.measured_walk import measure_walk
-from policy_training.evaluation.robustness import LIMITS, TrialConfig, run_trials
+from policy_training.evaluation.robustness import LIMITS, RobustnessConfig, evaluate_robustness
 from policy_training.evaluation.tasks import TASKS
 from sim_bridge.plant.parameters import Plant
 
@@ -19,7 +19,9 @@ def test_the_papers_policies_are_shipped():
 def test_a_shipped_policy_follows_commands_on_rough_ground_under_pushes(name):
     contract, tensors = read_folder(SHIPPED / name)
     network = Perceptron(tensors, contract.network.activation)
-    trials = run_trials(contract, network, TrialConfig(robots=24, seconds=10.0, seed=77))
+    trials = evaluate_robustness(
+        contract, network, RobustnessConfig(robots=24, seconds=10.0, seed=77)
+    )
     assert trials.falls <= 1
     for axis, most in zip(('vx', 'vy', 'yaw'), LIMITS, strict=True):
         assert trials.mean_error[axis] < most

@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import pytest
+from policy_runner.policies.by_name import SHIPPED
 from policy_training.config import CONFIGS, PowerConfig, TrainingConfig
 from wattwalk_core.errors import InputError
 
@@ -13,11 +14,11 @@ def test_shipped_configs_load_by_name(path):
 
 def test_the_pmp_is_the_baseline_without_torque_and_with_power():
     baseline = TrainingConfig.load('baseline')
-    assert baseline.rewards.torque == -2.5e-5
+    assert baseline.rewards.torques == -2.5e-5
     for name, weight in (('pmp', 4e-4), ('pmp_heavy', 1.6e-3)):
         config = TrainingConfig.load(name)
         assert config.power.weight == weight
-        same = config.with_values({'rewards.torque': -2.5e-5, 'name': 'baseline'})
+        same = config.with_values({'rewards.torques': -2.5e-5, 'name': 'baseline'})
         assert replace(same, power=PowerConfig(), imitation=baseline.imitation) == baseline
 
 
@@ -29,17 +30,20 @@ def test_a_config_is_read_back_as_it_was_saved(tmp_path, tiny):
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        ('ppo: {clip: 9}', 'ppo.clip is 9; it must lie in 0.01..1'),
-        ('physics: {timestep: 1}', 'physics.timestep is 1'),
-        ('physics: {speed: 1}', "no 'speed'"),
-        ('rewards: 5', 'rewards is 5'),
-        ('power: {weight: 0.1}', 'without power.model'),
-        ('random: {friction_low: 2.0}', 'friction_low is 2.0'),
-        ('ppo: {hidden: [0]}', r'\[0\]'),
-        ('nonsense: 1', "no 'nonsense'"),
-        ('seed: -3', 'seed is -3'),
-        ('- a list', 'must be a mapping'),
-        ('a: [', 'no YAML'),
+        ('ppo: {clip: 9}', 'ppo.clip: expected 0.01 to 1, there is 9'),
+        ('physics: {timestep: 1}', 'physics.timestep: expected 0.0005 to 0.01 s, there is 1'),
+        ('physics: {speed: 1}', "physics: unknown key 'speed'; there can be environments"),
+        ('rewards: 5', 'rewards: expected keys with values, there is 5'),
+        ('power: {weight: 0.1}', 'power: weight is 0.1 without power.model'),
+        ('random: {friction_low: 2.0}', 'random: friction_low is 2.0'),
+        (
+            'ppo: {hidden: [0]}',
+            r'ppo.hidden\[0\]: expected a whole number from 1 to 4096, there is 0',
+        ),
+        ('nonsense: 1', "unknown key 'nonsense'"),
+        ('seed: -3', 'seed: expected .* there is -3'),
+        ('- a list', 'expected keys with values'),
+        ('a: [', 'no valid YAML'),
     ],
 )
 def test_a_bad_config_is_refused_with_its_value_in_one_line(tmp_path, text, words):
@@ -47,6 +51,16 @@ def test_a_bad_config_is_refused_with_its_value_in_one_line(tmp_path, text, word
     with pytest.raises(InputError, match=words) as error:
         TrainingConfig.load(tmp_path / 'c.yaml')
     assert '\n' not in str(error.value)
+
+
+def test_keys_by_their_former_names_are_read(tiny):
+    for path in sorted((SHIPPED / 'baseline').glob('*training.yaml')):
+        config = TrainingConfig.load(path)
+        assert config.cadence_adaptation == (3.0, 0.25, 0.6)
+        assert config.rewards == TrainingConfig.load('baseline').rewards
+        assert config.ppo == TrainingConfig.load('baseline').ppo
+    changed = tiny.with_values({'rewards.vertical': -1.0, 'hurry': []})
+    assert (changed.rewards.lin_vel_z, changed.cadence_adaptation) == (-1.0, ())
 
 
 @pytest.mark.parametrize('name', ['ppo', 'ppo.nothing', 'nothing.clip', 'nothing'])

@@ -144,14 +144,14 @@ def test_a_command_comes_gradually_and_velocity_is_judged_by_what_has_come(tiny)
     environment = WalkingEnvironment(config)
     environment.age[:] = 0
     environment.commands.values[:] = [0.6, -0.3, 1.0]
-    environment.shown.values[:] = 0.0
+    environment.limiter.values[:] = 0.0
     away = [environment.step(np.zeros((4, 12))).log['error/vx'] for _ in range(5)]
-    np.testing.assert_allclose(environment.shown.values[0], [0.1, -0.1, 0.2])
+    np.testing.assert_allclose(environment.limiter.values[0], [0.1, -0.1, 0.2])
     np.testing.assert_allclose(away, 0.02 * np.arange(5), atol=0.02)
     environment.age[1] = environment.longest - 1
     environment.step(np.zeros((4, 12)))
-    assert np.abs(environment.shown.values[1]).max() <= 0.04, 'a start begins from standing'
-    np.testing.assert_allclose(environment.shown.values[0], [0.12, -0.12, 0.24])
+    assert np.abs(environment.limiter.values[1]).max() <= 0.04, 'a start begins from standing'
+    np.testing.assert_allclose(environment.limiter.values[0], [0.12, -0.12, 0.24])
 
 
 @pytest.mark.parametrize('model', ['carried', 'windowed'])
@@ -232,8 +232,8 @@ def test_mirrored_robots_under_mirrored_actions_stay_mirror_images(tiny):
 
 
 def test_the_state_is_the_observation_without_noise_the_feet_and_the_command_to_come(tiny):
-    environment = WalkingEnvironment(tiny.with_values({'hurry': ()}))
-    calm = WalkingEnvironment(tiny.with_values({**QUIET, 'hurry': ()}))
+    environment = WalkingEnvironment(tiny.with_values({'cadence_adaptation': ()}))
+    calm = WalkingEnvironment(tiny.with_values({**QUIET, 'cadence_adaptation': ()}))
     for _ in range(30):
         environment.step(np.zeros((4, 12)))
         calm.step(np.zeros((4, 12)))
@@ -264,23 +264,23 @@ def test_a_new_command_ends_an_episode_for_the_learner_but_not_for_the_robot(tin
     assert (environment.walking.age == 10).all()
 
 
-def test_sensors_that_say_a_robot_is_pushed_make_its_clock_hurry(tiny):
+def test_sensors_that_say_a_robot_is_pushed_raise_its_cadence(tiny):
     rates = []
     for push in (0.0, 5.0):
         still = {'random.pose': 0.0, 'random.velocity': 0.0, 'random.push_period': 0.2}
         config = tiny.with_values(QUIET | still | {'random.push': push})
         environment = WalkingEnvironment(config)
-        environment.commands.values[:] = environment.shown.values[:] = [0.15, 0.0, 0.0]
+        environment.commands.values[:] = environment.limiter.values[:] = [0.15, 0.0, 0.0]
         environment.age[:] = 8
         for _ in range(3):
-            before = environment.clock.phase.copy()
+            before = environment.gait_phase.phase.copy()
             environment.step(np.zeros((4, 12)))
-        rates.append((environment.clock.phase - before) / 0.02)
+        rates.append((environment.gait_phase.phase - before) / 0.02)
     np.testing.assert_allclose(rates[0], config.stride_frequency)
     assert rates[1].max() > 1.2 * config.stride_frequency
 
 
-def test_the_clock_goes_by_what_sensors_say(tiny):
+def test_the_gait_phase_goes_by_the_sensors(tiny):
     still = {'random.pose': 0.0, 'random.velocity': 0.0, 'random.push': 0.0}
     loud = {'noise.least': 1.0, 'noise.clean': 0.0, 'noise.base_velocity': 2.0}
     walked = []
@@ -291,7 +291,7 @@ def test_the_clock_goes_by_what_sensors_say(tiny):
         seen = []
         for _ in range(60):
             environment.step(np.zeros((4, 12)))
-            seen.append(environment.clock.walking.any())
+            seen.append(environment.gait_phase.walking.any())
         walked.append(any(seen[40:]))
     assert walked == [False, True]
 
@@ -320,12 +320,12 @@ def test_costs_grow_to_their_full_size_and_starts_are_rough_from_the_first(tiny)
     easy, hard = (WalkingEnvironment(each) for each in (config, tiny))
     np.testing.assert_array_equal(easy.motion.velocity, hard.motion.velocity)
     still = np.zeros((4, 12))
-    cheap, dear = (each.step(still).log['term/vertical'] for each in (easy, hard))
+    cheap, dear = (each.step(still).log['term/lin_vel_z'] for each in (easy, hard))
     assert cheap == pytest.approx(0.2 * dear)
 
 
 def test_a_fall_costs_once_and_is_not_cut_off_at_zero(tiny):
-    environment = WalkingEnvironment(tiny.with_values({'rewards.fall': -4.0}))
+    environment = WalkingEnvironment(tiny.with_values({'rewards.termination': -4.0}))
     limp = np.tile(np.array([0.0, 2.0, -4.0] * 2 + [0.0, -2.0, 4.0] * 2), (4, 1))
     falls = 0
     for _ in range(80):

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 from policy_training.config import RewardConfig
-from policy_training.environment.rewards import FootClock, Moment, Rewards
-from policy_training.environment.robots import Motion
+from policy_training.environment.rewards import REWARDS, FootClock, Rewards, RewardState
+from policy_training.environment.robots import RobotMotion
 from wattwalk_core.anymal import DEFAULT_POSE
 
 STEP = 0.02
@@ -20,64 +20,114 @@ def motion(**changes):
         'collisions': np.zeros(1),
         'fallen': np.zeros(1, bool),
     }
-    return Motion(**{**one, **changes})
+    return RobotMotion(**{**one, **changes})
 
 
-def moment(**changes):
+def state(motion, **changes):
     one = {
         'command': np.zeros((1, 3)),
-        'asked': np.ones(1, bool),
+        'walking': np.ones(1, bool),
         'action': np.zeros((1, 12)),
         'last_action': np.zeros((1, 12)),
         'acceleration': np.zeros((1, 12)),
         'flight': np.zeros(1),
+        'sigma': 0.25,
     }
-    return Moment(**{**one, **changes})
+    return RewardState(motion, **{**one, **changes})
 
 
-def terms(seen, now, config=None):
-    return {
-        k: float(v[0]) for k, v in Rewards(config or RewardConfig(), STEP).terms(seen, now).items()
-    }
+def terms(now):
+    found = Rewards(RewardConfig(), STEP).terms(now)
+    return {name: float(values[0]) for name, values in found.items()}
 
 
 def test_perfect_tracking_earns_the_full_weights():
     command = np.array([[0.5, -0.2, 0.7]])
-    found = terms(
-        motion(velocity=np.array([[0.5, -0.2, 0.0]]), rate=np.array([[0.0, 0.0, 0.7]])),
-        moment(command=command),
-    )
-    assert found['velocity'] == pytest.approx(1.0 * STEP)
-    assert found['yaw'] == pytest.approx(0.5 * STEP)
-    assert all(value == 0.0 for name, value in found.items() if name not in ('velocity', 'yaw'))
+    moving = motion(velocity=np.array([[0.5, -0.2, 0.0]]), rate=np.array([[0.0, 0.0, 0.7]]))
+    found = terms(state(moving, command=command))
+    assert found.pop('tracking_lin_vel') == pytest.approx(1.0 * STEP)
+    assert found.pop('tracking_ang_vel') == pytest.approx(0.5 * STEP)
+    assert not any(found.values())
 
 
 def test_half_a_metre_a_second_astray_earns_exp_minus_one():
-    found = terms(motion(), moment(command=np.array([[0.3, 0.4, 0.5]])))
-    assert found['velocity'] == pytest.approx(np.exp(-1.0) * STEP)
-    assert found['yaw'] == pytest.approx(0.5 * np.exp(-1.0) * STEP)
+    found = terms(state(motion(), command=np.array([[0.3, 0.4, 0.5]])))
+    assert found['tracking_lin_vel'] == pytest.approx(np.exp(-1.0) * STEP)
+    assert found['tracking_ang_vel'] == pytest.approx(0.5 * np.exp(-1.0) * STEP)
 
 
 @pytest.mark.parametrize(
     ('name', 'seen', 'now', 'expected'),
     [
-        ('vertical', {'velocity': np.array([[0.0, 0.0, 0.5]])}, {}, -2.0 * 0.25),
-        ('rolling', {'rate': np.array([[1.0, 2.0, 9.0]])}, {}, -0.05 * 5.0),
+        ('lin_vel_z', {'velocity': np.array([[0.0, 0.0, 0.5]])}, {}, -2.0 * 0.25),
+        ('ang_vel_xy', {'rate': np.array([[1.0, 2.0, 9.0]])}, {}, -0.05 * 5.0),
         ('orientation', {'gravity': np.array([[0.6, 0.0, -0.8]])}, {}, -5.0 * 0.36),
-        ('torque', {'torque': np.full((1, 12), 10.0)}, {}, -2.5e-5 * 1200.0),
+        ('torques', {'torque': np.full((1, 12), 10.0)}, {}, -2.5e-5 * 1200.0),
         ('collision', {'collisions': np.array([3.0])}, {}, -3.0),
-        ('acceleration', {}, {'acceleration': np.full((1, 12), 100.0)}, -2.5e-7 * 120_000.0),
+        ('dof_acc', {}, {'acceleration': np.full((1, 12), 100.0)}, -2.5e-7 * 120_000.0),
         ('action_rate', {}, {'action': np.ones((1, 12))}, -0.01 * 12.0),
-        ('air_time', {}, {'flight': np.array([0.2])}, 2.0 * 0.2),
+        ('feet_air_time', {}, {'flight': np.array([0.2])}, 2.0 * 0.2),
     ],
 )
 def test_each_term_by_hand(name, seen, now, expected):
-    assert terms(motion(**seen), moment(**now))[name] == pytest.approx(expected * STEP)
+    assert terms(state(motion(**seen), **now))[name] == pytest.approx(expected * STEP)
 
 
 def test_steps_in_place_earn_nothing_without_a_command():
-    still = moment(flight=np.array([0.2]), asked=np.zeros(1, bool))
-    assert terms(motion(), still)['air_time'] == 0.0
+    still = state(motion(), flight=np.array([0.2]), walking=np.zeros(1, bool))
+    assert terms(still)['feet_air_time'] == 0.0
+
+
+RECORDED = {
+    'tracking_lin_vel': [0.00206428259, 5.940850354e-05, 0.01203123145],
+    'tracking_ang_vel': [0.001603636211, 0.004467850944, 0.009561893897],
+    'lin_vel_z': [-0.0005260609462, -0.00688354023, -0.001695870798],
+    'ang_vel_xy': [-0.0001093635087, -0.0001534545156, -0.0004008128742],
+    'orientation': [-0.01477715537, -0.004652727585, -0.0001666394274],
+    'torques': [-0.001686200314, -0.0006461379592, -0.002734599046],
+    'dof_acc': [-0.0003481949397, -0.0008423244224, -0.0002304813733],
+    'feet_air_time': [0.00181191948, 0.0, 0.004293313625],
+    'collision': [0.0, -0.014, -0.042],
+    'action_rate': [-0.004959592246, -0.004180077986, -0.002001483059],
+    'stand_still': [0.0, -0.01118375419, 0.0],
+}
+"""Rewards of the robots below before there was a function for each, of costs a share of 0.7."""
+
+
+def test_rewards_are_as_recorded_before():
+    random = np.random.default_rng(7)
+
+    def normal(width, *shape):
+        return random.normal(0.0, width, (3, *shape))
+
+    moving = RobotMotion(
+        velocity=normal(0.5, 3),
+        rate=normal(0.5, 3),
+        gravity=normal(0.2, 3),
+        position=DEFAULT_POSE + normal(0.3, 12),
+        joint_velocity=normal(2.0, 12),
+        torque=normal(20.0, 12),
+        foot_force=random.uniform(0.0, 200.0, (3, 4)),
+        collisions=np.array([0.0, 1.0, 3.0]),
+        fallen=np.array([False, False, True]),
+    )
+    now = RewardState(
+        moving,
+        command=random.uniform(-1.0, 1.0, (3, 3)),
+        walking=np.array([True, False, True]),
+        action=normal(1.0, 12),
+        last_action=normal(1.0, 12),
+        acceleration=normal(100.0, 12),
+        flight=normal(0.3),
+        sigma=0.25,
+    )
+    rewards = Rewards(RewardConfig(stand_still=-0.3, only_positive=False), STEP)
+    found = rewards.terms(now, 0.7)
+    assert list(found) == list(RECORDED) == list(REWARDS)
+    for name, values in RECORDED.items():
+        np.testing.assert_allclose(found[name], values, rtol=1e-8, err_msg=name)
+    expected = [-0.01692673, -0.03801476, -0.02334345]
+    np.testing.assert_allclose(rewards.total(found), expected, rtol=1e-6)
 
 
 def test_the_sum_is_not_negative_unless_asked():

@@ -11,7 +11,7 @@ from policy_training.learning.run_folder import read_checkpoint, read_curves
 TINY = (
     *('--environments', '4', '--threads', '1', '--set', 'ppo.steps=6', 'ppo.minibatches=2'),
     *('ppo.epochs=1', 'ppo.hidden=[16]', 'checkpoint_every=1', "imitation.gait=''"),
-    'ppo.hold_rate=0',
+    'ppo.anchor_rate=0',
 )
 
 
@@ -25,7 +25,7 @@ def test_a_run_leaves_config_curves_checkpoint_events_and_a_policy(tmp_path):
     rows = read_curves(tmp_path / 'r')
     assert [row['iteration'] for row in rows] == [1, 2]
     assert [row['steps'] for row in rows] == [24, 48]
-    assert {'reward', 'error/velocity', 'loss/value', 'term/torque'} <= rows[0].keys()
+    assert {'reward', 'error/velocity', 'loss/value', 'term/torques'} <= rows[0].keys()
     assert list((tmp_path / 'r' / 'tensorboard').glob('events*'))
     policy = load_policy(str(tmp_path / 'r' / 'policy'))
     assert policy.rate == pytest.approx(50.0)
@@ -57,7 +57,7 @@ def test_a_run_does_not_go_on_from_robots_that_were_shown_something_else(tmp_pat
     run(tmp_path / 'first', '--set', 'stride_frequency=2.4')
     assert run(tmp_path / 'second', '--from', str(tmp_path / 'first')) == 2
     assert 'stride_frequency 2.4, this one has 1.7' in capsys.readouterr().err
-    assert run(tmp_path / 'first', '--resume', '--set', 'command_slew=[2.0, 2.0, 2.0]') == 2
+    assert run(tmp_path / 'first', '--resume', '--set', 'command_rate_limit=[2.0, 2.0, 2.0]') == 2
     assert 'command_rate_limit [1.0, 1.0, 2.0]' in capsys.readouterr().err
 
 
@@ -80,7 +80,7 @@ def test_power_by_a_network_is_in_reward_and_curves(tmp_path, network_run):
     assert run(tmp_path / 'r', *power, '--set', 'power.ramp_from=0', 'power.ramp_to=0') == 0
     rows = read_curves(tmp_path / 'r')
     assert all(np.isfinite(row['power/watts']) for row in rows)
-    assert 'term/torque' not in rows[0]
+    assert 'term/torques' not in rows[0]
     assert rows[-1]['term/power'] != 0.0
     training = load_policy(str(tmp_path / 'r' / 'policy')).contract.training
     assert training['power_weight'] == 4e-4
@@ -100,7 +100,7 @@ def test_checkpoints_hold_no_objects(tmp_path):
     ('arguments', 'words'),
     [
         (['--config', 'walk'], "'walk'"),
-        (['--set', 'ppo.clip=9'], 'ppo.clip is 9'),
+        (['--set', 'ppo.clip=9'], 'ppo.clip: expected 0.01 to 1, there is 9'),
         (['--set', 'ppo.clip'], 'KEY=VALUE'),
         (['--device', 'tpu'], "'tpu'"),
         (['--resume'], 'no run to resume'),

@@ -96,9 +96,12 @@ class Gait:
     cadence: float = 1.0
 
 
-def test_a_former_key_is_refused_with_the_present_one():
-    with pytest.raises(InputError, match=r"gaits: \[0\]: 'hurry' is now called 'cadence'"):
-        parse(tuple[Gait, ...], [{'hurry': 2.0}], 'gaits')
+def test_a_former_key_is_read_as_the_present_one():
+    assert parse(tuple[Gait, ...], [{'hurry': 2}, {'cadence': 3}], 'gaits') == (Gait(2), Gait(3))
+    with pytest.raises(InputError, match=r"gaits: \[0\]: 'cadence' is there twice, once by its"):
+        parse(tuple[Gait, ...], [{'hurry': 2.0, 'cadence': 2.0}], 'gaits')
+    with pytest.raises(InputError, match=r"gait: cadence: expected a number, there is 'fast'"):
+        parse(Gait, {'hurry': 'fast'}, 'gait')
 
 
 def test_an_error_of_the_class_itself_has_the_place_of_the_entry():

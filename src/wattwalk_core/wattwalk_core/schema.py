@@ -52,13 +52,20 @@ def schema(cls: type[T]) -> type[T]:
     """
     Make a class a frozen dataclass that `parse` reads; keys it does not have are refused.
 
-    A class variable RENAMED, a mapping from former keys to present ones, makes the error for a
-    former key name the present one. An InputError of `__post_init__` gets the place of the entry.
+    A class variable RENAMED maps former keys, which are still read, to present ones. An
+    InputError of `__post_init__` gets the place of the entry.
     """
     check_fields = cls.__dict__.get('__post_init__')
     if check_fields is not None:
         cls.__post_init__ = _with_place(check_fields)  # type: ignore[attr-defined]
-    cls.__pydantic_config__ = {'extra': 'forbid', 'allow_inf_nan': False}  # type: ignore[attr-defined]
+    former = {new: old for old, new in getattr(cls, 'RENAMED', {}).items()}
+    cls.__pydantic_config__ = {  # type: ignore[attr-defined]
+        'extra': 'forbid',
+        'allow_inf_nan': False,
+        'alias_generator': lambda name: former.get(name, name),
+        'validate_by_name': True,
+        'loc_by_alias': False,
+    }
     return dataclass(frozen=True)(cls)
 
 
@@ -231,10 +238,9 @@ def _describe(kind: Any, error: 'ErrorDetails') -> str:
             there = printable(', '.join(error['input'] or ('nothing',)))
             return f'{place}{quoted(key)} is missing; there is {there}'
         found = _class_at(kind, path[:-1])
-        new = getattr(found, 'RENAMED', {}).get(key)
-        if new:
-            return f'{place}{quoted(key)} is now called {quoted(new)}'
-        known = [item.name for item in dataclasses.fields(found)] if found else ()
+        known = [item.name for item in dataclasses.fields(found)] if found else []
+        if key in known:
+            return f'{place}{quoted(key)} is there twice, once by its former name'
         there = f'; there can be {", ".join(known)}' if known else ''
         return f'{place}unknown key {quoted(key)}{there}'
     place = _place(path)

@@ -25,7 +25,11 @@ from wattwalk_core.files import write_whole
 from policy_training.evaluation.gait_cycle import Cycle, cycle_of
 from policy_training.evaluation.measured_walk import Walk, idle_power, measure_walk, recorded_walk
 from policy_training.evaluation.page import write_page
-from policy_training.evaluation.robustness import TrialConfig, Trials, run_trials
+from policy_training.evaluation.robustness import (
+    RobustnessConfig,
+    RobustnessResult,
+    evaluate_robustness,
+)
 from policy_training.evaluation.scores import score
 from policy_training.evaluation.tasks import TASKS, Task, parse_tasks
 from policy_training.evaluation.verdict import verdict
@@ -176,15 +180,15 @@ def _recorded(text: str) -> Walk:
     return recorded_walk(Path(path), name)
 
 
-def _trials(source: str, options: argparse.Namespace) -> Trials | None:
-    """Trials of a learned policy; None for a scripted one or a TorchScript file."""
+def _trials(source: str, options: argparse.Namespace) -> RobustnessResult | None:
+    """Robustness of a learned policy; None for a scripted one or a TorchScript file."""
     if not isinstance(load_policy(source), LearnedPolicy) or Path(source).is_file():
         return None
     folder = Path(source) if Path(source).is_dir() else SHIPPED / source
     contract, tensors = read_folder(folder)
     network = Perceptron(tensors, contract.network.activation)
-    config = TrialConfig(robots=options.trials, seed=1000 + options.seed)
-    return run_trials(contract, network, config, threads=options.threads)
+    config = RobustnessConfig(robots=options.trials, seed=1000 + options.seed)
+    return evaluate_robustness(contract, network, config, threads=options.threads)
 
 
 def _name(source: str) -> str:

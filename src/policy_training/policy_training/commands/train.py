@@ -1,4 +1,4 @@
-"""`ros2 run policy_training train`: a config in, a run folder with a policy out."""
+"""`ros2 run policy_training train`: train a policy by a config, into a run folder."""
 
 import argparse
 from collections.abc import Sequence
@@ -67,17 +67,17 @@ def main(args: Sequence[str] | None = None) -> int:
     else:
         config = TrainingConfig.load(options.config).with_values(_changes(options))
     learner = make_learner(config, options.device)
-    held = config.ppo.hold_rate > 0.0 and not config.imitation.gait
-    if held and state is None and options.source is None:
+    anchored = config.ppo.anchor_rate > 0.0 and not config.imitation.gait
+    if anchored and state is None and options.source is None:
         raise InputError(
-            'ppo.hold_rate needs a first gait: --from a run that walks, or imitation.gait'
+            'ppo.anchor_rate needs a reference policy: --from a run that walks, or imitation.gait'
         )
     if state is not None:
         learner.restore(state)
     elif options.source is not None:
         learner.take_networks(read_checkpoint(options.source))
     elif config.imitation.gait:
-        begin_with_gait(learner)
+        imitate_expert(learner)
     if not options.resume:
         folder.start(config)
     train(learner, folder, seconds=options.seconds)
@@ -85,7 +85,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
-    """A learner with the environment and the power model that a config asks for."""
+    """Return a learner with the environment and the power model of a config."""
     torch.set_num_threads(max(1, config.physics.threads or torch.get_num_threads()))
     power = None
     if config.power.model:
@@ -93,13 +93,13 @@ def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
     return Learner(config, WalkingEnvironment(config, power=power), device)
 
 
-def begin_with_gait(learner: Learner) -> None:
-    """Have the policy learn the config's scripted gait."""
+def imitate_expert(learner: Learner) -> None:
+    """Learn the config's scripted gait, with progress on stderr."""
     console = Console(stderr=True)
     with Progress(console=console) as bar:
-        task = bar.add_task(f'{learner.config.imitation.gait} as a first gait', total=1.0)
-        left = learner.begin_with_gait(lambda share: bar.update(task, completed=share))
-    console.print(f'actions are those of the gait to {left:.2f} (rms)')
+        task = bar.add_task(f'imitation of {learner.config.imitation.gait}', total=1.0)
+        error = learner.imitate_expert(lambda share: bar.update(task, completed=share))
+    console.print(f'RMS error of the actions: {error:.2f}')
 
 
 def train(
@@ -109,7 +109,7 @@ def train(
     seconds: float | None = None,
     console: Console | None = None,
 ) -> None:
-    """Train to the end of the config, or for so many seconds; then export the policy."""
+    """Train to the end of the config, or for some seconds; then export the policy."""
     config = learner.config
     terminal = Console(stderr=True) if console is None else console
     bar = Progress(
@@ -148,7 +148,7 @@ def train(
             'seed': config.seed,
             'power_model': config.power.model,
             'power_weight': config.power.weight,
-            'torque_weight': config.rewards.torque,
+            'torque_weight': config.rewards.torques,
             'last_round': rows[-1] if rows else {},
         },
     )
@@ -194,7 +194,7 @@ def _changes(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _value(text: str, value: str) -> Any:
-    """A value as YAML has it, and 4e-4 as a number, which YAML takes for text."""
+    """Return a value as YAML has it; 4e-4, text in YAML, as a number."""
     try:
         return float(value) if 'e' in value.lower() else yaml.safe_load(value)
     except ValueError:

@@ -1,19 +1,19 @@
-"""Walking by velocity command as a task to learn: N robots, observations, rewards, new starts."""
+"""Learning environment of walking by velocity command: observations, rewards, resets."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
-from policy_runner.policies.observations import CLOCKED, Observation
+from policy_runner.policies.observations import Observation
 from power_estimator.batch.power import BatchPower
 from wattwalk_core.anymal import DEFAULT_POSE
 
 from policy_training.config import TrainingConfig
 from policy_training.environment.power_term import predict_step
-from policy_training.environment.rewards import FootClock, Moment, Rewards
-from policy_training.environment.robots import Motion, Robots
+from policy_training.environment.rewards import FootClock, Rewards, RewardState
+from policy_training.environment.robots import RobotMotion, Robots
 from policy_training.environment.velocity_commands import Commands
 
 Floats = NDArray[np.float64]
@@ -23,14 +23,14 @@ _GRAVITY: Final = 9.81  # m/s²
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What came of an action: N robots."""
+class StepOutcome:
+    """Result of one action of N robots."""
 
     observation: NDArray[np.float32]  # [N, size]
     state: NDArray[np.float32]  # [N, size + 11], see `WalkingEnvironment.state`
     reward: Floats  # [N]
-    done: NDArray[np.bool_]  # [N], started anew
-    timed_out: NDArray[np.bool_]  # [N], of those done, not by falling
+    done: NDArray[np.bool_]  # [N], reset
+    timed_out: NDArray[np.bool_]  # [N], done without a fall
     disturbed: NDArray[np.bool_]  # [N], not done, with a new command or a push after this step
     log: dict[str, float]  # means over the robots
 
@@ -41,8 +41,8 @@ class WalkingEnvironment:
 
     power: predicts watts per drive for the power term, or None. The weights of the power term
     and the range of commands follow `steps`, the number of policy steps done so far.
-    observation: what robots see; else CLOCKED with the config's gait phase and rate limit.
-    Velocity is judged by the commands that robots are shown, which come gradually (`shown`).
+    observation: that of the policy; the config's if None. Observations and tracking rewards are
+    of the rate-limited commands (`limiter`).
     """
 
     def __init__(
@@ -53,14 +53,7 @@ class WalkingEnvironment:
         observation: Observation | None = None,
     ) -> None:
         self.config = config
-        if observation is None:
-            observation = replace(
-                CLOCKED,
-                stride_frequency=config.stride_frequency,
-                cadence_adaptation=config.hurry,
-                command_rate_limit=config.command_slew,
-            )
-        self.observation = observation
+        self.observation = observation = observation or config.observation
         self.steps = 0
         seeds = np.random.default_rng(config.seed).spawn(3)
         self._random = seeds[0]
@@ -71,8 +64,10 @@ class WalkingEnvironment:
         self.watts = np.zeros((count, 12), np.float32)
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
-        self.shown = CommandRateLimiter(observation.command_rate_limit, count)
-        self.clock = GaitPhase(observation.stride_frequency, observation.cadence_adaptation, count)
+        self.limiter = CommandRateLimiter(observation.command_rate_limit, count)
+        self.gait_phase = GaitPhase(
+            observation.stride_frequency, observation.cadence_adaptation, count
+        )
         self._last_action = np.zeros((count, 12))
         self._last_velocity = np.zeros((count, 12))
         self.age = np.zeros(count, np.int64)
@@ -81,21 +76,21 @@ class WalkingEnvironment:
         self._new_push = round(config.random.push_period / config.step_time)
         share = self._random.uniform(config.noise.least, 1.0, (count, 1))
         share *= self._random.random((count, 1)) >= config.noise.clean
-        self._noise = (share * self._noise_levels()).astype(np.float32)
-        self.motion: Motion = self._start(np.arange(count))
-        self._show(config.step_time)
+        self._noise_level = (share * self._noise_levels()).astype(np.float32)
+        self.motion: RobotMotion = self._start(np.arange(count))
+        self._sense(config.step_time)
         self.age[:] = self._random.integers(0, self.longest, count)
 
     def observe(self) -> NDArray[np.float32]:
-        """Noisy observation of each robot [N, size]."""
-        return self._clean() + self._shake
+        """Return noisy observations [N, size]."""
+        return self._clean() + self._sensor_noise
 
     def state(self) -> NDArray[np.float32]:
         """
-        What is so, for a critic [N, size + 11].
+        Return the inputs of a critic [N, size + 11].
 
-        The observation without noise, load on each foot in units of half the weight, how long
-        each has been in the air, s, and the command that is on its way, m/s, m/s and rad/s.
+        The observation without noise, load on each foot in units of half the weight, its time in
+        the air, s, and the command before rate limiting, m/s, m/s and rad/s.
         """
         load = self.motion.foot_force / (0.5 * _GRAVITY * self.robots.mass[:, None])
         return np.concatenate(
@@ -109,33 +104,34 @@ class WalkingEnvironment:
                 'base_velocity': motion.velocity,
                 'angular_velocity': motion.rate,
                 'gravity': motion.gravity,
-                'command': self.shown.values,
+                'command': self.limiter.values,
                 'joint_position': motion.position - DEFAULT_POSE,
                 'joint_velocity': motion.joint_velocity,
                 'last_action': self._last_action,
-                'gait_clock': self.clock.values(),
+                'gait_clock': self.gait_phase.values(),
             }
         )
 
-    def step(self, actions: NDArray[np.floating]) -> Outcome:
-        """Act for one step: targets are the default pose plus scaled actions [N, 12]."""
+    def step(self, actions: NDArray[np.floating]) -> StepOutcome:
+        """Take one step; targets are the default pose plus scaled actions [N, 12]."""
         action = np.clip(np.asarray(actions, np.float64), -ACTION_CLIP, ACTION_CLIP)
         motion = self.robots.step(DEFAULT_POSE + self.config.action_scale * action)
         self.age += 1
-        moment = Moment(
-            command=self.shown.values,
-            asked=self.clock.walking,
+        state = RewardState(
+            motion=motion,
+            command=self.limiter.values,
+            walking=self.gait_phase.walking,
             action=action,
             last_action=self._last_action,
             acceleration=(motion.joint_velocity - self._last_velocity) / self.config.step_time,
             flight=self._feet.land(motion.foot_force),
+            sigma=self.config.rewards.tracking_sigma,
         )
-        share = self.config.curriculum.share(self.steps)
-        terms = self._rewards.terms(motion, moment, share)
+        terms = self._rewards.terms(state, self.config.curriculum.share(self.steps))
         if self.power is not None:
             terms['power'] = self._power_term(self.power)
         reward = np.nan_to_num(self._rewards.total(terms), nan=0.0)
-        reward += self.config.rewards.fall * motion.fallen
+        reward += self.config.rewards.termination * motion.fallen
         timed_out = (self.age >= self.longest) & ~motion.fallen
         done = motion.fallen | timed_out
         log = self._log(terms, motion, reward)
@@ -143,31 +139,33 @@ class WalkingEnvironment:
         self._last_velocity = motion.joint_velocity
         self.motion = motion
         self.steps += self.count
-        disturbed = self._go_on(done)
-        self._show(self.config.step_time)
-        return Outcome(
+        disturbed = self._reset_and_disturb(done)
+        self._sense(self.config.step_time)
+        return StepOutcome(
             self.observe(), self.state(), reward, done, timed_out, disturbed & ~done, log
         )
 
-    def _show(self, seconds: float) -> None:
-        """What sensors are off by, and what follows from what they say: N robots."""
-        shake = self._random.random(self._noise.shape, np.float32)
-        self._shake = (2.0 * shake - 1.0) * self._noise
-        asked, motion = self.commands.values, self.motion
-        self.clock.advance(
+    def _sense(self, seconds: float) -> None:
+        """Draw sensor noise; advance rate limiters and, by noisy sensors, gait phases."""
+        draw = self._random.random(self._noise_level.shape, np.float32)
+        self._sensor_noise = (2.0 * draw - 1.0) * self._noise_level
+        commands, motion = self.commands.values, self.motion
+        self.gait_phase.advance(
             seconds,
-            self.shown.advance(seconds, asked),
-            asked,
-            motion.velocity + self._felt('base_velocity'),
-            motion.gravity + self._felt('gravity'),
+            self.limiter.advance(seconds, commands),
+            commands,
+            motion.velocity + self._noise_of('base_velocity'),
+            motion.gravity + self._noise_of('gravity'),
         )
 
-    def _felt(self, name: str) -> Floats | float:
-        """What a term's sensor is off by, in its own units [N, size]; 0 where it is not seen."""
+    def _noise_of(self, name: str) -> Floats | float:
+        """Return the noise of a term in its own units [N, size]; 0 for one not observed."""
         if name not in self.observation.names:
             return 0.0
         part = self.observation.part(name)
-        return np.asarray(self._shake[:, part] / self.observation.scales()[part], np.float64)
+        return np.asarray(
+            self._sensor_noise[:, part] / self.observation.scales()[part], np.float64
+        )
 
     def _power_term(self, model: BatchPower) -> Floats:
         power = self.config.power
@@ -176,7 +174,7 @@ class WalkingEnvironment:
         weight = power.weight_at(self.steps) * self.config.step_time
         return np.asarray(-weight * self.watts.sum(axis=1) * counted, np.float64)
 
-    def _go_on(self, done: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _reset_and_disturb(self, done: NDArray[np.bool_]) -> NDArray[np.bool_]:
         over = np.flatnonzero(done)
         if len(over):
             self.motion = self._start(over)
@@ -189,12 +187,12 @@ class WalkingEnvironment:
             self.motion = self.robots.motion(self.motion.torque)
         return np.asarray(fresh | pushed)
 
-    def _start(self, ids: NDArray[np.intp]) -> Motion:
+    def _start(self, ids: NDArray[np.intp]) -> RobotMotion:
         self.robots.start(ids)
         self._feet.start(ids)
         self.commands.draw(ids, self.steps)
-        self.shown.values[ids] = 0.0
-        self.clock.start(ids)
+        self.limiter.values[ids] = 0.0
+        self.gait_phase.start(ids)
         if self.power is not None:
             self.power.reset(ids)
         self._last_action[ids] = 0.0
@@ -210,8 +208,10 @@ class WalkingEnvironment:
                 levels[self.observation.part(name)] = getattr(noise, name)
         return np.asarray(levels * np.abs(self.observation.scales()))
 
-    def _log(self, terms: dict[str, Floats], motion: Motion, reward: Floats) -> dict[str, float]:
-        away = self.shown.values - np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])
+    def _log(
+        self, terms: dict[str, Floats], motion: RobotMotion, reward: Floats
+    ) -> dict[str, float]:
+        away = self.limiter.values - np.column_stack([motion.velocity[:, :2], motion.rate[:, 2]])
         means = np.abs(away).mean(axis=0)
         log = {f'term/{name}': float(values.mean()) for name, values in terms.items()}
         log['reward'] = float(reward.mean())

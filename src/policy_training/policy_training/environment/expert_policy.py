@@ -1,4 +1,4 @@
-"""Scripted trots at the head of an environment's robots, where there is no policy yet."""
+"""Scripted trots as expert policies of an environment's robots."""
 
 from dataclasses import replace
 from typing import Final
@@ -12,11 +12,11 @@ from policy_training.environment.environment import WalkingEnvironment
 
 Floats = NDArray[np.float64]
 
-RAMP: Final = 0.3  # s from the pose of a start to standing
+RAMP: Final = 0.3  # s from the initial pose to standing
 
 
-class Leaders:
-    """One trot for each robot; it senses what is so, and is told what the robot is shown."""
+class ExpertPolicy:
+    """One trot per robot, with the true state and the rate-limited command as inputs."""
 
     def __init__(self, environment: WalkingEnvironment, gait: TrotConfig) -> None:
         self._environment = environment
@@ -24,19 +24,19 @@ class Leaders:
         self._time = 0.0
 
     @property
-    def strides(self) -> list[float]:
-        """Phase of each robot's gait, 0..1."""
+    def phases(self) -> list[float]:
+        """Gait phase of each robot, 0..1."""
         return [trot.stride for trot in self._trots]
 
     def actions(self) -> Floats:
-        """What the trots do now, as `WalkingEnvironment.step` takes it [N, 12]."""
-        motion, shown = self._environment.motion, self._environment.shown.values
+        """Advance by a step and return actions for `WalkingEnvironment.step` [N, 12]."""
+        motion, commands = self._environment.motion, self._environment.limiter.values
         config = self._environment.config
         self._time += config.step_time
         targets = [
             trot.step(
                 self._time,
-                shown[robot],
+                commands[robot],
                 motion.position[robot],
                 motion.gravity[robot],
                 motion.rate[robot],
@@ -47,6 +47,6 @@ class Leaders:
         return np.asarray((np.stack(targets) - DEFAULT_POSE) / config.action_scale)
 
     def reset(self, done: NDArray[np.bool_]) -> None:
-        """Begin anew at the head of robots that did [N]."""
+        """Reset the trots of robots that were reset [N]."""
         for robot in np.flatnonzero(done):
             self._trots[robot].reset()

@@ -1,34 +1,106 @@
-"""What is rewarded: the terms of legged_gym's flat ANYmal, for N robots at once."""
+"""Rewards of legged_gym's flat ANYmal for N robots at once, one function for each."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import DEFAULT_POSE
 
 from policy_training.config import RewardConfig
-from policy_training.environment.robots import Motion
+from policy_training.environment.robots import RobotMotion
 
 Floats = NDArray[np.float64]
 
-_TOUCHING = 1.0  # N
-_TRACKING = ('velocity', 'yaw')
+_TOUCHING: Final = 1.0  # N
+_TRACKING: Final = ('tracking_lin_vel', 'tracking_ang_vel')
 
 
 @dataclass(frozen=True)
-class Moment:
-    """What rewards look at, beside the motion: N robots at one step."""
+class RewardState:
+    """Motion, command and action of N robots after one step."""
 
+    motion: RobotMotion
     command: Floats  # m/s, m/s, rad/s [N, 3]
-    asked: NDArray[np.bool_]  # whether steps are asked for, by the command or to catch a fall [N]
+    walking: NDArray[np.bool_]  # steps are due, by the command or to catch a fall [N]
     action: Floats  # [N, 12]
     last_action: Floats  # [N, 12]
     acceleration: Floats  # rad/s² [N, 12], of the joints
     flight: Floats  # s [N], time in the air beyond the target of feet that land now
+    sigma: float  # width of the tracking rewards, (m/s)² or (rad/s)²
+
+
+def tracking_lin_vel(s: RewardState) -> Floats:
+    """Tracking of vx and vy, 0..1 [N]."""
+    error = s.command[:, :2] - s.motion.velocity[:, :2]
+    return np.asarray(np.exp(-_square_sum(error) / s.sigma))
+
+
+def tracking_ang_vel(s: RewardState) -> Floats:
+    """Tracking of the yaw rate, 0..1 [N]."""
+    error = s.command[:, 2] - s.motion.rate[:, 2]
+    return np.asarray(np.exp(-np.square(error) / s.sigma))
+
+
+def lin_vel_z(s: RewardState) -> Floats:
+    """Squared vertical velocity, m²/s² [N]."""
+    return np.square(s.motion.velocity[:, 2])
+
+
+def ang_vel_xy(s: RewardState) -> Floats:
+    """Squared roll and pitch rate, rad²/s² [N]."""
+    return _square_sum(s.motion.rate[:, :2])
+
+
+def orientation(s: RewardState) -> Floats:
+    """Squared sine of the tilt [N]."""
+    return _square_sum(s.motion.gravity[:, :2])
+
+
+def torques(s: RewardState) -> Floats:
+    """Squared torques of the motors, (N·m)² [N]."""
+    return _square_sum(s.motion.torque)
+
+
+def dof_acc(s: RewardState) -> Floats:
+    """Squared accelerations of the joints, rad²/s⁴ [N]."""
+    return _square_sum(s.acceleration)
+
+
+def feet_air_time(s: RewardState) -> Floats:
+    """Time in the air beyond the target of feet that land while walking, s [N]."""
+    return s.flight * s.walking
+
+
+def collision(s: RewardState) -> Floats:
+    """Number of thighs and shanks on the ground [N]."""
+    return s.motion.collisions
+
+
+def action_rate(s: RewardState) -> Floats:
+    """Squared change of the actions [N]."""
+    return _square_sum(s.action - s.last_action)
+
+
+def stand_still(s: RewardState) -> Floats:
+    """Distance from the default pose of robots that are to stand, rad [N]."""
+    return np.asarray(np.abs(s.motion.position - DEFAULT_POSE).sum(axis=1) * ~s.walking)
+
+
+_FUNCTIONS: Final = (
+    *(tracking_lin_vel, tracking_ang_vel, lin_vel_z, ang_vel_xy, orientation, torques, dof_acc),
+    *(feet_air_time, collision, action_rate, stand_still),
+)
+REWARDS: Final[Mapping[str, Callable[[RewardState], Floats]]] = MappingProxyType(
+    {function.__name__: function for function in _FUNCTIONS}
+)
+"""Functions of a state that give a reward before weighting [N], by the names of their weights."""
 
 
 class FootClock:
-    """How long each foot has been in the air."""
+    """Time in the air of each foot."""
 
     def __init__(self, count: int, step: float, target: float) -> None:
         self._step, self._target = step, target
@@ -36,15 +108,15 @@ class FootClock:
         self._touched = np.ones((count, 4), bool)
 
     def start(self, ids: NDArray[np.intp]) -> None:
-        """Forget the past of some robots."""
+        """Reset the robots of these indices."""
         self.air[ids] = 0.0
         self._touched[ids] = True
 
     def land(self, force: Floats) -> Floats:
         """
-        How long feet that land now were in the air beyond the target, summed, s [N].
+        Advance by one step; return the summed time in the air beyond the target, s [N].
 
-        force: on the feet, N [N, 4].
+        Only feet that land now count. force: on the feet, N [N, 4].
         """
         touching = force > _TOUCHING
         firm = touching | self._touched
@@ -57,58 +129,26 @@ class FootClock:
 
 
 class Rewards:
-    """Weighted terms; what they add up to is the reward of a step."""
+    """Weighted rewards of a step and their sum."""
 
     def __init__(self, config: RewardConfig, step: float) -> None:
-        """step: s between two actions, which weights are multiplied by."""
-        self._config = config
-        self._weights = {
-            name: getattr(config, name) * step
-            for name in (
-                *('velocity', 'yaw', 'vertical', 'rolling', 'orientation', 'torque'),
-                *('acceleration', 'air_time', 'collision', 'action_rate', 'standing'),
-            )
-            if getattr(config, name)
-        }
+        """step: s between two actions, which multiplies the weights."""
+        self._only_positive = config.only_positive
+        weights = {name: getattr(config, name) * step for name in REWARDS}
+        self._weights = {name: weight for name, weight in weights.items() if weight}
 
-    def terms(self, motion: Motion, moment: Moment, share: float = 1.0) -> dict[str, Floats]:
-        """Each active term, weighted, [N]; of all but tracking a share."""
+    def terms(self, state: RewardState, share: float = 1.0) -> dict[str, Floats]:
+        """Return rewards times nonzero weights [N]; share: factor of all but tracking."""
         return {
-            name: weight * (1.0 if name in _TRACKING else share) * self._raw(name, motion, moment)
+            name: weight * (1.0 if name in _TRACKING else share) * REWARDS[name](state)
             for name, weight in self._weights.items()
         }
 
     def total(self, terms: dict[str, Floats]) -> Floats:
-        """Sum of all terms [N], not below 0 where the config says so."""
+        """Return the sum [N], not below 0 where the config says so."""
         total = np.sum(list(terms.values()), axis=0)
-        return np.maximum(total, 0.0) if self._config.only_positive else np.asarray(total)
-
-    def _raw(self, name: str, motion: Motion, moment: Moment) -> Floats:
-        sigma = self._config.sigma
-        if name == 'velocity':
-            away = moment.command[:, :2] - motion.velocity[:, :2]
-            return np.asarray(np.exp(-_squares(away) / sigma))
-        if name == 'yaw':
-            return np.asarray(np.exp(-np.square(moment.command[:, 2] - motion.rate[:, 2]) / sigma))
-        if name == 'vertical':
-            return np.square(motion.velocity[:, 2])
-        if name == 'rolling':
-            return _squares(motion.rate[:, :2])
-        if name == 'orientation':
-            return _squares(motion.gravity[:, :2])
-        if name == 'torque':
-            return _squares(motion.torque)
-        if name == 'acceleration':
-            return _squares(moment.acceleration)
-        if name == 'air_time':
-            return moment.flight * moment.asked
-        if name == 'collision':
-            return motion.collisions
-        if name == 'action_rate':
-            return _squares(moment.action - moment.last_action)
-        away = np.abs(motion.position - DEFAULT_POSE).sum(axis=1)
-        return np.asarray(away * ~moment.asked)
+        return np.maximum(total, 0.0) if self._only_positive else np.asarray(total)
 
 
-def _squares(values: Floats) -> Floats:
+def _square_sum(values: Floats) -> Floats:
     return np.asarray(np.square(values).sum(axis=1))

@@ -1,4 +1,4 @@
-"""N robots on one ground, stepped in threads, each with drives and ground of its own."""
+"""N simulated robots on one terrain, stepped in threads."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,7 +11,7 @@ from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.robot import build_spec
 from sim_bridge.plant.terrain import Terrain
 from sim_bridge.sensors.sensors import into_base
-from wattwalk_core.anymal import DEFAULT_POSE, FOOT_NAMES, JOINT_NAMES, LEGS, STANDING_HEIGHT
+from wattwalk_core.anymal import DEFAULT_POSE, FOOT_NAMES, LEGS, STANDING_HEIGHT
 
 from policy_training.config import PhysicsConfig, RandomConfig
 from policy_training.environment.drives import BatchDrives
@@ -28,8 +28,8 @@ _DROP: Final = 0.04  # m, that a start in motion is put above the ground
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What N robots do after a step of the policy; substeps hold S samples at 200 Hz."""
+class RobotMotion:
+    """State of N robots after a policy step."""
 
     velocity: Floats  # m/s [N, 3], base frame
     rate: Floats  # rad/s [N, 3], base frame
@@ -44,7 +44,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Substep:
-    """What the drives of N robots did in one time step, [N, 12] each."""
+    """Signals of the drives of N robots in one time step, [N, 12] each."""
 
     position_error: Floats  # rad, target in force minus position
     torque: Floats  # N·m, on the joint's side of the drive
@@ -55,8 +55,9 @@ class Robots:
     """
     N simulated robots.
 
-    Friction of the ground, payload, rotors and friction of the drives differ between robots and
-    stay with them; what a robot is started with is drawn anew.
+    Friction of the ground, payload, and rotors and friction of the drives are drawn once for each
+    robot; its initial state is drawn at each start. substeps: signals of the drives in the time
+    steps of the last policy step.
     """
 
     def __init__(
@@ -102,12 +103,12 @@ class Robots:
 
     @property
     def base_position(self) -> Floats:
-        """In the world, m [N, 3]."""
+        """Positions of the bases in the world, m [N, 3]."""
         position: Floats = self._qpos[:, :3]
         return position
 
     def start(self, ids: NDArray[np.intp]) -> None:
-        """Put some robots down somewhere: at rest, or in a random pose and in motion."""
+        """Place the robots of these indices at random, standing or moving in a random pose."""
         random, spread, count = self._random, self._spread, len(ids)
         rough = (random.random(count) >= spread.resting)[:, None]
         bent, moving = spread.pose * rough, spread.velocity * rough
@@ -129,12 +130,12 @@ class Robots:
         self._batch.forward(ids=np.sort(ids))
 
     def push(self, ids: NDArray[np.intp]) -> None:
-        """Change the velocity of some robots at once."""
+        """Add random horizontal velocities to the robots of these indices."""
         most = self._spread.push
         self._qvel[ids, :2] += self._random.uniform(-most, most, (len(ids), 2))
 
-    def step(self, targets: Floats) -> Motion:
-        """Move for one step of the policy towards joint targets, rad [N, 12]."""
+    def step(self, targets: Floats) -> RobotMotion:
+        """Simulate one policy step with joint targets, rad [N, 12]; return the motion."""
         drives, position, velocity = self.drives, self._qpos[:, 7:], self._qvel[:, 6:]
         self.substeps = []
         drives.aim(np.clip(targets, TARGET_LIMITS[:, 0], TARGET_LIMITS[:, 1]))
@@ -153,14 +154,14 @@ class Robots:
             )
         return self.motion(np.sqrt(squares / self.decimation))
 
-    def motion(self, torque: Floats | None = None) -> Motion:
-        """What the robots do now."""
+    def motion(self, torque: Floats | None = None) -> RobotMotion:
+        """Return the present state; torque: as in RobotMotion, 0 if None."""
         qpos, qvel = self._qpos, self._qvel
         attitude = qpos[:, 3:7]
         gravity = into_base(attitude, np.broadcast_to(_DOWN, (self.count, 3)))
         lowest = self._soles[:, self._sole_ids, 2].min(axis=1)
         wrong = ~np.isfinite(qpos).all(axis=1) | ~np.isfinite(qvel).all(axis=1)
-        return Motion(
+        return RobotMotion(
             velocity=into_base(attitude, qvel[:, :3]),
             rate=qvel[:, 3:6].copy(),
             gravity=gravity,
@@ -174,6 +175,3 @@ class Robots:
             | (gravity[:, 2] > -np.cos(_MOST_TILT))
             | (qpos[:, 2] - lowest < _LEAST_HEIGHT),
         )
-
-
-JOINTS: Final = JOINT_NAMES

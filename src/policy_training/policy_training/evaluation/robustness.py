@@ -1,7 +1,7 @@
-"""Does it walk? Many robots on rough ground, pushed, under changing commands."""
+"""Robustness evaluation: many robots on rough ground, pushed, under changing commands."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -16,14 +16,14 @@ from policy_training.environment.environment import WalkingEnvironment
 
 Floats = NDArray[np.float64]
 
-LIMITS: Final = (0.15, 0.15, 0.2)  # m/s, m/s, rad/s that a policy may be off
-_SETTLED: Final = 2.0  # s after a new command until it counts; the most that one comes in by
-_PUSHED: Final = 2.0  # s after a push until velocity counts
+LIMITS: Final = (0.15, 0.15, 0.2)  # m/s, m/s, rad/s, mean tracking errors of a policy that walks
+_SETTLED: Final = 2.0  # s after a new command that do not count
+_PUSHED: Final = 2.0  # s after a push that do not count
 
 
 @dataclass(frozen=True)
-class TrialConfig:
-    """How many robots, for how long, and how fast they are asked to go."""
+class RobustnessConfig:
+    """Number of robots, duration and the range of their commands, m/s and rad/s."""
 
     robots: int = 64
     seconds: float = 20.0
@@ -41,12 +41,12 @@ class TrialConfig:
 
 
 @dataclass(frozen=True)
-class Trials:
+class RobustnessResult:
     """
-    What came of it.
+    Falls and tracking errors.
 
-    Errors are of the mean velocity while one command holds, from 2 s after it was given and
-    without the 2 s after a push: their mean size and that which 95 % keep below.
+    Errors are of the mean velocity under one command, without the first 2 s and the 2 s after
+    a push: their mean size and the 95th percentile.
     """
 
     robots: int
@@ -57,26 +57,26 @@ class Trials:
     following: bool  # no falls, and mean errors within 0.15 m/s and 0.2 rad/s
 
     def content(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return keys and values for JSON."""
         return asdict(self)
 
 
-def run_trials(
+def evaluate_robustness(
     contract: Contract,
     network: Perceptron,
-    config: TrialConfig,
+    config: RobustnessConfig,
     *,
     threads: int = 0,
     progress: Callable[[float], None] | None = None,
-) -> Trials:
+) -> RobustnessResult:
     """
-    Let a learned policy walk, with the noise, spread of drives, delays and pushes of training.
+    Evaluate a learned policy with the noise, spread of drives, delays and pushes of training.
 
-    progress is told the share that is done. InputError for a policy whose joints, pose or scale
-    differ from those of training.
+    progress: called with the share that is done. InputError for a policy whose joints, pose or
+    scale differ from those of training.
     """
     environment = WalkingEnvironment(
-        replace(world(config, threads), action_scale=_scale_of(contract)),
+        rough_world(config, threads).with_values({'action_scale': _scale_of(contract)}),
         observation=contract.observation,
     )
     environment.age[:] = 0
@@ -101,25 +101,24 @@ def run_trials(
     return _judge(config, commands, reached, fell, pushed, step)
 
 
-def world(config: TrialConfig, threads: int = 0) -> TrainingConfig:
-    """What robots walk in and are asked for: rough ground, full noise, a push every 7 s."""
-    base = TrainingConfig()
-    return replace(
-        base,
-        seed=config.seed,
-        physics=replace(
-            base.physics, environments=config.robots, threads=threads, episode=config.seconds + 1
-        ),
-        commands=replace(
-            base.commands,
-            forward=config.forward,
-            lateral=config.lateral,
-            yaw=config.yaw,
-            ramp_steps=0.0,
-            ramp_from=1.0,
-        ),
-        random=replace(base.random, push_period=7.0, resting=0.0),
-        noise=replace(base.noise, least=1.0, clean=0.0),
+def rough_world(config: RobustnessConfig, threads: int = 0) -> TrainingConfig:
+    """Return the config of the robots: rough ground, full noise, a push every 7 s."""
+    return TrainingConfig().with_values(
+        {
+            'seed': config.seed,
+            'physics.environments': config.robots,
+            'physics.threads': threads,
+            'physics.episode': config.seconds + 1,
+            'commands.forward': config.forward,
+            'commands.lateral': config.lateral,
+            'commands.yaw': config.yaw,
+            'commands.ramp_from': 1.0,
+            'commands.ramp_steps': 0.0,
+            'random.push_period': 7.0,
+            'random.resting': 0.0,
+            'noise.least': 1.0,
+            'noise.clean': 0.0,
+        }
     )
 
 
@@ -139,13 +138,13 @@ def _scale_of(contract: Contract) -> float:
 
 
 def _judge(
-    config: TrialConfig,
+    config: RobustnessConfig,
     commands: Floats,
     reached: Floats,
     fell: NDArray[np.bool_],
     pushed: NDArray[np.bool_],
     step: float,
-) -> Trials:
+) -> RobustnessResult:
     changed = np.ones(fell.shape, bool)
     changed[1:] = (np.diff(commands, axis=0) != 0.0).any(axis=2)
     fresh = _since(changed) < _SETTLED / step
@@ -163,7 +162,7 @@ def _judge(
     names = ('vx', 'vy', 'yaw')
     mean, high = size.mean(axis=0), np.quantile(size, 0.95, axis=0)
     falls = int(fell.sum())
-    return Trials(
+    return RobustnessResult(
         robots=config.robots,
         seconds=config.seconds,
         falls=falls,

@@ -1,4 +1,4 @@
-"""PPO of rsl-rl on the walking environment: rounds of collecting and learning."""
+"""PPO of rsl-rl on the walking environment, in rounds of collecting and learning."""
 
 import contextlib
 import io
@@ -16,17 +16,17 @@ from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.vec_env import GROUP, STATE, Mirror, TorchEnvironment
 from policy_training.learning.imitation import imitate
-from policy_training.learning.reference_policy import FirstGait
+from policy_training.learning.reference_policy import ReferencePolicy
 
 _STD: Final = 'distribution.std_param'
 _CRITIC_RATE: Final = 1e-3
 _CRITIC_EPOCHS: Final = 3
-_CALM_PERIOD: Final = 100  # policy steps from one calm spell of a robot to its next
+_CALM_PERIOD: Final = 100  # policy steps between calm spells of a robot
 
 
 @dataclass
 class Round:
-    """What one iteration did."""
+    """Result of one iteration."""
 
     iteration: int
     steps: int  # policy steps so far
@@ -35,7 +35,7 @@ class Round:
 
 class Learner:
     """
-    Seeded PPO; a checkpoint is a dict of tensors and numbers that `restore` takes back.
+    Seeded PPO with checkpoints, dicts of tensors and numbers.
 
     device: of the network and its learning, `cpu` or `cuda`; the robots stay on the CPU.
     """
@@ -48,7 +48,7 @@ class Learner:
         self.environment = environment
         self.device = device
         self.iteration = 0
-        self._turns = torch.randint(_CALM_PERIOD, (environment.count,))
+        self._calm_phase = torch.randint(_CALM_PERIOD, (environment.count,))
         self._torch_environment = TorchEnvironment(environment, device)
         self._observations = self._torch_environment.get_observations()
         with contextlib.redirect_stdout(io.StringIO()):
@@ -59,13 +59,13 @@ class Learner:
                 device,
             )
         self._critic_optimiser = torch.optim.Adam(self.ppo.critic.parameters(), lr=_CRITIC_RATE)
-        self._first_gait: FirstGait | None = None
+        self._reference: ReferencePolicy | None = None
         self._critic_first = 0  # rounds in which the critic learns alone
 
     def run(
         self, iterations: int, report: Callable[[Round], None], *, seconds: float | None = None
     ) -> None:
-        """Go on until a number of iterations is done, or for so many seconds."""
+        """Run until a number of iterations is done, or for some seconds."""
         start = time.monotonic()
         self.ppo.train_mode()
         while self.iteration < iterations:
@@ -74,7 +74,7 @@ class Learner:
                 return
 
     def checkpoint(self) -> dict[str, Any]:
-        """Networks, optimiser, counters and the state of the random numbers."""
+        """Return networks, optimiser, counters and the state of the random numbers."""
         return {
             **self.ppo.save(),
             'critic_optimiser': self._critic_optimiser.state_dict(),
@@ -83,18 +83,20 @@ class Learner:
             'steps': self.environment.steps,
             'random': torch.get_rng_state(),
             'critic_first': self._critic_first,
-            **({'first_gait': self._first_gait.content()} if self._first_gait else {}),
+            **({'reference_policy': self._reference.content()} if self._reference else {}),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint; the robots start anew. InputError: it saw something else."""
+        """Go on from a checkpoint with reset robots; InputError for another observation."""
         self._check_observation(state)
         self.ppo.load(state, None, True)
         self._critic_optimiser.load_state_dict(state['critic_optimiser'])
-        if self.config.ppo.hold_rate > 0.0:
-            if 'first_gait' not in state:
-                raise InputError('that run held to no gait; resume it with ppo.hold_rate=0')
-            self._remember_gait(state['first_gait'], go_on=True)
+        if self.config.ppo.anchor_rate > 0.0:
+            if 'reference_policy' not in state:
+                raise InputError(
+                    'that run has no reference policy; resume it with ppo.anchor_rate=0'
+                )
+            self._set_reference(state['reference_policy'], go_on=True)
         self._critic_first = int(state.get('critic_first', 0))
         self.iteration = int(state['iteration'])
         self.environment.steps = int(state['steps'])
@@ -103,10 +105,10 @@ class Learner:
 
     def take_networks(self, state: dict[str, Any]) -> None:
         """
-        Start from the networks of another run, exploring as much as the config says.
+        Start from the networks of another run, with the exploration of the config.
 
-        Its first gait, or what it does now, is that of this one. InputError for a run whose
-        robots were shown something else.
+        The reference policy is that of the run, or its policy where it has none. InputError for
+        another observation or other sizes.
         """
         self._check_observation(state)
         actor = dict(state['actor_state_dict'])
@@ -115,7 +117,7 @@ class Learner:
             raise InputError('the networks of that run have other sizes than this one; begin anew')
         actor[_STD] = torch.full_like(actor[_STD], self.config.ppo.std)
         self.ppo.load({**state, 'actor_state_dict': actor}, {'actor': True, 'critic': True}, True)
-        self._remember_gait(state.get('first_gait'))
+        self._set_reference(state.get('reference_policy'))
 
     def _check_observation(self, state: dict[str, Any]) -> None:
         seen = self.environment.observation.content()
@@ -127,30 +129,30 @@ class Learner:
                     f'{seen.get(key)!r}; set it as it was, or begin anew'
                 )
 
-    def begin_with_gait(self, report: Callable[[float], None]) -> float:
-        """Learn the config's scripted gait; what is left of its actions, root mean square."""
+    def imitate_expert(self, report: Callable[[float], None]) -> float:
+        """Learn the config's scripted gait; return the RMS error of the actions."""
         actor = self.ppo.actor.mlp.cpu()
-        left = imitate(self.config, actor, Mirror(self.environment.observation), report)
+        error = imitate(self.config, actor, Mirror(self.environment.observation), report)
         actor.to(self.device)
-        self._remember_gait()
+        self._set_reference()
         self._critic_first = self.config.imitation.critic_rounds
-        return left
+        return error
 
-    def _remember_gait(self, content: dict[str, Any] | None = None, go_on: bool = False) -> None:
-        """Hold to what the policy is now, or to the first gait of a checkpoint."""
+    def _set_reference(self, content: dict[str, Any] | None = None, go_on: bool = False) -> None:
+        """Anchor to the present policy, or to the reference of a checkpoint."""
         ppo = self.config.ppo
-        if ppo.hold_rate > 0.0:
-            self._first_gait = FirstGait(
+        if ppo.anchor_rate > 0.0:
+            self._reference = ReferencePolicy(
                 self.ppo.actor.mlp,
                 self.environment.observation,
-                within=ppo.hold_within,
-                rate=ppo.hold_rate,
+                tolerance=ppo.anchor_tolerance,
+                rate=ppo.anchor_rate,
             )
             if content is not None:
-                self._first_gait.take(content, go_on=go_on)
+                self._reference.restore(content, go_on=go_on)
 
     def actor_layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Weight [out, in] and bias [out] of each layer of the policy."""
+        """Return weight [out, in] and bias [out] of each layer of the policy."""
         return [
             (module.weight.detach().cpu(), module.bias.detach().cpu())
             for module in self.ppo.get_policy().mlp
@@ -159,14 +161,14 @@ class Learner:
 
     def _act(self) -> torch.Tensor:
         """
-        Explore, but for robots in a calm spell, which do what the policy means.
+        Draw actions; robots in a calm spell take the mean action.
 
-        A policy whose every action is shaken may learn to be carried by the shaking: it walked
-        in training and stood still on the robot, where nothing shakes it.
+        A policy whose every action is noisy may learn to rely on the noise: it walked in training
+        and stood still on the robot.
         """
         actions = self.ppo.act(self._observations)
-        self._turns = (self._turns + 1) % _CALM_PERIOD
-        calm = self._turns < self.config.ppo.calm * _CALM_PERIOD
+        self._calm_phase = (self._calm_phase + 1) % _CALM_PERIOD
+        calm = self._calm_phase < self.config.ppo.calm * _CALM_PERIOD
         if calm.any():
             transition = self.ppo.transition
             mean = transition.distribution_params[0]
@@ -176,29 +178,29 @@ class Learner:
         return actions
 
     def _learn(self) -> dict[str, float]:
-        """A critic that knows nothing yet would spoil a gait that is there already."""
+        """Update the networks; at first the critic alone, since a new one spoils a good policy."""
         self._fit_critic()
         if self.iteration >= self._critic_first:
             losses: dict[str, float] = self.ppo.update()
-            return losses | self._hold()
+            return losses | self._anchor()
         kept = {name: value.clone() for name, value in self.ppo.actor.state_dict().items()}
         losses = self.ppo.update()
         self.ppo.actor.load_state_dict(kept)
         return losses
 
-    def _hold(self) -> dict[str, float]:
-        if self._first_gait is None:
+    def _anchor(self) -> dict[str, float]:
+        if self._reference is None:
             return {}
         rows = self.ppo.storage.observations.flatten(0, 1)  # the update leaves them there
-        share, left = self._first_gait.hold(rows[GROUP], rows[STATE])
-        return {'hurried': share, 'from_first_gait': left}
+        share, error = self._reference.anchor(rows[GROUP], rows[STATE])
+        return {'urgent': share, 'from_reference': error}
 
     def _fit_critic(self) -> None:
         """
         Fit the critic to the round's returns at a learning rate of its own.
 
-        PPO gives it the policy's, which where exploration is small is a hundredth of what a
-        critic needs; one that lags behind makes noise of the advantages.
+        PPO has one rate for both, with little exploration a hundredth of that which a critic
+        needs; a critic that lags behind makes the advantages noisy.
         """
         storage, critic = self.ppo.storage, self.ppo.critic
         seen, returns = storage.observations.flatten(0, 1), storage.returns.flatten(0, 1)
@@ -222,7 +224,7 @@ class Learner:
                 logs.append(self._torch_environment.log)
             collected = time.perf_counter()
             self.ppo.compute_returns(self._observations)
-            _tame(self.ppo.storage.advantages, config.ppo.most_advantage)
+            _clip_advantages(self.ppo.storage.advantages, config.ppo.advantage_clip)
         losses = self._learn()
         ended = time.perf_counter()
         self.iteration += 1
@@ -235,9 +237,9 @@ class Learner:
         return Round(self.iteration, self.environment.steps, values)
 
 
-def _tame(advantages: torch.Tensor, most: float) -> None:
+def _clip_advantages(advantages: torch.Tensor, most: float) -> None:
     """
-    Limit normalised advantages [T, N, 1] to ±most in place, and normalise them again.
+    Clip normalised advantages [T, N, 1] to ±most in place, and normalise them again.
 
     A fall is worth tens of standard deviations; a few hundred robots would learn of nothing else.
     """
@@ -247,7 +249,7 @@ def _tame(advantages: torch.Tensor, most: float) -> None:
 
 
 def algorithm_settings(config: TrainingConfig, environment: WalkingEnvironment) -> dict[str, Any]:
-    """A config in rsl-rl's words."""
+    """Return a config as rsl-rl takes it."""
     ppo = config.ppo
     network = {'class_name': 'MLPModel', 'hidden_dims': list(ppo.hidden), 'activation': 'elu'}
     mirror = None

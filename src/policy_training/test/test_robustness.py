@@ -1,20 +1,19 @@
 import numpy as np
+import policy_folders
 import pytest
 from policy_runner.policies.folder import read_folder
 from policy_runner.policies.perceptron import Perceptron
-from policy_training.evaluation.robustness import TrialConfig, run_trials
+from policy_training.evaluation.robustness import RobustnessConfig, evaluate_robustness
 from wattwalk_core.errors import InputError
-
-policy_folders = pytest.importorskip('policy_folders')
 
 
 def test_a_policy_that_only_stands_does_not_follow(tmp_path):
     contract, tensors = read_folder(policy_folders.save(tmp_path / 'p'))
     shares = []
-    found = run_trials(
+    found = evaluate_robustness(
         contract,
         Perceptron(tensors, 'elu'),
-        TrialConfig(robots=6, seconds=8.0),
+        RobustnessConfig(robots=6, seconds=8.0),
         threads=1,
         progress=shares.append,
     )
@@ -28,9 +27,11 @@ def test_a_policy_of_another_joint_order_cannot_be_tried(tmp_path):
     joints = policy_folders.JOINT_NAMES[::-1]
     contract, tensors = read_folder(policy_folders.save(tmp_path / 'p', joints=joints))
     with pytest.raises(InputError, match='order of joints'):
-        run_trials(contract, Perceptron(tensors, 'elu'), TrialConfig(robots=1, seconds=4.0))
+        evaluate_robustness(
+            contract, Perceptron(tensors, 'elu'), RobustnessConfig(robots=1, seconds=4.0)
+        )
 
 
 def test_trials_are_of_some_robots_for_some_seconds():
     with pytest.raises(InputError, match='0 robots'):
-        TrialConfig(robots=0)
+        RobustnessConfig(robots=0)
