@@ -324,11 +324,11 @@ def test_the_bench_takes_the_robot_of_a_challenge_without_opening_the_seal(tmp_p
 @pytest.mark.parametrize(
     ('change', 'words'),
     [
-        (('format: motion/1', 'format: song/1'), 'no motion'),
+        (('format: motion/1', 'format: song/1'), "expected 'motion/1', there is 'song/1'"),
         (('mode: rest', 'mode: dance'), 'mode must be one of'),
-        (('seconds: 3', 'seconds: -3'), 'seconds must lie above 0'),
+        (('seconds: 3', 'seconds: -3'), 'seconds: expected 0.001 to 36000 s, there is -3'),
         (('speed: 2.0', 'speed: fast'), "speed = 'fast' is not a number"),
-        (('speed: 2.0', 'spin: 2.0'), 'spin = 2.0 is not a number that a segment has'),
+        (('speed: 2.0', 'spin: 2.0'), 'segments[1]: unknown key'),
         (('segments:', 'parts:'), 'needs segments'),
         (('LF_KFE', 'LF_TAIL'), "no drive 'LF_TAIL'"),
     ],

@@ -56,8 +56,9 @@ def print_table(
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write plain values as JSON, whole or not at all; RecordingError if that is impossible."""
-    write_whole(path, json.dumps(content, indent=1, allow_nan=False) + '\n')
+    """Write plain values as JSON; RecordingError if it cannot be written, ValueError for NaN."""
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    write_whole(path, text + '\n')
 
 
 def check_suffix(path: Path | None, option: str, suffixes: Sequence[str]) -> None:

@@ -1,23 +1,18 @@
 """`ros2 run power_lab add`: put an effect into a model, refit all, keep the history."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-from power_estimator.effects import Catalogue
-from power_estimator.effects.fit.design import Active
-from power_estimator.effects.fit.fitter import measurement_terms
-from power_estimator.effects.fit.training import Material, fit_model, material
-from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.model_file.yaml_file import read_model, write_model
 from wattwalk_core.command import command
+from wattwalk_core.console import check_suffix, progress, write_json
 from wattwalk_core.errors import InputError
 
 from power_lab.commands import options as common
-from power_lab.compare.evidence import Examiner
-from power_lab.recordings import base_power, load
-from power_lab.report.tables import print_model
+
+if TYPE_CHECKING:
+    from power_estimator.effects.model_file.model import EffectModel
 
 
 @command
@@ -39,21 +34,28 @@ def main(args: Sequence[str] | None = None) -> int:
     add('--seed', type=int, default=0, help='of the bootstrap')
     common.add_outputs(parser, report=False)
     options = parser.parse_args(args)
-    common.require_suffix(options.output, '.yaml', '-o')
+    check_suffix(options.output, '-o', ('.yaml',))
+
+    from power_estimator.effects.fit.training import material
+    from power_estimator.effects.model_file.yaml_file import read_model, write_model
+
+    from power_lab.compare.addition import add_effects
+    from power_lab.recordings import base_power, load
+    from power_lab.report.tables import print_model
+
     catalogue = common.catalogue_of(options)
     model = read_model(options.to, catalogue)
     new = common.parse_effects(options.effects, catalogue)
     for active in new:
         if active.name in model.effects:
             raise InputError(f'{active.name!r} is active in {options.to} already')
-    with common.waiting() as progress:
-        progress.add_task('reading and fitting')
+    with progress('reading and fitting'):
         loaded = load(options.bag, options.drives)
         base = None
         if model.base:
             base = base_power(loaded, model.base).power
         own = material(loaded.data, per=options.per, base=base, catalogue=catalogue)
-        better, _ = add_effects(
+        better = add_effects(
             model, new, own, catalogue, options.output.stem, loaded.identities, options.seed
         )
     write_model(better, options.output)
@@ -61,52 +63,12 @@ def main(args: Sequence[str] | None = None) -> int:
     _print_staircase(better)
     print(f'wrote {options.output}')
     content = {'model': str(options.output), 'history': [dict(e) for e in better.history]}
-    common.write_json(options.json, content)
+    if options.json is not None:
+        write_json(options.json, content)
     return 0
 
 
-def add_effects(
-    model: EffectModel,
-    new: Sequence[Active],
-    own: Material,
-    catalogue: Catalogue,
-    name: str,
-    identities: Sequence[Any],
-    seed: int = 0,
-) -> tuple[EffectModel, dict[str, Any]]:
-    """The model with more effects, fitted to the material, and the new entry of its history."""
-    better, _ = fit_model(
-        name,
-        own,
-        [*model.structure.actives, *new],
-        catalogue,
-        base=model.base,
-        fitted_on=identities,
-        seed=seed,
-    )
-    entry = {
-        'step': 'add',
-        'added': [active.name for active in new],
-        'effects': list(better.effects),
-        'recordings': [entry['name'] for entry in identities],
-        'rmse_before_w': held_out_errors(own, model, catalogue),
-        'rmse_w': held_out_errors(own, better, catalogue),
-    }
-    return better.with_history(*model.history, entry), entry
-
-
-def held_out_errors(own: Material, model: EffectModel, catalogue: Catalogue) -> dict[str, float]:
-    """Cross-validated error of a model's structure on the material, W by drive."""
-    terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
-    examiner = Examiner(own.fitter())
-    evidence = examiner.examine(examiner.fitter.fit(model.structure.plus(*terms), iterations=4))
-    return {
-        drive: float(f'{value:.4g}')
-        for drive, value in zip(own.prepared.names, evidence.rmse, strict=True)
-    }
-
-
-def _print_staircase(model: EffectModel) -> None:
+def _print_staircase(model: 'EffectModel') -> None:
     print('held-out error over the drives, on the recordings of each step:')
     for entry in model.history:
         label = ', '.join(entry.get('added', entry.get('effects', [])))
@@ -117,4 +79,5 @@ def _print_staircase(model: EffectModel) -> None:
 
 
 def _mean(errors: Mapping[str, float]) -> float:
-    return float(np.sqrt(np.mean(np.square(list(errors.values()) or [0.0]))))
+    values = list(errors.values()) or [0.0]
+    return math.sqrt(math.fsum(value**2 for value in values) / len(values))

@@ -4,15 +4,11 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from sim_bridge.offline.run import run_offline
-from sim_bridge.plant.parameters import Plant
 from wattwalk_core.command import command
+from wattwalk_core.console import write_json
 from wattwalk_core.errors import InputError
-from wattwalk_core.files import write_whole
 
-from power_lab.challenge.challenge import SEALED, draw, score, seal, unseal
 from power_lab.commands import options as common
-from power_lab.diagnose.verdict import plain
 
 DRIVES = ('LF_HAA', 'LF_HFE', 'LF_KFE')
 
@@ -41,6 +37,12 @@ def main(args: Sequence[str] | None = None) -> int:
             raise InputError(f'--{name} {getattr(options, name)}: give a number from 0')
     if not 30.0 <= options.duration <= 3600.0:
         raise InputError(f'--duration {options.duration:g}: it must lie in 30..3600 s')
+
+    from sim_bridge.offline.run import run_offline
+    from sim_bridge.plant.parameters import Plant
+
+    from power_lab.challenge.challenge import draw, seal
+
     challenge = draw(options.seed)
     plant = challenge.plant(Plant.load(options.plant))
     run_offline(
@@ -55,7 +57,7 @@ def main(args: Sequence[str] | None = None) -> int:
     seal(challenge, options.output)
     bag, known = options.output, ','.join(challenge.known)
     if options.json:
-        write_whole(options.json, json.dumps({'known': list(challenge.known)}) + '\n')
+        write_json(options.json, {'known': list(challenge.known)})
     if options.walk:
         print(f'{bag}: the same robot walks again; judge models on it that never saw it:')
         print(f'  ros2 run power_lab compare {bag} --models base.yaml better.yaml')
@@ -82,6 +84,10 @@ def reveal(args: Sequence[str] | None = None) -> int:
     add('--diagnosis', type=Path, metavar='FILE.json', help='what diagnose --json wrote')
     add('--json', type=Path, metavar='FILE', help='write the answer as JSON')
     options = parser.parse_args(args)
+
+    from power_lab.challenge.challenge import score, unseal
+    from power_lab.diagnose.verdict import plain
+
     answer = unseal(options.bag)
     hidden = ', '.join(plain(name) for name in answer['hidden']) or 'nothing'
     times = f' at {answer["strength"]:g} times its usual strength' if answer['hidden'] else ''
@@ -96,8 +102,5 @@ def reveal(args: Sequence[str] | None = None) -> int:
         answer['score'] = score(answer, found)
         print(f'the diagnosis ({found["verdict"]}) is {answer["score"]}')
     if options.json:
-        write_whole(options.json, json.dumps(answer, indent=1) + '\n')
+        write_json(options.json, answer)
     return 0
-
-
-__all__ = ['SEALED', 'main', 'reveal']

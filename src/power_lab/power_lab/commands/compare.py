@@ -3,13 +3,10 @@
 from collections.abc import Sequence
 
 from wattwalk_core.command import command
+from wattwalk_core.console import check_suffix, progress, write_json
 from wattwalk_core.errors import InputError
 
 from power_lab.commands import options as common
-from power_lab.compare.comparison import compare
-from power_lab.recordings import load
-from power_lab.report.page import closest, write_comparison
-from power_lab.report.tables import print_comparison
 
 
 @command
@@ -32,18 +29,24 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     common.add_outputs(parser)
     options = parser.parse_args(args)
-    common.require_suffix(options.report, '.html', '--report')
+    check_suffix(options.report, '--report', ('.html',))
     if len(set(options.models)) < len(options.models):
         raise InputError(f'--models names a model twice: {", ".join(options.models)}')
+
+    from power_lab.compare.comparison import compare
+    from power_lab.recordings import load
+    from power_lab.report.page import closest, write_comparison
+    from power_lab.report.tables import print_comparison
+
     catalogue = common.catalogue_of(options)
-    with common.waiting() as progress:
-        progress.add_task('reading and comparing')
+    with progress('reading and comparing'):
         loaded = load(options.bags, options.drives)
         comparison = compare(loaded, options.models, catalogue)
         content = comparison.json()
     print_comparison(common.console(), content)
     print(closest(content['models']))
-    common.write_json(options.json, content)
+    if options.json is not None:
+        write_json(options.json, content)
     if options.report:
         write_comparison(options.report, comparison)
         print(f'report: {options.report}')

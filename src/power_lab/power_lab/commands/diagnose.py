@@ -3,14 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from drive_bench.motion.joint_limits import limits_of
 from wattwalk_core.command import command
+from wattwalk_core.console import check_suffix, progress, write_json
 
 from power_lab.commands import options as common
-from power_lab.compare.comparison import open_model
-from power_lab.diagnose.outcome import diagnose
-from power_lab.recordings import load
-from power_lab.report.tables import print_outcome
 
 
 @command
@@ -37,18 +33,26 @@ def main(args: Sequence[str] | None = None) -> int:
     add('--seed', type=int, default=0, help='of the bootstrap')
     common.add_outputs(parser)
     options = parser.parse_args(args)
-    common.require_suffix(options.report, '.html', '--report')
-    common.require_suffix(options.motion, '.yaml', '--motion')
+    check_suffix(options.report, '--report', ('.html',))
+    check_suffix(options.motion, '--motion', ('.yaml',))
+
+    from drive_bench.motion.joint_limits import limits_of
+
+    from power_lab.compare.comparison import open_model
+    from power_lab.diagnose.outcome import diagnose
+    from power_lab.recordings import load
+    from power_lab.report.tables import print_outcome
+
     catalogue = common.catalogue_of(options)
     model = open_model(options.model, catalogue)
-    with common.waiting() as progress:
-        task = progress.add_task('reading')
+    with progress('reading') as show:
         loaded = load(options.bags, options.drives)
-        progress.update(task, description='diagnosing')
+        show('diagnosing')
         outcome = diagnose(loaded, model, options.model, catalogue, options.seed)
         content = outcome.json()
     print_outcome(common.console(), outcome)
-    common.write_json(options.json, content)
+    if options.json is not None:
+        write_json(options.json, content)
     if options.motion:
         motion = outcome.motion
         if options.limits is not None:

@@ -3,15 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from sim_bridge.offline.run import OfflineRun, write_bench_bag
-from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.world import stand_world
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
 
-from power_lab.challenge.bench_motion import BenchMotion
-from power_lab.challenge.challenge import Challenge, unseal
 from power_lab.commands import options as common
 
 
@@ -35,6 +30,14 @@ def main(args: Sequence[str] | None = None) -> int:
     add('--seed', type=int, default=0, help='of the noise')
     add('--overwrite', action='store_true', help='replace a bag that is there')
     options = parser.parse_args(args)
+
+    from sim_bridge.offline.run import OfflineRun, write_bench_bag
+    from sim_bridge.plant.parameters import Plant
+    from sim_bridge.plant.world import stand_world
+
+    from power_lab.challenge.bench_motion import BenchMotion
+    from power_lab.challenge.challenge import Challenge, unseal
+
     motion = BenchMotion(options.motion)
     drive = options.drive or (motion.drives[0] if motion.drives else JOINT_NAMES[0])
     if drive not in JOINT_NAMES:

@@ -3,15 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from power_estimator.effects.fit.training import fit_model, material
-from power_estimator.effects.model_file.yaml_file import write_model
 from wattwalk_core.command import command
+from wattwalk_core.console import check_suffix, progress, write_json
 from wattwalk_core.errors import InputError
 
 from power_lab.commands import options as common
-from power_lab.recordings import base_power, load
-from power_lab.report.tables import print_model
 
 
 @command
@@ -32,13 +28,20 @@ def main(args: Sequence[str] | None = None) -> int:
     add('--seed', type=int, default=0, help='of the bootstrap')
     common.add_outputs(parser, report=False)
     options = parser.parse_args(args)
-    common.require_suffix(options.output, '.yaml', '-o')
-    catalogue = common.catalogue_of(options)
-    effects = common.parse_effects(options.effects, catalogue)
+    check_suffix(options.output, '-o', ('.yaml',))
     if options.base and options.base.endswith('.yaml'):
         raise InputError(f'--base {options.base!r}: give ppn:RUN or a proxy; add effects by add')
-    with common.waiting() as progress:
-        progress.add_task('reading and fitting')
+
+    import numpy as np
+    from power_estimator.effects.fit.training import fit_model, material
+    from power_estimator.effects.model_file.yaml_file import write_model
+
+    from power_lab.recordings import base_power, load
+    from power_lab.report.tables import print_model
+
+    catalogue = common.catalogue_of(options)
+    effects = common.parse_effects(options.effects, catalogue)
+    with progress('reading and fitting'):
         loaded = load(options.bags, options.drives)
         base = None
         if options.base:
@@ -62,7 +65,8 @@ def main(args: Sequence[str] | None = None) -> int:
     write_model(model, options.output)
     print_model(common.console(), model)
     print(f'wrote {options.output}; error in the fit: ' + _errors(rmse))
-    common.write_json(options.json, {'model': str(options.output), **entry})
+    if options.json is not None:
+        write_json(options.json, {'model': str(options.output), **entry})
     return 0
 
 

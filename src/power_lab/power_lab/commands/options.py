@@ -1,17 +1,16 @@
-"""What all commands of the lab share: arguments, progress, output."""
+"""Arguments that commands of the lab have in common, and their console."""
 
 import argparse
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-from power_estimator.effects import Catalogue, load_catalogue
-from power_estimator.effects.fit.design import Active
-from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from wattwalk_core.errors import InputError
-from wattwalk_core.files import write_whole
+
+if TYPE_CHECKING:
+    from power_estimator.effects import Catalogue
+    from power_estimator.effects.fit.design import Active
+    from rich.console import Console
 
 
 def parser(
@@ -19,7 +18,7 @@ def parser(
 ) -> argparse.ArgumentParser:
     """A parser with the arguments that every command has."""
     made = argparse.ArgumentParser(
-        prog=name,
+        prog=f'ros2 run power_lab {name}',
         description=description,
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -56,18 +55,22 @@ def add_outputs(made: argparse.ArgumentParser, *, report: bool = True) -> None:
         made.add_argument('--report', type=Path, metavar='FILE.html', help='write a page to read')
 
 
-def catalogue_of(options: argparse.Namespace) -> Catalogue:
+def catalogue_of(options: argparse.Namespace) -> 'Catalogue':
     """Shipped effects and the user's own."""
+    from power_estimator.effects import load_catalogue
+
     return load_catalogue(options.effects_path)
 
 
-def parse_effects(text: Sequence[str], catalogue: Catalogue) -> list[Active]:
+def parse_effects(text: Sequence[str], catalogue: 'Catalogue') -> list['Active']:
     """
     Names apart or joined by commas: `shaft,copper_loss,idle`.
 
     Errors of the measurement may be named as well; every fit has them anyway. InputError for an
     unknown or repeated name.
     """
+    from power_estimator.effects.fit.design import Active
+
     names = [name.strip() for part in text for name in part.split(',') if name.strip()]
     if not names:
         raise InputError('--effects is empty; for example shaft,copper_loss,idle')
@@ -86,30 +89,8 @@ def parse_effects(text: Sequence[str], catalogue: Catalogue) -> list[Active]:
     return actives
 
 
-def write_json(path: Path | None, content: Mapping[str, Any]) -> None:
-    """Write it if a path is given."""
-    if path is not None:
-        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-        write_whole(path, text + '\n')
+def console() -> 'Console':
+    """Console of tables, on stdout."""
+    from rich.console import Console
 
-
-def console() -> Console:
-    """Where tables go."""
     return Console(highlight=False, soft_wrap=False)
-
-
-def waiting() -> Progress:
-    """A line on stderr that says what is being done."""
-    return Progress(
-        SpinnerColumn(),
-        TextColumn('{task.description}'),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    )
-
-
-def require_suffix(path: Path | None, suffix: str, option: str) -> None:
-    """InputError if an output file has another ending."""
-    if path is not None and path.suffix != suffix:
-        raise InputError(f'{option} {str(path)!r}: end it in {suffix}')

@@ -3,11 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from power_estimator.effects.model_file.yaml_file import read_model
-from sim_bridge.plant.parameters import Plant
 from wattwalk_core.command import command
+from wattwalk_core.console import check_suffix, write_json
 
-from power_lab.challenge.plant_export import to_plant
 from power_lab.commands import options as common
 
 
@@ -26,12 +24,19 @@ def main(args: Sequence[str] | None = None) -> int:
     add('-o', '--output', type=Path, required=True, metavar='PLANT.yaml', help='file to write')
     common.add_outputs(parser, report=False)
     options = parser.parse_args(args)
-    common.require_suffix(options.output, '.yaml', '-o')
+    check_suffix(options.output, '-o', ('.yaml',))
+
+    from power_estimator.effects.model_file.yaml_file import read_model
+    from sim_bridge.plant.parameters import Plant
+
+    from power_lab.challenge.plant_export import to_plant
+
     model = read_model(options.model, common.catalogue_of(options))
     plant, strengths = to_plant(model, Plant.load(options.plant))
     plant.save(options.output)
     for name, value in strengths.items():
         print(f'{name:24} {value:.3g} times that of {options.plant}')
     print(f'wrote {options.output}')
-    common.write_json(options.json, {'plant': str(options.output), 'strengths': strengths})
+    if options.json is not None:
+        write_json(options.json, {'plant': str(options.output), 'strengths': strengths})
     return 0
