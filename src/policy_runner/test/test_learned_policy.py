@@ -191,7 +191,7 @@ def test_torchscript_with_a_contract_beside_it_runs_as_the_folder_does(tmp_path,
     content = yaml.safe_load((folder / 'policy.yaml').read_text())
     del content['network']
     (tmp_path / 'twin.yaml').write_text(yaml.safe_dump(content))
-    script = load_policy(str(tmp_path / 'twin.pt'))
+    script = load_policy(str(tmp_path / 'twin.pt'), trust_code=True)
     for one in (policy, script):
         one.take_over()
     for index in range(3):
@@ -207,4 +207,31 @@ def test_a_file_that_is_no_torchscript_is_refused(tmp_path, contract):
         folder = policy_folders.save(tmp_path / 'p')
         (tmp_path / 'x.yaml').write_text((folder / 'policy.yaml').read_text())
     with pytest.raises(InputError, match='TorchScript' if contract else 'x.yaml is missing'):
-        load_policy(str(tmp_path / 'x.pt'))
+        load_policy(str(tmp_path / 'x.pt'), trust_code=True)
+
+
+def test_torchscript_is_not_even_opened_without_trust_in_its_code(tmp_path):
+    torch = pytest.importorskip('torch')
+
+    class Trap(torch.nn.Module):
+        def __init__(self, path: str):
+            super().__init__()
+            self.path = path
+
+        def forward(self, x):
+            found = torch.from_file(self.path, shared=True, size=4, dtype=torch.float32)
+            found.fill_(1.0)
+            return torch.zeros(1, 12) + 0.0 * found.sum()
+
+    victim = tmp_path / 'victim'
+    victim.write_bytes(bytes(16))
+    torch.jit.script(Trap(str(victim))).save(str(tmp_path / 'trap.pt'))
+    folder = policy_folders.save(tmp_path / 'p')
+    content = yaml.safe_load((folder / 'policy.yaml').read_text())
+    del content['network']
+    (tmp_path / 'trap.yaml').write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=r'TorchScript is code.*--trust-code'):
+        load_policy(str(tmp_path / 'trap.pt'))
+    assert victim.read_bytes() == bytes(16)
+    load_policy(str(tmp_path / 'trap.pt'), trust_code=True)
+    assert victim.read_bytes() != bytes(16), 'the trap is armed'

@@ -142,6 +142,8 @@ def test_the_policy_is_changed_by_its_parameter_while_the_robot_stands(
     wait_until(lambda: 'running' in robot.reasons, 'running')
     bad = node_process.ros2('param', 'set', '/policy_runner', 'policy', 'gallop')
     bad.wait_for_output("(?i)failed.*no policy 'gallop'")
+    trust = node_process.ros2('param', 'set', '/policy_runner', 'trust_code', 'true')
+    trust.wait_for_output('(?i)failed')
     good = node_process.ros2('param', 'set', '/policy_runner', 'policy', str(folder))
     good.wait_for_output('(?i)successful')
     node.wait_for_output('standing: the robot comes to a stand')

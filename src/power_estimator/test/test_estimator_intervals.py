@@ -82,13 +82,8 @@ def test_a_network_keeps_its_intervals_on_disk_and_older_files_have_none(checkpo
     loaded = Checkpoint.load(file)
     assert [n.intervals for n in loaded.networks] == [n.intervals for n in checkpoint.networks]
     assert all(n.intervals is not None for n in loaded.networks)
-    plain = replace(
-        checkpoint,
-        networks=tuple(
-            replace(n, intervals=None, out_of_distribution=None) for n in checkpoint.networks
-        ),
-    )
-    plain.save(file)
+    older = (replace(n, intervals=None, out_of_distribution=None) for n in checkpoint.networks)
+    replace(checkpoint, networks=tuple(older)).save(file)
     ppn = PowerPredictionNetwork(Checkpoint.load(file))
     low, high = ppn.interval(np.zeros((4, 2), np.float32), ('LF_HAA', 'LF_HFE'))
     assert np.isnan(low).all()

@@ -37,7 +37,12 @@ class PolicyRunner(Node):
             'policy', options.policy, ParameterDescriptor(description=text)
         )
         self._policy = str(named.value)
-        policy = load_policy(self._policy)
+        text = 'run TorchScript policies, which are code and may do anything'
+        trusted = ParameterDescriptor(description=text, read_only=True)
+        self._trust_code = bool(
+            self.declare_parameter('trust_code', options.trust_code, trusted).value
+        )
+        policy = load_policy(self._policy, trust_code=self._trust_code)
         asked = self._parameter('rate', policy.rate, 10.0, 400.0, 'Hz at which it is asked')
         self._rate = None if asked == policy.rate else asked
         safety = SafetyConfig()
@@ -81,7 +86,7 @@ class PolicyRunner(Node):
             if parameter.name != 'policy':
                 continue
             try:
-                policy = load_policy(str(parameter.value))
+                policy = load_policy(str(parameter.value), trust_code=self._trust_code)
             except InputError as error:
                 return SetParametersResult(successful=False, reason=str(error))
             done, message = self._supervisor.change(policy, self._now())

@@ -26,6 +26,7 @@ class Options:
     random_commands: bool = False
     velocity: str | None = None
     seed: int = 0
+    trust_code: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.restart_after < 3600.0:
@@ -56,7 +57,7 @@ def parse(arguments: Sequence[str]) -> Options:
         epilog='example: ros2 run policy_runner run --policy pmp --start --velocity=0.6,0,0',
     )
     parser.add_argument(
-        '--policy', default='trot', help=f'{", ".join(POLICIES)}, or a policy folder'
+        '--policy', default='trot', help=f'{", ".join(POLICIES)}, a folder or a TorchScript file'
     )
     parser.add_argument(
         '--start', action='store_true', help='stand up as soon as the robot is heard'
@@ -77,6 +78,11 @@ def parse(arguments: Sequence[str]) -> Options:
         help='hold it (m/s, m/s, rad/s) instead of following cmd_vel',
     )
     parser.add_argument('--seed', type=int, default=0, help='of the random commands')
+    parser.add_argument(
+        '--trust-code',
+        action='store_true',
+        help='run TorchScript files: they are code, which may do anything; folders are not',
+    )
     return Options(**vars(parser.parse_args(list(arguments))))
 
 

@@ -77,11 +77,12 @@ POLICIES: Final = (*TROTS, *shipped())
 """Names of the policies there are."""
 
 
-def load_policy(source: str) -> Policy:
+def load_policy(source: str, *, trust_code: bool = False) -> Policy:
     """
-    The policy of a name, of a folder, or of a TorchScript file.
+    Load the policy of a name, of a folder, or of a TorchScript file.
 
-    InputError, with those there are, if there is none, and with what is wrong in a bad one.
+    TorchScript is code and may do anything: it is loaded only with trust_code. Raises InputError,
+    with the policies there are, if there is none, and with the fault of a bad one.
     """
     if source in TROTS:
         return TrotPolicy(ScriptedTrot(TROTS[source]))
@@ -94,7 +95,7 @@ def load_policy(source: str) -> Policy:
         from policy_runner.policies.torchscript import SUFFIXES, load_torchscript
 
         if path.suffix in SUFFIXES:
-            return load_torchscript(path)
+            return load_torchscript(path, trust_code=trust_code)
     raise InputError(
         f'no policy {source!r}; there are {", ".join(POLICIES)}, or give a policy folder'
     )

@@ -11,19 +11,18 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load, save
+from safetensors.numpy import save
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
-from wattwalk_core.schema import Quantity, read, schema
+from wattwalk_core.schema import Name, Quantity, read, schema
+from wattwalk_core.tensors import Tensors, checked_tensors, read_tensors
+from wattwalk_core.yaml_file import dump_yaml
 
 from policy_runner.policies.observations import Observation
 
 Floats = NDArray[np.float64]
-Tensors = Mapping[str, NDArray[np.float32]]
 
 FORMAT: Final = 'wattwalk_policy/1'
 CARD: Final = 'policy.yaml'
@@ -73,7 +72,7 @@ class Contract:
     """
 
     format: Literal['wattwalk_policy/1']
-    name: str
+    name: Name
     rate: Annotated[float, Quantity(10.0, 400.0, 'Hz')]
     joints: tuple[str, ...]
     default_pose: dict[str, Annotated[float, Quantity(-10.0, 10.0, 'rad')]]
@@ -102,46 +101,27 @@ class Contract:
         """Return values by joint in the policy's order [12]."""
         return np.array([values[joint] for joint in self.joints])
 
-    def check(self, tensors: Tensors) -> None:
-        """Raise InputError for a tensor missing, unknown, of another shape or not finite."""
-        expected = self.network.shapes(self.observation.size, len(self.joints))
-        for name, shape in expected.items():
-            if name not in tensors:
-                raise InputError(f'{WEIGHTS} lacks {name!r}')
-            values = tensors[name]
-            if values.shape != shape:
-                raise InputError(
-                    f'{name} has shape {list(values.shape)}; the contract asks for {list(shape)}'
-                )
-            if not np.isfinite(values).all():
-                raise InputError(f'{name} holds numbers that are not finite; train it again')
-        unknown = [name for name in tensors if name not in expected]
-        if unknown:
-            raise InputError(f'{WEIGHTS} has {unknown[0]!r}, which the contract does not name')
+    def checked(self, tensors: Tensors) -> dict[str, NDArray[np.float32]]:
+        """Return the tensors as float32; InputError for one missing, unknown or unfit."""
+        shapes = self.network.shapes(self.observation.size, len(self.joints))
+        return checked_tensors(tensors, shapes, WEIGHTS)
 
 
 def write_folder(folder: Path, contract: Contract, tensors: Tensors) -> None:
     """Write a policy, each file whole or not at all; InputError if tensors do not fit."""
-    contract.check(tensors)
+    arrays = contract.checked(tensors)
     folder.mkdir(parents=True, exist_ok=True)
-    arrays = {name: np.ascontiguousarray(values) for name, values in tensors.items()}
     write_whole(folder / WEIGHTS, save(arrays))
     content = asdict(contract)  # type: ignore[call-overload]
     content['observation'] = contract.observation.content()
-    text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=98)
-    write_whole(folder / CARD, text)
+    write_whole(folder / CARD, dump_yaml(content))
 
 
 def read_folder(folder: Path) -> tuple[Contract, dict[str, NDArray[np.float32]]]:
     """Read and check a policy; InputError of one line names the folder and the entry."""
     contract = read(Contract, folder / CARD, 'policy')
+    weights = read_tensors(folder / WEIGHTS, 'policy')
     try:
-        tensors = load((folder / WEIGHTS).read_bytes())
-        contract.check(tensors)
-    except OSError as error:
-        raise InputError(f'policy {folder}: cannot read {WEIGHTS} ({error.strerror})') from error
-    except (SafetensorError, ValueError, TypeError) as error:
-        raise InputError(f'policy {folder}: {WEIGHTS} is damaged ({error})') from error
+        return contract, contract.checked(weights.tensors)
     except InputError as error:
         raise InputError(f'policy {folder}: {error}') from None
-    return contract, {name: values.astype(np.float32) for name, values in tensors.items()}

@@ -1,12 +1,15 @@
 """TorchScript policies, each with its contract in a YAML file beside it."""
 
+import io
 import warnings
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import read_bytes
 from wattwalk_core.schema import parse
+from wattwalk_core.tensors import SIZE
 from wattwalk_core.yaml_file import read_yaml
 
 from policy_runner.policies.folder import CARD, Contract
@@ -15,13 +18,18 @@ from policy_runner.policies.learned import LearnedPolicy
 SUFFIXES = ('.pt', '.pth', '.jit', '.ts')
 
 
-def load_torchscript(file: Path) -> LearnedPolicy:
+def load_torchscript(file: Path, *, trust_code: bool = False) -> LearnedPolicy:
     """
     Load a scripted or traced module from observation [1, size] to action [1, 12].
 
     NAME.yaml or policy.yaml beside NAME.pt holds the contract as in a policy folder, without
-    `network`. Raises InputError, which names the file and the entry.
+    `network`. Raises InputError, which names the file and the entry, and without trust_code.
     """
+    if not trust_code:
+        raise InputError(
+            f'policy {file}: TorchScript is code that may do anything here; give --trust-code if '
+            'you trust its author, or a policy folder of weights and contract, which runs no code'
+        )
     beside = [file.with_suffix('.yaml'), file.with_name(CARD)]
     card = next((path for path in beside if path.is_file()), None)
     if card is None:
@@ -38,17 +46,19 @@ class _TorchNetwork:
         import torch
 
         torch.set_num_threads(1)
+        data = io.BytesIO(read_bytes(file, 'policy', SIZE))
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore', DeprecationWarning)
-                module = torch.jit.load(str(file), map_location='cpu')
+                module = torch.jit.load(data, map_location='cpu')
             answer = module.eval()(torch.zeros(1, contract.observation.size))
-        except (RuntimeError, ValueError) as error:
+            sound = tuple(answer.shape) == (1, 12) and bool(torch.isfinite(answer).all())
+        except Exception as error:  # code of others may raise anything
             line = str(error).strip().split('\n')[-1]
             raise InputError(
                 f'policy {file}: no TorchScript module that takes this observation: {line}'
             ) from error
-        if tuple(answer.shape) != (1, 12) or not bool(torch.isfinite(answer).all()):
+        if not sound:
             raise InputError(
                 f'policy {file}: its output has shape {list(answer.shape)}; expected [1, 12] and '
                 'finite'

@@ -68,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     add('--rough', action='store_true', help='on rough ground rather than level')
     add('--trials', type=int, default=64, metavar='N', help='robots on rough ground; 0: none')
     add('--threads', type=int, default=0, metavar='N', help='of the trials; 0: one per core')
+    add('--trust-code', action='store_true', help='run TorchScript files, which are code')
     add('--json', type=Path, metavar='F', help='write the figures')
     add('--report', type=Path, metavar='F.html', help='write a page')
     return parser
@@ -88,7 +89,7 @@ def main(args: Sequence[str] | None = None) -> int:
     if len(sources) < len(options.policies):
         raise InputError(f'two policies are called the same among {", ".join(options.policies)}')
     for source in sources.values():
-        load_policy(source)
+        load_policy(source, trust_code=options.trust_code)
     models = {spec: load_model(spec) for spec in options.models}
     plant = Plant.load(options.plant).unit(options.unit)
     with Console(stderr=True).status('reading'):
@@ -150,6 +151,7 @@ def evaluate(
                     duration=options.duration,
                     seed=options.seed,
                     on_rough=options.rough,
+                    trust_code=options.trust_code,
                 )
                 entries.append({**score(walk, idle, models), 'name': name})
                 cycle = cycle_of(walk)
@@ -182,7 +184,7 @@ def _recorded(text: str) -> Walk:
 
 def _trials(source: str, options: argparse.Namespace) -> RobustnessResult | None:
     """Robustness of a learned policy; None for a scripted one or a TorchScript file."""
-    if not isinstance(load_policy(source), LearnedPolicy) or Path(source).is_file():
+    if Path(source).is_file() or not isinstance(load_policy(source), LearnedPolicy):
         return None
     folder = Path(source) if Path(source).is_dir() else SHIPPED / source
     contract, tensors = read_folder(folder)

@@ -49,7 +49,14 @@ class Walk:
 
 
 def measure_walk(
-    source: str, task: Task, plant: Plant, *, duration: float, seed: int, on_rough: bool = False
+    source: str,
+    task: Task,
+    plant: Plant,
+    *,
+    duration: float,
+    seed: int,
+    on_rough: bool = False,
+    trust_code: bool = False,
 ) -> Walk:
     """
     Run a policy (a name or a folder) on a task and measure it.
@@ -59,7 +66,7 @@ def measure_walk(
     that is not there.
     """
     world = walking_world(rough(seed) if on_rough else FLAT)
-    controller = PolicyWalk(source, load_policy(source), task)
+    controller = PolicyWalk(source, load_policy(source, trust_code=trust_code), task)
     telemetry = list(OfflineRun(plant, world, controller, duration=duration, seed=seed))
     recording = gather(f'{source} {task.name}', telemetry, world.joints, world.joints)
     falls = sum(event.kind == 'fall' for part in telemetry for event in part.events)

@@ -43,6 +43,7 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
     add('--unit', type=int, metavar='N', help='draw the spread of another unit of the robot')
     add('--terrain', choices=TERRAINS, default='flat')
     add('--controller', default='trot', help=f'{", ".join(CONTROLLERS)}, or a policy folder')
+    add('--trust-code', action='store_true', help='run TorchScript files, which are code')
     add('--velocity', metavar='VX,VY,YAW', help='hold it (m/s, m/s, rad/s) instead of random ones')
     add('--pushes', action='store_true', help='push the robot every few seconds')
     add('--drives', metavar='A,B', help='meter only these drives, such as LF_KFE,RF_KFE')
@@ -71,6 +72,7 @@ def offline(options: argparse.Namespace) -> int:
         pushes=options.pushes,
         drives=drives,
         velocity=_velocity(options.velocity),
+        trust_code=options.trust_code,
         overwrite=options.overwrite,
         progress=True,
     )

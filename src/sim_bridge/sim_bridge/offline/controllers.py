@@ -93,11 +93,14 @@ class StandController:
         """Nothing to forget."""
 
 
-def make_controller(name: str, seed: int, velocity: Sequence[float] | None = None) -> Controller:
+def make_controller(
+    name: str, seed: int, velocity: Sequence[float] | None = None, *, trust_code: bool = False
+) -> Controller:
     """
-    A controller by name, or by a policy's folder; InputError for one that is not there.
+    Make a controller by name, or by a policy's folder; InputError for one that is not there.
 
     velocity: vx, vy in m/s, yaw rate in rad/s to hold; random ones from the seed if None.
+    trust_code: run a TorchScript file.
     """
     try:
         commands = RandomCommands(seed) if velocity is None else SteadyCommand(velocity)
@@ -109,4 +112,5 @@ def make_controller(name: str, seed: int, velocity: Sequence[float] | None = Non
         raise InputError(
             f'no controller {name!r}; there are {", ".join(CONTROLLERS)}, or give a policy folder'
         )
-    return PolicyWalk(name, load_policy(name), commands, 100.0 if name in TROTS else None)
+    policy = load_policy(name, trust_code=trust_code)
+    return PolicyWalk(name, policy, commands, 100.0 if name in TROTS else None)

@@ -90,16 +90,18 @@ def walking_run(
     pushes: bool = False,
     drives: Sequence[str] | None = None,
     velocity: Sequence[float] | None = None,
+    trust_code: bool = False,
 ) -> OfflineRun:
     """
     ANYmal C walking (controller: a trot's name or `stand`; terrain: flat or rough).
 
-    velocity: vx, vy in m/s and yaw rate in rad/s to hold; random ones if None.
+    velocity: vx, vy in m/s and yaw rate in rad/s to hold; random ones if None. trust_code: run a
+    TorchScript file as controller.
     """
     if terrain not in TERRAINS:
         raise InputError(f'terrain is {terrain!r}; it is one of {", ".join(TERRAINS)}')
     world = walking_world(rough(max(seed, 0)) if terrain == 'rough' else FLAT)
-    commands = make_controller(controller, max(seed, 0), velocity)
+    commands = make_controller(controller, max(seed, 0), velocity, trust_code=trust_code)
     return OfflineRun(
         plant, world, commands, duration=duration, seed=seed, drives=drives, pushes=pushes
     )
@@ -116,6 +118,7 @@ def run_offline(
     pushes: bool = False,
     drives: Sequence[str] | None = None,
     velocity: Sequence[float] | None = None,
+    trust_code: bool = False,
     overwrite: bool = False,
     progress: bool = False,
 ) -> Path:
@@ -135,6 +138,7 @@ def run_offline(
         pushes=pushes,
         drives=drives,
         velocity=velocity,
+        trust_code=trust_code,
     )
     card = Card(
         robot='anymal_c',
