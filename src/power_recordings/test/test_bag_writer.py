@@ -4,6 +4,7 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ import yaml
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 from power_recordings.messages import cdr
+from power_recordings.writing.mcap_chunks import ChunkedWriter, MessageBlock
 from power_recordings.writing.writer import BagWriter, Qos
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
@@ -103,6 +106,69 @@ def test_equal_calls_give_equal_bytes(tmp_path: Path) -> None:
     assert (first.path / 'metadata.yaml').read_bytes() == (
         second.path / 'metadata.yaml'
     ).read_bytes()
+
+
+def test_chunks_and_summary_are_those_of_the_mcap_library(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    with (tmp_path / 'a').open('wb') as a, (tmp_path / 'b').open('wb') as b:
+        ours = ChunkedWriter(a, 5000, parallel=True)
+        library = Writer(b, 5000, CompressionType.ZSTD)
+        ours.start('ros2', 'test')
+        library.start('ros2', 'test')
+        for name in ('x', 'y'):
+            ours.register_schema(name, 'ros2msg', b'float64 x')
+            library.register_schema(name, 'ros2msg', b'float64 x')
+            ours.register_channel(f'/{name}', 'cdr', 1, {'a': 'b'})
+            library.register_channel(f'/{name}', 'cdr', 1, {'a': 'b'})
+        for i, time in enumerate(rng.integers(10**9, size=400).tolist()):
+            data = rng.bytes(int(rng.integers(200)))
+            ours.add_message(i % 3 // 2 + 1, time, data)
+            library.add_message(i % 3 // 2 + 1, time, data, time)
+            if i == 100:
+                ours.flush()
+                library.flush()
+        ours.add_metadata('rosbag2', {'k': 'v'})
+        library.add_metadata('rosbag2', {'k': 'v'})
+        ours.finish()
+        library.finish()
+    assert (tmp_path / 'a').read_bytes() == (tmp_path / 'b').read_bytes()
+
+
+@pytest.mark.parametrize('parallel', [False, True])
+@pytest.mark.parametrize('period', [0.5, 10.0])
+def test_blocks_give_the_same_file_as_their_messages_one_by_one(
+    tmp_path: Path, period: float, parallel: bool
+) -> None:
+    rng = np.random.default_rng(1)
+    options: dict[str, Any] = {'flush_period': period, 'parallel': parallel}
+    with (
+        BagWriter(tmp_path / 'a' / 'walk', **options) as blocks,
+        BagWriter(tmp_path / 'b' / 'walk', flush_period=period) as single,
+    ):
+        for bag in (blocks, single):
+            bag.add_topic('joint_states', cdr.JOINT_STATE)
+            bag.add_topic('drive_supply', cdr.DRIVE_SUPPLY)
+        begin = START
+        for count in (1, 40, 9000, 3000):
+            stamps = begin + np.cumsum(rng.choice([0, 10**5, 10**6], count))
+            begin = int(stamps[-1]) - 700_000_000 * (count == 40)
+            numbers = rng.normal(size=(count, 3))
+            states = cdr.joint_state_block(stamps, NAMES, numbers, numbers)
+            supply, *rest = cdr.drive_supply_blocks(
+                stamps, 0, stamps.astype(np.uint64), NAMES, numbers, numbers, None, None, 7
+            )
+            parts = [MessageBlock(1, stamps, states)]
+            times = stamps[::7]
+            parts.append(MessageBlock(2, times[: len(supply)], supply))
+            parts += [MessageBlock(2, times[-1:], part) for part in rest]
+            blocks.write_blocks(parts)
+            rows = [
+                (t, p.topic, m) for p in parts for t, m in zip(p.times, p.messages, strict=True)
+            ]
+            for time, topic, message in sorted(rows, key=lambda row: row[0]):
+                single.write(topic, time, message.tobytes())
+    assert blocks.counts == single.counts
+    assert blocks.file.read_bytes() == single.file.read_bytes()
 
 
 def test_what_is_older_than_the_flush_period_is_in_the_file_before_close(tmp_path: Path) -> None:
@@ -206,6 +272,7 @@ LIMITED = """
 import sys
 from pathlib import Path
 from power_recordings.messages import cdr
+from power_recordings.writing.mcap_chunks import ChunkedWriter, MessageBlock
 from power_recordings.writing.writer import BagWriter
 import numpy as np
 bag = BagWriter(Path(sys.argv[1]))

@@ -4,7 +4,6 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +18,12 @@ from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
 from power_recordings.importing.sources.source import LogBlock, LogSource
 from power_recordings.importing.times import PAUSE, START, LogClock
 from power_recordings.messages import cdr
+from power_recordings.writing.mcap_chunks import MessageBlock
 from power_recordings.writing.writer import BagWriter
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
+Messages = NDArray[np.uint8]
 Written = dict[str, tuple[Stamps, dict[tuple[str, str], Floats]]]
 TOPICS = ('joint_states', 'joint_commands', 'drive_supply', 'supply')
 
@@ -110,25 +111,27 @@ class _Writer:
 
     def write_all(self, parts: Written) -> None:
         """Write what was read of all topics, in the order of time."""
-        messages = [
-            m for topic, (stamps, v) in parts.items() for m in self._encode(topic, stamps, v)
-        ]
-        for time, handle, data in sorted(messages, key=itemgetter(0)):
-            self._bag.write(handle, time, data)
+        self._bag.write_blocks(
+            [b for topic, (stamps, v) in parts.items() for b in self._encode(topic, stamps, v)]
+        )
 
     def _encode(
         self, topic: str, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> list[tuple[int, int, bytes]]:
+    ) -> list[MessageBlock]:
         if not len(stamps):
             return []
         self.counts[topic] += len(stamps)
-        times, messages = getattr(self, f'_{topic}')(stamps, values)
+        times, blocks = getattr(self, f'_{topic}')(stamps, values)
         handle = self._topics.get(topic)
         if handle is None:
             kind = {'drive_supply': cdr.DRIVE_SUPPLY, 'supply': cdr.BATTERY_STATE}
             handle = self._bag.add_topic(topic, kind.get(topic, cdr.JOINT_STATE))
             self._topics[topic] = handle
-        return [(int(t), handle, m) for t, m in zip(times, messages, strict=True)]
+        edges = np.cumsum([0, *(len(block) for block in blocks)])
+        return [
+            MessageBlock(handle, times[start:stop], block)
+            for start, stop, block in zip(edges, edges[1:], blocks, strict=False)
+        ]
 
     def _table(
         self,
@@ -142,21 +145,22 @@ class _Writer:
 
     def _joint_states(
         self, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> tuple[Stamps, list[bytes]]:
+    ) -> tuple[Stamps, list[Messages]]:
         table = {q: self._table(values, self.drives, q, len(stamps)) for q in JOINT}
-        return stamps, cdr.encode_joint_states(
+        block = cdr.joint_state_block(
             stamps, self.drives, table['position'], table['velocity'], table['torque']
         )
+        return stamps, [block]
 
     def _joint_commands(
         self, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> tuple[Stamps, list[bytes]]:
+    ) -> tuple[Stamps, list[Messages]]:
         position = self._table(values, self.commanded, 'command', len(stamps))
-        return stamps, cdr.encode_joint_states(stamps, self.commanded, position)
+        return stamps, [cdr.joint_state_block(stamps, self.commanded, position)]
 
     def _drive_supply(
         self, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> tuple[Stamps, list[bytes]]:
+    ) -> tuple[Stamps, list[Messages]]:
         count = len(stamps)
         volts = self._table(values, self.measured, 'voltage', count)
         amps = self._table(values, self.measured, 'current', count)
@@ -167,7 +171,7 @@ class _Writer:
         if not self._per_message:
             step = float(np.median(np.diff(stamps))) / 1e9 if count > 1 else 1.0
             self._per_message = int(np.clip(round(_PERIOD / max(step, 1e-6)), 1, 1000))
-        messages = cdr.encode_drive_supply(
+        blocks = cdr.drive_supply_blocks(
             stamps,
             self._sequence,
             stamps.astype(np.uint64),
@@ -179,16 +183,16 @@ class _Writer:
             self._per_message,
         )
         self._sequence += count
-        return stamps[:: self._per_message], messages
+        return stamps[:: self._per_message], blocks
 
     def _supply(
         self, stamps: Stamps, values: dict[tuple[str, str], Floats]
-    ) -> tuple[Stamps, list[bytes]]:
+    ) -> tuple[Stamps, list[Messages]]:
         volts = values.get(('', 'voltage'), np.full(len(stamps), 1.0))
         amps = values.get(('', 'current'))
         if amps is None:
             amps = values['', 'power'] / volts
-        return stamps, cdr.encode_batteries(stamps, volts, -amps)
+        return stamps, [cdr.battery_block(stamps, volts, -amps)]
 
 
 def import_logs(
@@ -214,7 +218,7 @@ def import_logs(
                 f'{source.path} has the drives {", ".join(plan.drives)}; '
                 f'{sources[0].path} has {", ".join(plans[0].drives)}'
             )
-    bag = BagWriter(out, overwrite=overwrite, flush_period=_CHUNK)
+    bag = BagWriter(out, overwrite=overwrite, flush_period=_CHUNK, parallel=True)
     notes: list[str] = []
     done, end = 0, 0
     try:

@@ -1,10 +1,10 @@
 """Encoding and decoding of messages as CDR bytes, without ROS."""
 
 import os
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +41,7 @@ from power_recordings.messages.types import (
 )
 
 _PACKAGE = 'drive_power_msgs'
+P = ParamSpec('P')
 
 
 def definitions() -> Path:
@@ -147,21 +148,19 @@ def _field(desc: Any, value: Any) -> Any:
     return np.ascontiguousarray(value, dtype)
 
 
-def encode(
+def encode_block(
     type_name: str,
     stamps_ns: NDArray[np.int64],
     columns: Mapping[str, ArrayLike],
     **constant: Any,
-) -> list[bytes]:
+) -> NDArray[np.uint8]:
     """
-    Encode N messages that differ in numbers only, with the same bytes as by `serialize`.
+    Encode N messages [N, size] that differ in numbers only, with the same bytes as `serialize`.
 
     constant: fields that all messages share, as for `message`; they set the lengths of arrays.
     columns: values by the dotted path of a field, [N] or [N, length].
     """
     stamps = np.asarray(stamps_ns, np.int64)
-    if not len(stamps):
-        return []
     layout = Layout(
         typestore(), full_name(type_name), serialize(type_name, message(type_name, **constant))
     )
@@ -170,14 +169,32 @@ def encode(
     return layout.encode(len(stamps), {**stamp, **columns})
 
 
-def encode_joint_states(
+def _in_a_list(
+    block: Callable[P, NDArray[np.uint8] | list[NDArray[np.uint8]]],
+) -> Callable[P, list[bytes]]:
+    """Make an encoder return its messages in a list."""
+
+    @wraps(block)
+    def encoder(*args: P.args, **kwargs: P.kwargs) -> list[bytes]:
+        found = block(*args, **kwargs)
+        blocks = found if isinstance(found, list) else [found]
+        rows = ((part.tobytes(), part.shape[1]) for part in blocks)
+        return [raw[i : i + size] for raw, size in rows for i in range(0, len(raw), size)]
+
+    return encoder
+
+
+encode = _in_a_list(encode_block)
+
+
+def joint_state_block(
     stamps_ns: NDArray[np.int64],
     names: Sequence[str],
     position: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
     effort: ArrayLike | None = None,
     frame_id: str = '',
-) -> list[bytes]:
+) -> NDArray[np.uint8]:
     """
     Encode N sensor_msgs/JointState of D joints from arrays [N, D]; None: an empty array.
 
@@ -187,10 +204,15 @@ def encode_joint_states(
     columns = {field: np.asarray(values) for field, values in given.items() if values is not None}
     lengths = {field: np.zeros(len(names)) for field in columns}
     header = {'frame_id': frame_id}
-    return encode(JOINT_STATE, stamps_ns, columns, header=header, name=list(names), **lengths)
+    return encode_block(
+        JOINT_STATE, stamps_ns, columns, header=header, name=list(names), **lengths
+    )
 
 
-def encode_drive_supply(
+encode_joint_states = _in_a_list(joint_state_block)
+
+
+def drive_supply_blocks(
     stamps_ns: NDArray[np.int64],
     sequence0: int,
     device_time: NDArray[np.uint64],
@@ -201,12 +223,14 @@ def encode_drive_supply(
     status: ArrayLike | None = None,
     samples_per_message: int = 1,
     frame_id: str = '',
-) -> list[bytes]:
+) -> list[NDArray[np.uint8]]:
     """
     Encode N samples of D drives as ceil(N / samples_per_message) drive_power_msgs/DriveSupply.
 
-    stamps_ns, device_time [N] ns; voltage V, current A, status [N, D]; temperature °C [D] or
-    [N, D] (of a message's first sample), None if unknown. sequence0 is the index of sample 0.
+    The messages of samples_per_message samples are the first block; what is left over, if any, is
+    a message in a block of its own. stamps_ns, device_time [N] ns; voltage V, current A, status
+    [N, D]; temperature °C [D] or [N, D] (of a message's first sample), None if unknown. sequence0
+    is the index of sample 0.
     """
     size = samples_per_message
     if size < 1:
@@ -221,7 +245,7 @@ def encode_drive_supply(
     if temperature is not None and np.size(temperature):
         celsius = np.broadcast_to(np.asarray(temperature, np.float32), shape)
     sequence = np.arange(sequence0, sequence0 + samples, dtype=np.uint64)
-    messages: list[bytes] = []
+    blocks: list[NDArray[np.uint8]] = []
     for rows, length in ((slice(whole), size), (slice(whole, None), samples - whole)):
         if not length:
             continue
@@ -234,23 +258,28 @@ def encode_drive_supply(
             'status': flags[rows].reshape(-1, length * drives),
         }
         arrays = {path: np.zeros(x.shape[1]) for path, x in columns.items() if x.ndim == 2}
-        messages += encode(
-            DRIVE_SUPPLY,
-            stamps[rows][::length],
-            columns,
-            header={'frame_id': frame_id},
-            name=list(names),
-            **arrays,
+        blocks.append(
+            encode_block(
+                DRIVE_SUPPLY,
+                stamps[rows][::length],
+                columns,
+                header={'frame_id': frame_id},
+                name=list(names),
+                **arrays,
+            )
         )
-    return messages
+    return blocks
 
 
-def encode_batteries(
+encode_drive_supply = _in_a_list(drive_supply_blocks)
+
+
+def battery_block(
     stamps_ns: NDArray[np.int64], voltage: ArrayLike, current: ArrayLike, frame_id: str = ''
-) -> list[bytes]:
+) -> NDArray[np.uint8]:
     """Encode N sensor_msgs/BatteryState; current [N] A is negative while drawing."""
     unmeasured = ('temperature', 'charge', 'capacity', 'design_capacity', 'percentage')
-    return encode(
+    return encode_block(
         BATTERY_STATE,
         stamps_ns,
         {'voltage': voltage, 'current': current},
@@ -259,6 +288,9 @@ def encode_batteries(
         present=True,
         **dict.fromkeys(unmeasured, np.nan),
     )
+
+
+encode_batteries = _in_a_list(battery_block)
 
 
 def encode_imu(

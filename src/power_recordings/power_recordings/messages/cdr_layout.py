@@ -82,8 +82,8 @@ class Layout:
         values = raw.view(column.dtype) if column.count != 0 else np.zeros((len(raw), 0))
         return values[:, 0] if column.count is None else values
 
-    def encode(self, count: int, columns: Mapping[str, ArrayLike]) -> list[bytes]:
-        """Return `count` messages: the example with the given columns; KeyError if unknown."""
+    def encode(self, count: int, columns: Mapping[str, ArrayLike]) -> Bytes:
+        """Return the example with the given columns, [count, size]; KeyError if unknown."""
         block = np.tile(np.frombuffer(self._example, np.uint8), (count, 1))
         for path, values in columns.items():
             column = self.columns[path]
@@ -93,8 +93,7 @@ class Layout:
                 raise ValueError(f'{path} has shape {array.shape}; expected {shape}')
             numbers = np.ascontiguousarray(array.reshape(shape).astype(column.dtype))
             block[:, column.offset : column.end] = numbers.view(np.uint8)
-        data, size = block.tobytes(), self.size
-        return [data[i : i + size] for i in range(0, count * size, size)]
+        return block
 
     def _walk(self, type_name: str, prefix: str) -> None:
         for name, desc in self._store.fielddefs[type_name][1]:
