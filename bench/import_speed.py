@@ -1,9 +1,9 @@
 """
 Speed and memory of `power_recordings import`, for a table and a bag of a given size.
 
-A seeded log of one drive (narrow: most rows a byte) or of twelve is made in a temporary folder and
-imported by a process of its own; printed are its wall time, MB of log per second, and its peak
-memory.
+A seeded log of one drive (the most rows a byte) or of twelve is made in a temporary folder and
+imported by a process of its own; printed are its wall and CPU time, MB of log per second, and its
+peak memory.
 
     python bench/import_speed.py [--mb 100] [--drives 12] [--kinds csv bag]
 """
@@ -27,8 +27,9 @@ _ROWS = 20_000
 def _signals(rng: np.random.Generator, first: int, drives: int) -> np.ndarray:
     """Time, then position, velocity, torque, voltage and current by drive, [rows, 1 + 5·D]."""
     t = (first + np.arange(_ROWS)) / _RATE
-    phase = 2 * np.pi * t[:, None] * rng.uniform(0.5, 2, drives)
-    velocity, torque = np.cos(phase), np.sin(3 * phase) + rng.normal(0, 0.01, phase.shape)
+    rate = 2 * np.pi * np.linspace(0.5, 2, drives)  # rad/s
+    phase = t[:, None] * rate
+    velocity, torque = rate * np.cos(phase), np.sin(3 * phase) + rng.normal(0, 0.01, phase.shape)
     current = (torque * velocity + 2 * torque**2 + 1) / 48
     voltage = 48 - 0.1 * current
     parts = np.stack([np.sin(phase), velocity, torque, voltage, current], axis=2)
@@ -94,8 +95,8 @@ drives:
 """
 
 
-def measure(log: Path, mapping: str, folder: Path) -> tuple[float, float]:
-    """Import a log in a process of its own; return seconds and the peak of memory, MB."""
+def measure(log: Path, mapping: str, folder: Path) -> tuple[float, float, float]:
+    """Import a log in a process of its own; return seconds, CPU seconds and peak memory in MB."""
     (folder / 'map.yaml').write_text(mapping)
     code = 'from power_recordings.commands.import_logs import main; raise SystemExit(main())'
     command = [str(log), '--map', str(folder / 'map.yaml'), '-o', str(folder / 'out')]
@@ -104,7 +105,8 @@ def measure(log: Path, mapping: str, folder: Path) -> tuple[float, float]:
     _, status, usage = os.wait4(process.pid, 0)
     if status:
         raise SystemExit(f'the import of {log} ended with {os.waitstatus_to_exitcode(status)}')
-    return time.perf_counter() - start, usage.ru_maxrss / 1024
+    seconds = time.perf_counter() - start
+    return seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
 
 
 def main() -> None:
@@ -114,7 +116,7 @@ def main() -> None:
     parser.add_argument('--drives', type=int, default=12)
     parser.add_argument('--kinds', nargs='+', choices=('csv', 'bag'), default=('csv', 'bag'))
     options = parser.parse_args()
-    table = Table('log', 'MB', 's', 'MB/s', 'peak memory')
+    table = Table('log', 'MB', 's', 'CPU s', 'MB/s', 'peak memory')
     for kind in options.kinds:
         with tempfile.TemporaryDirectory(prefix='wattwalk') as name:
             folder = Path(name)
@@ -123,11 +125,12 @@ def main() -> None:
             mapping = make(log, round(options.mb * 1e6), options.drives)
             files = [log] if log.is_file() else list(log.iterdir())
             size = sum(file.stat().st_size for file in files) / 1e6
-            seconds, memory = measure(log, mapping, folder)
+            seconds, busy, memory = measure(log, mapping, folder)
             table.add_row(
                 f'{kind}, {options.drives} drives',
                 f'{size:.0f}',
                 f'{seconds:.1f}',
+                f'{busy:.1f}',
                 f'{size / seconds:.0f}',
                 f'{memory:.0f} MB',
             )

@@ -8,6 +8,8 @@ Stamps = NDArray[np.int64]
 _MOST_RUNS = 2000
 _JUMP = 50.0  # usual steps
 
+GAP = 2.5  # periods; a longer step is a gap
+
 
 def ascending(stamps: Stamps) -> NDArray[np.bool_]:
     """

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_recordings.alignment.filters import antialias, centred
+from power_recordings.alignment.ordering import GAP
 
 Floats = NDArray[np.float32]
 Times = NDArray[np.float64]
-
-GAP = 2.5  # periods
 
 
 @dataclass(frozen=True)

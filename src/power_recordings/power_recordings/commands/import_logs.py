@@ -11,6 +11,7 @@ from wattwalk_core.errors import InputError
 if TYPE_CHECKING:
     from power_recordings.importing.sources.source import LogSource
 
+_CHECKED = 200_000  # messages, whose quality is printed after an import
 _EXAMPLE = """example:
   ros2 run power_recordings import hops.mat --list > hops.yaml   # look, edit the map
   ros2 run power_recordings import hops.mat --map hops.yaml -o bags/hops
@@ -91,7 +92,9 @@ def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.N
     print(f'{result.path}: {samples}')
     for note in result.notes:
         print(f'note: {note}')
-    recording = Recording.open(result.path)
+    recording = Recording.open(result.path, _CHECKED)
+    if sum(topic.count for topic in recording.topics.values()) < result.messages:
+        print(f'checked: the first {recording.duration:.0f} s; `info {result.path}` checks all')
     print_quality(recording, check_recording(recording))
     effects = 'shaft,copper_loss,idle'
     print(f'next: ros2 run power_lab fit {result.path} --effects {effects} -o base.yaml')

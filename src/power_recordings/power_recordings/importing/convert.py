@@ -1,6 +1,5 @@
 """From logs to a recording: read, convert, merge, write."""
 
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -19,7 +18,7 @@ from power_recordings.importing.sources.source import LogBlock, LogSource
 from power_recordings.importing.times import PAUSE, START, LogClock
 from power_recordings.messages import cdr
 from power_recordings.writing.mcap_chunks import MessageBlock
-from power_recordings.writing.writer import BagWriter
+from power_recordings.writing.writer import BagWriter, make_way, staged
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -33,10 +32,11 @@ _CHUNK = 10.0  # s
 
 @dataclass(frozen=True)
 class Imported:
-    """What an import wrote: samples by topic, and what was left out or changed, in words."""
+    """Samples by topic, number of messages, and what was left out or changed, in words."""
 
     path: Path
     counts: Mapping[str, int]
+    messages: int
     notes: tuple[str, ...]
 
 
@@ -218,11 +218,11 @@ def import_logs(
                 f'{source.path} has the drives {", ".join(plan.drives)}; '
                 f'{sources[0].path} has {", ".join(plans[0].drives)}'
             )
-    bag = BagWriter(out, overwrite=overwrite, flush_period=_CHUNK, parallel=True)
+    make_way(out, overwrite, remove=False)
     notes: list[str] = []
     done, end = 0, 0
-    try:
-        with bag:
+    with staged(out) as path:
+        with BagWriter(path, flush_period=_CHUNK, parallel=True) as bag:
             writer = _Writer(bag, plans[0])
             for source, plan in zip(sources, plans, strict=True):
                 log = _Log(source, plan, mapping, end)
@@ -235,11 +235,9 @@ def import_logs(
                 done, end = done + source.size, log.end
         if not any(writer.counts.values()):
             raise InputError(f'{sources[0].path}: no rows')
-        _card(mapping, plans[0], writer.measured, sources, where, notes).save(out)
-    except BaseException:
-        shutil.rmtree(out, ignore_errors=True)
-        raise
-    return Imported(out, {t: n for t, n in writer.counts.items() if n}, tuple(notes))
+        _card(mapping, plans[0], writer.measured, sources, where, notes).save(path)
+    counts = {topic: count for topic, count in writer.counts.items() if count}
+    return Imported(out, counts, sum(bag.counts.values()), tuple(notes))
 
 
 class _Log:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from power_recordings.alignment.stream import GAP
+from power_recordings.alignment.ordering import GAP
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from power_recordings.alignment.stream import GAP
+from power_recordings.alignment.ordering import GAP
 
 Floats = NDArray[np.float32]
 Stamps = NDArray[np.int64]

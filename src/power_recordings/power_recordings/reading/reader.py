@@ -63,12 +63,13 @@ class Recording:
     _errors: Mapping[str, InputError]
 
     @classmethod
-    def open(cls, path: Path) -> Self:
+    def open(cls, path: Path, most_messages: int | None = None) -> Self:
         """
         Read a bag folder or .mcap file of any program.
 
-        A recording that was cut off is read up to there. Raises InputError if it is empty or not a
-        bag. Errors of a topic (another type or definition, arrays of a wrong length) are raised by
+        A recording that was cut off is read up to there; with most_messages, a longer one no
+        further than the chunk that reaches them. Raises InputError if it is empty or not a bag.
+        Errors of a topic (another type or definition, arrays of a wrong length) are raised by
         the method that returns it.
         """
         path = Path(path)
@@ -78,13 +79,15 @@ class Recording:
         topics: dict[str, Topic] = {}
         for batch in bag.batches(problems, topics):
             loader.add(batch)
+            if most_messages is not None and loader.total >= most_messages:
+                break
         if not loader.counts:
             raise InputError(
                 f'{path} holds no messages' + (f': {"; ".join(problems)}' if problems else '')
             )
-        total = sum(loader.counts.values())
-        if bag.promised is not None and bag.promised > total:
-            problems.append(f'{bag.promised - total} of {bag.promised} messages are missing')
+        missing = (bag.promised or 0) - loader.total
+        if missing > 0 and most_messages is None:
+            problems.append(f'{missing} of {bag.promised} messages are missing')
         samples, breaks = loader.samples(problems)
         return cls(
             path=path,
@@ -202,6 +205,10 @@ class _Loader:
         self.errors: dict[str, InputError] = {}
         self.start_ns = 2**63 - 1
         self.end_ns = 0
+
+    @property
+    def total(self) -> int:
+        return sum(self.counts.values())
 
     def add(self, batch: bag_folder.Batch) -> None:
         name = batch.topic.name

@@ -3,7 +3,8 @@
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -135,7 +136,7 @@ class BagWriter:
         self._closed = False
         self._spool = _Spool()
         self._mcap = ChunkedWriter(self._spool, _CHUNK_SIZE, parallel=parallel)
-        _make_way(self.path, overwrite)
+        make_way(self.path, overwrite)
         try:
             self.path.mkdir(parents=True)
             self._output = _Output(self.file)
@@ -330,11 +331,38 @@ class BagWriter:
         write_whole(self.path / 'metadata.yaml', dump_yaml(whole))
 
 
-def _make_way(path: Path, overwrite: bool) -> None:
+@contextmanager
+def staged(path: Path) -> Iterator[Path]:
+    """
+    Give the place of a recording that becomes `path` at the end; an error leaves nothing.
+
+    Raises RecordingError where it cannot be there.
+    """
+    there = next(parent for parent in path.absolute().parents if parent.exists())
+    try:
+        folder = Path(tempfile.mkdtemp(prefix='.import_', dir=there))
+    except OSError as error:
+        raise RecordingError(f'cannot record to {path}: {advice(error)}') from error
+    try:
+        whole = folder / path.absolute().name
+        yield whole
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            make_way(path, overwrite=True)
+            whole.rename(path)
+        except OSError as error:
+            raise RecordingError(f'cannot record to {path}: {advice(error)}') from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def make_way(path: Path, overwrite: bool, *, remove: bool = True) -> None:
+    """Remove a recording that is to be replaced; InputError for one that may not be."""
     if not (path.exists() or path.is_symlink()):
         return
     if not overwrite:
         raise InputError(f'{path} exists already: choose another name or remove it')
     if not path.is_dir() or not any(path.glob('*_0.mcap')):
         raise InputError(f'{path} is not a recording, so it is not replaced: choose another name')
-    shutil.rmtree(path)
+    if remove:
+        shutil.rmtree(path)

@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
@@ -62,55 +62,80 @@ class DelimitedFile:
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows; InputError for a file that is cut off inside its rows or malformed."""
         import pyarrow as pa
-        from pyarrow import csv as arrow_csv
 
         wanted = list(dict.fromkeys(addresses))
         skipped: list[int] = []
+        done = 0
+        try:
+            first = next(self._batches(dict.fromkeys(wanted, pa.string()), progress, []), None)
+            kinds = {
+                name: pa.string() if values.dtype.kind == 'O' else pa.float64()
+                for name, values in (self._numbers(first).items() if first is not None else ())
+            }
+            try:
+                for batch in self._batches(kinds, progress, skipped):
+                    yield LogBlock('', self._numbers(batch))
+                    done += batch.num_rows
+            except pa.ArrowInvalid:  # a field that is no number: read what is left as texts
+                skipped.clear()
+                for batch in self._batches(dict.fromkeys(wanted, pa.string()), progress, skipped):
+                    fresh, done = batch.slice(max(0, done)), done - batch.num_rows
+                    if fresh.num_rows:
+                        yield LogBlock('', self._numbers(fresh))
+        except (pa.ArrowInvalid, UnicodeDecodeError) as error:
+            raise InputError(f'{self.path}: {printable(str(error))}') from None
+        if skipped:
+            note = f'{len(skipped)} rows of another number of fields left out'
+            yield LogBlock('', {name: np.zeros(0) for name in wanted}, notes=(note,))
+
+    def _batches(
+        self, kinds: Mapping[str, Any], progress: Progress, skipped: list[int]
+    ) -> Iterator['RecordBatch']:
+        """Yield columns of Arrow types `kinds`; add the rows that do not fit to `skipped`."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow_csv
 
         def skip_row(row: Any) -> str:
             skipped.append(row.number or 0)
             return 'skip'
 
         with self.path.open('rb') as file:
-            stream = _Rows(file, self.dialect)
-            try:
-                reader = arrow_csv.open_csv(
-                    pa.PythonFile(stream, 'r'),
-                    arrow_csv.ReadOptions(
-                        column_names=list(self.dialect.head.names),
-                        block_size=_BLOCK,
-                        encoding=self.dialect.encoding,
-                    ),
-                    arrow_csv.ParseOptions(
-                        delimiter=self.dialect.delimiter, invalid_row_handler=skip_row
-                    ),
-                    arrow_csv.ConvertOptions(
-                        include_columns=wanted,
-                        column_types=dict.fromkeys(wanted, pa.string()),
-                        strings_can_be_null=False,
-                    ),
-                )
-                for batch in reader:
-                    progress(file.tell())
-                    yield LogBlock('', self._numbers(batch))
-            except (pa.ArrowInvalid, UnicodeDecodeError) as error:
-                raise InputError(f'{self.path}: {printable(str(error))}') from None
-        if skipped:
-            note = f'{len(skipped)} rows of another number of fields left out'
-            yield LogBlock('', {name: np.zeros(0) for name in wanted}, notes=(note,))
+            reader = arrow_csv.open_csv(
+                pa.PythonFile(_Rows(file, self.dialect), 'r'),
+                arrow_csv.ReadOptions(
+                    column_names=list(self.dialect.head.names),
+                    block_size=_BLOCK,
+                    encoding=self.dialect.encoding,
+                ),
+                arrow_csv.ParseOptions(
+                    delimiter=self.dialect.delimiter, invalid_row_handler=skip_row
+                ),
+                arrow_csv.ConvertOptions(
+                    include_columns=list(kinds),
+                    column_types=kinds,
+                    decimal_point=self.dialect.decimal,
+                    null_values=_NOTHING,
+                    strings_can_be_null=False,
+                ),
+            )
+            for batch in reader:
+                progress(file.tell())
+                yield batch
 
     def _numbers(self, batch: 'RecordBatch') -> dict[str, np.ndarray]:
-        names = batch.schema.names
         return {
-            name: _column(batch.column(i), self.dialect.decimal) for i, name in enumerate(names)
+            name: _column(batch.column(i), self.dialect.decimal)
+            for i, name in enumerate(batch.schema.names)
         }
 
 
 def _column(texts: Any, decimal: str) -> np.ndarray:
-    """Texts as float64, or as they are where most are no numbers, as dates are."""
+    """Numbers, or texts as float64, or as they are where most are no numbers, as dates are."""
     import pyarrow as pa
     from pyarrow import compute as pc
 
+    if pa.types.is_floating(texts.type):
+        return np.asarray(texts.to_numpy(zero_copy_only=False))
     texts = pc.utf8_trim_whitespace(texts)
     if decimal == ',':
         texts = pc.replace_substring(texts, ',', '.')
