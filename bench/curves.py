@@ -17,14 +17,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 from policy_training.config import TrainingConfig
-from policy_training.evaluation.figures import COLORS
 from policy_training.learning.run_folder import read_curves
+from wattwalk_core.figures import OTHERS
 
 PANELS = (
     ('error/velocity', 'off by, m/s', 1.0),
     ('falls', 'falls per robot and minute', 60.0 / TrainingConfig().step_time),
     ('power/watts', 'predicted power, W', 1.0),
 )
+COLORS = ('#0072b2', *OTHERS)
 SMOOTH = 12  # rounds
 
 

@@ -24,7 +24,7 @@ from wattwalk_core.files import write_whole
 
 from policy_training.evaluation.gait_cycle import Cycle, cycle_of
 from policy_training.evaluation.measured_walk import Walk, idle_power, measure_walk, recorded_walk
-from policy_training.evaluation.page import write_page
+from policy_training.evaluation.report import write_report
 from policy_training.evaluation.robustness import (
     RobustnessConfig,
     RobustnessResult,
@@ -100,7 +100,7 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.json is not None:
         write_whole(options.json, json.dumps(result, indent=1, allow_nan=False) + '\n')
     if options.report is not None:
-        write_page(options.report, result, cycles, curves)
+        write_report(options.report, result, cycles, curves)
         print(f'wrote {options.report}')
     return 0
 

@@ -1,20 +1,20 @@
-"""The evaluation's plots as plotly figures, after Figures 5 and 6 of the paper."""
+"""Plots of the evaluation as plotly figures, after Figures 5 and 6 of the paper."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle as repeat
+from math import hypot
 from typing import Any, Final
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 from plotly.subplots import make_subplots
+from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
 from policy_training.evaluation.gait_cycle import Cycle
 
-Figure = dict[str, Any]
-
 PARTS: Final = ('electronics', 'idle', 'HAA', 'HFE', 'KFE')
 _PART_COLORS: Final = ('#8a949e', '#bcc4cc', '#56b4e9', '#009e73', '#d55e00')
-COLORS: Final = ('#d55e00', '#0072b2', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
+_LINES: Final = (COLORS['base'], COLORS['better'], COLORS['third'], '#cc79a7', '#e69f00')
 _SIGNALS: Final = {
     'torque': 'torque N·m',
     'velocity': 'speed rad/s',
@@ -22,99 +22,88 @@ _SIGNALS: Final = {
     'power': 'power W',
     'foot_force': 'foot force N',
 }
+_CURVES: Final = {
+    'error/velocity': 'velocity error m/s',
+    'error/yaw': 'yaw rate error rad/s',
+    'power/watts': 'predicted W',
+}
 
 
 def power_bars(entries: Sequence[Mapping[str, Any]]) -> Figure:
-    """Measured power by where it goes, a bar for each policy on each task; the estimate beside."""
+    """Measured power by parts, a bar for each policy and task, with the estimates."""
     shown = [entry for entry in entries if entry['power_w']]
     axis = [[entry['task'] for entry in shown], [entry['name'] for entry in shown]]
     figure = go.Figure()
     for part, color in zip(PARTS, _PART_COLORS, strict=True):
-        figure.add_bar(
-            x=axis,
-            y=[round(entry['power_w'][part], 1) for entry in shown],
-            name=part,
-            marker_color=color,
-        )
+        watts = _numbers(entry['power_w'][part] for entry in shown)
+        figure.add_bar(x=axis, y=watts, name=part, marker_color=color)
     if any(entry['estimated_w'] is not None for entry in shown):
         figure.add_scatter(
             x=axis,
-            y=[entry['estimated_w'] for entry in shown],
+            y=_numbers(entry['estimated_w'] for entry in shown),
             name='estimated',
             mode='markers',
             marker={'symbol': 'line-ew-open', 'size': 26, 'line': {'width': 3}},
-            marker_color='#888888',
+            marker_color=COLORS['measured'],
         )
     figure.update_layout(barmode='relative')
     figure.update_yaxes(title_text='power in W')
-    return _finished(figure, below=125)
+    plain = finished(figure, legend=True)
+    plain['layout']['margin']['b'] = 125
+    return plain
 
 
 def gait_cycles(cycles: Mapping[str, Cycle]) -> Figure:
-    """One drive over the mean gait cycle of each policy; what is shaded stands on the ground."""
-    names = list(cycles)
+    """Mean gait cycle of one drive for each policy; stance is shaded."""
     figure = make_subplots(
         rows=len(_SIGNALS),
-        cols=len(names),
+        cols=len(cycles),
         shared_xaxes=True,
         shared_yaxes='rows',  # type: ignore[arg-type]
-        column_titles=names,
+        column_titles=list(cycles),
         vertical_spacing=0.02,
         horizontal_spacing=0.03,
     )
-    for column, (name, cycle) in enumerate(cycles.items(), start=1):
-        color = COLORS[(column - 1) % len(COLORS)]
-        for row, (key, title) in enumerate(_SIGNALS.items(), start=1):
-            band = [*cycle.high[key].tolist(), *cycle.low[key][::-1].tolist()]
-            figure.add_trace(
-                go.Scatter(
-                    x=[*cycle.phase.tolist(), *cycle.phase[::-1].tolist()],
-                    y=[round(value, 3) for value in band],
-                    fill='toself',
-                    line_width=0,
-                    fillcolor=color,
-                    opacity=0.25,
-                    hoverinfo='skip',
-                    showlegend=False,
-                ),
-                row=row,
-                col=column,
+    for column, (cycle, color) in enumerate(zip(cycles.values(), repeat(_LINES)), start=1):
+        phase = cycle.phase.tolist()
+        for row, key in enumerate(_SIGNALS, start=1):
+            band = go.Scatter(
+                x=[*phase, *phase[::-1]],
+                y=short(np.concatenate([cycle.high[key], cycle.low[key][::-1]])),
+                fill='toself',
+                line_width=0,
+                fillcolor=color,
+                opacity=0.25,
+                hoverinfo='skip',
             )
-            figure.add_trace(
-                go.Scatter(
-                    x=cycle.phase.tolist(),
-                    y=np.round(cycle.mean[key], 3).tolist(),
-                    name=name,
-                    line={'color': color, 'width': 2},
-                    showlegend=False,
-                ),
-                row=row,
-                col=column,
-            )
+            mean = go.Scatter(x=phase, y=short(cycle.mean[key]), line={'color': color, 'width': 2})
+            figure.add_traces([band, mean], rows=[row] * 2, cols=[column] * 2)
             figure.add_vrect(
                 x0=0.0,
                 x1=cycle.stance,
+                fillcolor=COLORS['grid'],
+                layer='below',
+                line_width=0,
                 row=row,
                 col=column,
-                fillcolor='#888888',
-                opacity=0.15,
-                line_width=0,
             )
-            if column == 1:
-                figure.update_yaxes(title_text=title, row=row, col=1)
+    for row, title in enumerate(_SIGNALS.values(), start=1):
+        figure.update_yaxes(title_text=title, row=row, col=1)
     figure.update_xaxes(title_text='gait cycle', row=len(_SIGNALS))
-    return _finished(figure)
+    plain = finished(figure)
+    plain['layout']['margin']['t'] = 34
+    return plain
 
 
-def front(entries: Sequence[Mapping[str, Any]]) -> Figure:
-    """Supply power against tracking error, a point for each policy on each task."""
+def pareto_front(entries: Sequence[Mapping[str, Any]]) -> Figure:
+    """Supply power against tracking error, a point for each policy and task."""
     figure = go.Figure()
     tasks = list(dict.fromkeys(entry['task'] for entry in entries))
-    for task, color in zip(tasks, COLORS, strict=False):
-        rows = [e for e in entries if e['task'] == task and e['power_w']]
+    for task, color in zip(tasks, repeat(_LINES)):
+        rows = [entry for entry in entries if entry['task'] == task and entry['power_w']]
         figure.add_scatter(
-            x=[round(_error(entry), 3) for entry in rows],
-            y=[round(entry['power_w']['supply'], 1) for entry in rows],
+            x=_numbers(hypot(*entry['tracking'].values()) for entry in rows),
+            y=_numbers(entry['power_w']['supply'] for entry in rows),
             text=[entry['name'] for entry in rows],
             name=task,
             mode='markers+text',
@@ -123,59 +112,35 @@ def front(entries: Sequence[Mapping[str, Any]]) -> Figure:
         )
     figure.update_xaxes(title_text='tracking error in m/s and rad/s', rangemode='tozero')
     figure.update_yaxes(title_text='supply power in W')
-    return _finished(figure)
+    return finished(figure, legend=True)
 
 
 def learning_curves(runs: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
     """Tracking errors and predicted power over training, a line for each run."""
-    keys = {
-        'error/velocity': 'off by m/s',
-        'error/yaw': 'off by rad/s',
-        'power/watts': 'predicted W',
-    }
-    figure = make_subplots(rows=len(keys), cols=1, shared_xaxes=True, vertical_spacing=0.04)
-    for (name, rows), color in zip(runs.items(), COLORS * 8, strict=False):
-        for index, key in enumerate(keys, start=1):
+    figure = make_subplots(rows=len(_CURVES), cols=1, shared_xaxes=True, vertical_spacing=0.04)
+    for (name, rows), color in zip(runs.items(), repeat(_LINES)):
+        for index, (key, title) in enumerate(_CURVES.items(), start=1):
             found = [row for row in rows if key in row]
-            figure.add_trace(
-                go.Scatter(
-                    x=[row['steps'] / 1e6 for row in found],
-                    y=_rolling(np.array([row[key] for row in found])).tolist(),
-                    name=name,
-                    legendgroup=name,
-                    showlegend=index == 1,
-                    line={'color': color, 'width': 1.8},
-                ),
-                row=index,
-                col=1,
+            line = go.Scatter(
+                x=[row['steps'] / 1e6 for row in found],
+                y=_smooth(np.array([row[key] for row in found])),
+                name=name,
+                legendgroup=name,
+                showlegend=index == 1,
+                line={'color': color, 'width': 1.8},
             )
-    for index, title in enumerate(keys.values(), start=1):
-        figure.update_yaxes(title_text=title, row=index, col=1)
-    figure.update_xaxes(title_text='million policy steps', row=len(keys), col=1)
-    return _finished(figure)
+            figure.add_trace(line, row=index, col=1)
+            figure.update_yaxes(title_text=title, row=index, col=1)
+    figure.update_xaxes(title_text='million policy steps', row=len(_CURVES), col=1)
+    return finished(figure, legend=True)
 
 
-def _error(entry: Mapping[str, Any]) -> float:
-    return float(np.linalg.norm([entry['tracking'][name] for name in ('vx', 'vy', 'yaw')]))
+def _numbers(values: Iterable[float | None]) -> Any:
+    return short(np.array(list(values), np.float64))
 
 
-def _rolling(values: NDArray[np.float64], width: int = 9) -> NDArray[np.float64]:
-    if len(values) < width:
-        return values
-    padded = np.pad(values, width // 2, mode='edge')
-    return np.round(np.convolve(padded, np.ones(width) / width, mode='valid'), 4)
-
-
-def _finished(figure: go.Figure, below: int = 45) -> Figure:
-    figure.update_layout(
-        margin={'l': 60, 'r': 10, 't': 30, 'b': below},
-        paper_bgcolor='rgba(0,0,0,0)',
-        plot_bgcolor='rgba(0,0,0,0)',
-        legend={'orientation': 'h', 'y': 1.08},
-        font={'color': '#808890', 'size': 12},
-    )
-    for update in (figure.update_xaxes, figure.update_yaxes):
-        update(gridcolor='rgba(128,136,144,0.25)', zerolinecolor='rgba(128,136,144,0.6)')
-    content: Figure = figure.to_plotly_json()
-    content['layout'].pop('template', None)
-    return content
+def _smooth(values: np.ndarray, width: int = 9) -> Any:
+    if len(values) >= width:
+        padded = np.pad(values, width // 2, mode='edge')
+        values = np.convolve(padded, np.ones(width) / width, mode='valid')
+    return short(values)
