@@ -5,6 +5,7 @@ import pytest
 from power_estimator.effects import Signals, builtin_catalogue, load_catalogue
 from power_estimator.effects.catalogue import regressors_of
 from power_estimator.effects.fit.design import Active, Structure, evaluate
+from power_estimator.effects.signals.scale import DriveScale
 from wattwalk_core.errors import InputError
 
 CATALOGUE = builtin_catalogue()
@@ -40,6 +41,8 @@ def signals(torque=10.0, velocity=2.0, *, count=400, voltage=48.0, acceleration=
         torque_cost=full(0.0),
         electronics=full(0.0),
         drawn=full(torque * velocity),
+        scale=DriveScale.reference(1),
+        at_motor=np.zeros(1, dtype=bool),
     )
 
 

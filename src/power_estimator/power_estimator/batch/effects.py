@@ -14,6 +14,7 @@ from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import evaluate
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import rate_of
+from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.proxies import PROXIES, Proxy
 
 Doubles = NDArray[np.float64]
@@ -58,6 +59,7 @@ class EffectBatch:
         self._coefficients = np.array(rows).reshape(len(drives), -1)
         self._lag = np.array([g.velocity_lag for g in members])
         self._voltage = np.array([g.voltage for g in members])
+        self._scale = DriveScale.stack([g.scale for g in members])
         self._names = drives
         self._past = np.zeros((KEPT, 2, robots, len(drives)))
         self._fresh = np.ones(robots, bool)
@@ -135,6 +137,8 @@ class EffectBatch:
             torque_cost=np.zeros_like(torque),
             electronics=np.zeros_like(torque),
             drawn=torque * speed,
+            scale=self._scale,
+            at_motor=np.zeros(drives, dtype=bool),
         )
 
 

@@ -145,6 +145,8 @@ def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
         )
     if not np.isfinite(columns).all():
         raise InputError(f'effect {effect.name!r} returned NaN or infinite regressors')
+    if effect.needs_joint_torque and signals.at_motor.any():
+        columns = columns * ~signals.at_motor[:, None]
     return columns
 
 

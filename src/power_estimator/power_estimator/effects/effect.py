@@ -8,18 +8,20 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from power_estimator.effects.signals.scale import STANDSTILL, DriveScale
 from power_estimator.effects.signals.state import Signals
 
 Floats = NDArray[np.float64]
 Shape = Mapping[str, float]
 
-STANDSTILL = 0.05
-"""Speed in rad/s below which the sign of the velocity fades out, as friction's does."""
-
 
 @dataclass(frozen=True)
 class Term:
-    """One coefficient of an effect: its symbol, its SI unit and the bounds physics sets it."""
+    """
+    One coefficient of an effect: its symbol, its SI unit and the bounds physics sets it.
+
+    Bounds, prior and least are those of the reference drive (`DriveScale`).
+    """
 
     symbol: str
     unit: str
@@ -27,6 +29,7 @@ class Term:
     upper: float = np.inf
     prior: float = np.inf  # spread known beforehand; finite for measurement terms
     least: float = 0.0  # a coefficient below this is not worth a name
+    attained: bool = False  # drives may well stand at the upper bound: nothing comes back
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,8 @@ class Effect(ABC):
     excitation: ClassVar[Excitation]
     acts_on: ClassVar[Literal['power', 'torque', 'speed']] = 'power'
     kind: ClassVar[Literal['physics', 'measurement', 'discrepancy']] = 'physics'
+    needs_joint_torque: ClassVar[bool] = False
+    """Torque of the motor has the effect in it already."""
     ties: ClassVar[tuple[str, ...]] = ()  # cannot be told apart in any recording
     near: ClassVar[tuple[str, ...]] = ()  # told apart by its excitation only
     shapes: ClassVar[tuple[Shape, ...]] = ({},)
@@ -100,8 +105,17 @@ class Effect(ABC):
         return None
 
     def usable(self, signals: Signals, **shape: float) -> bool:
-        """Whether the signals that this shape needs were recorded."""
-        return True
+        """Return whether the signals that this shape needs were recorded."""
+        return not (self.needs_joint_torque and signals.at_motor.all())
+
+    def factors(self, scale: DriveScale) -> Floats:
+        """Factor [D, n] by which the bounds of each term differ from the reference drive's."""
+        of_sensor = self.kind == 'measurement'
+        return np.stack([scale.factor(t.unit, of_sensor=of_sensor) for t in self.terms], axis=-1)
+
+    def shapes_of(self, scale: DriveScale) -> tuple[Shape, ...]:
+        """Shapes that come into question for drives of this scale."""
+        return self.shapes
 
 
 def log_speed(velocity: Floats) -> Floats:
@@ -117,6 +131,6 @@ def share_of_top(values: Floats) -> Floats:
     return size / np.maximum(np.quantile(size, 0.995, axis=0), 1e-9)
 
 
-def smooth_sign(velocity: Floats) -> Floats:
-    """The sign of the velocity, fading out at standstill."""
-    return np.tanh(velocity / STANDSTILL)
+def smooth_sign(velocity: Floats, standstill: Floats | float = STANDSTILL) -> Floats:
+    """Sign of the velocity [T, D], fading out below the speed standstill in rad/s."""
+    return np.asarray(np.tanh(velocity / standstill))

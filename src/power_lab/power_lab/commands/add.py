@@ -62,7 +62,11 @@ def main(args: Sequence[str] | None = None) -> int:
     print_model(common.console(), better)
     _print_staircase(better)
     print(f'wrote {options.output}')
-    content = {'model': str(options.output), 'history': [dict(e) for e in better.history]}
+    content = {
+        'model': str(options.output),
+        'history': [dict(e) for e in better.history],
+        'at_bound': list(better.at_bound),
+    }
     if options.json is not None:
         write_json(options.json, content)
     return 0

@@ -65,8 +65,9 @@ def main(args: Sequence[str] | None = None) -> int:
     write_model(model, options.output)
     print_model(common.console(), model)
     print(f'wrote {options.output}; error in the fit: ' + _errors(rmse))
+    content = {'model': str(options.output), **entry, 'at_bound': list(model.at_bound)}
     if options.json is not None:
-        write_json(options.json, {'model': str(options.output), **entry})
+        write_json(options.json, content)
     return 0
 
 

@@ -42,6 +42,7 @@ class Judged:
     measured: Floats  # W [N, D], with the delay taken out
     delay: float  # s
     regimes: tuple[Regime, ...] = ()
+    at_bound: tuple[str, ...] = ()  # coefficients that stand at a bound
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class Comparison:
             'drives': drives,
             'total': total,
             'regimes': [regime.json() for regime in judged.regimes],
+            'at_bound': list(judged.at_bound),
         }
 
 
@@ -133,7 +135,7 @@ def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Compa
             judged.append(_proxy(model, loaded, smooth, plain))
         else:
             judged.append(_network(spec, model, loaded, smooth, plain))
-    return _together(judged, plain, loaded)
+    return _together(judged, models, plain, loaded)
 
 
 def open_model(spec: str, catalogue: Catalogue) -> PowerModel:
@@ -243,7 +245,9 @@ def _network(
     return _plain(spec, (), found.power, own, how)
 
 
-def _together(judged: Sequence[Judged], plain: Material, loaded: Loaded) -> Comparison:
+def _together(
+    judged: Sequence[Judged], given: Sequence[PowerModel], plain: Material, loaded: Loaded
+) -> Comparison:
     prepared = plain.prepared
     common = np.zeros(prepared.measured.shape, bool)
     whole = Blocks.of(prepared).rows.ravel()
@@ -256,10 +260,13 @@ def _together(judged: Sequence[Judged], plain: Material, loaded: Loaded) -> Comp
         raise InputError('no sample is left that every model may be judged on')
     state, labels = describe_state(prepared, loaded)
     models = []
-    for one in judged:
+    for one, model in zip(judged, given, strict=True):
         residual = np.where(common, one.residual, np.nan)
-        regimes = worst_regimes(residual, state, prepared.names, labels)
-        models.append(replace(one, residual=residual, regimes=tuple(regimes)))
+        regimes = worst_regimes(
+            residual, state, prepared.names, labels, scale=prepared.signals.scale
+        )
+        at_bound = model.at_bound if isinstance(model, EffectModel) else ()
+        models.append(replace(one, residual=residual, regimes=tuple(regimes), at_bound=at_bound))
     return Comparison(prepared, tuple(models), state, labels)
 
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_STILL = 0.1  # rad/s
 _TORQUE_EDGES = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 _SPEED_EDGES = (0.1, 0.3, 0.6, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0)
 _BINS = 8
@@ -77,6 +77,7 @@ def worst_regimes(
     names: Sequence[str],
     labels: Mapping[str, NDArray[np.str_]] | None = None,
     count: int = 5,
+    scale: DriveScale | None = None,
 ) -> list[Regime]:
     """
     The worst ranges over all drives, the worst first; a quantity at most once a drive.
@@ -92,7 +93,9 @@ def worst_regimes(
         error = -residual[good, drive]
         rows = {key: values[good, drive] for key, values in state.items()}
         total = float(np.square(error).sum())
-        found += _by_load(name, error, rows['torque'], rows['velocity'], total)
+        factors = (1.0, 1.0) if scale is None else scale.of(drive)[:2]
+        edges = _Edges.of(*factors)
+        found += _by_load(name, error, rows['torque'], rows['velocity'], total, edges)
         for key in ('acceleration', 'position', 'time', 'temperature'):
             if key in rows and np.isfinite(rows[key]).all():
                 found += _by_range(name, error, key, rows[key], total)
@@ -124,28 +127,48 @@ def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
     return out
 
 
+@dataclass(frozen=True)
+class _Edges:
+    """Borders of ranges of load and speed for a drive's size."""
+
+    torques: tuple[float, ...]  # N·m
+    speeds: tuple[float, ...]  # rad/s
+    still: float  # rad/s
+
+    @classmethod
+    def of(cls, torque: float, speed: float) -> '_Edges':
+        """For a drive that many times the reference drive's torque and speed."""
+        torques = tuple(_two_digits(torque * edge) for edge in _TORQUE_EDGES)
+        speeds = tuple(_two_digits(speed * edge) for edge in _SPEED_EDGES)
+        return cls(torques, speeds, speeds[0])
+
+
+def _two_digits(value: float) -> float:
+    return float(f'{value:.2g}')
+
+
 def _by_load(
-    name: str, error: Floats, torque: Floats, velocity: Floats, total: float
+    name: str, error: Floats, torque: Floats, velocity: Floats, total: float, edges: '_Edges'
 ) -> list[Regime]:
     speed, load = np.abs(velocity), np.abs(torque)
     modes = {
-        'driving': (torque * velocity > 0) & (speed >= _STILL),
-        'braking': (torque * velocity <= 0) & (speed >= _STILL),
-        'at rest': speed < _STILL,
+        'driving': (torque * velocity > 0) & (speed >= edges.still),
+        'braking': (torque * velocity <= 0) & (speed >= edges.still),
+        'at rest': speed < edges.still,
     }
     out = []
     for mode, own in modes.items():
         best: Regime | None = None
-        speeds: Sequence[float] = _SPEED_EDGES if mode != 'at rest' else (0.0, _STILL)
-        table = _Table(error[own], load[own], speed[own], _TORQUE_EDGES, speeds)
+        speeds = edges.speeds if mode != 'at rest' else (0.0, edges.still)
+        table = _Table(error[own], load[own], speed[own], edges.torques, speeds)
         for a, b, c, d in table.rectangles():
             summed, rows = table.within(a, b, c, d)
             if rows < _LEAST_ROWS:
                 continue
             share = summed**2 / rows / max(total, 1e-12)
             if best is None or share > best.share:
-                bounds = {'torque': _range(_TORQUE_EDGES, a, b)}
-                words = [mode, _words(*bounds['torque'], 'N·m', _TORQUE_EDGES)]
+                bounds = {'torque': _range(edges.torques, a, b)}
+                words = [mode, _words(*bounds['torque'], 'N·m', edges.torques)]
                 if mode != 'at rest':
                     bounds['speed'] = _range(speeds, c, d)
                     words.append(_words(*bounds['speed'], 'rad/s', speeds))

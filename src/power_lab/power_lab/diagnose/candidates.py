@@ -37,7 +37,7 @@ def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Ac
     return [
         Active.of(effect, shape)
         for effect in effects
-        for shape in effect.shapes
+        for shape in effect.shapes_of(signals.scale)
         if effect.usable(signals, **shape)
     ]
 

@@ -11,11 +11,18 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened, shaped
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
-from power_estimator.effects.signals.prepared import Prepared
 
 from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.diagnose.candidates import best_shapes, candidates
 from power_lab.diagnose.confidence_set import confidence_set
+from power_lab.diagnose.floors import (
+    above_floor,
+    beyond_physics,
+    floors,
+    negligible,
+    shared,
+    unseen,
+)
 from power_lab.diagnose.residual_structure import Leftover, examine_leftover
 
 Floats = NDArray[np.float64]
@@ -96,6 +103,7 @@ class Diagnosis:
     stranger_floor: Floats  # W [D]
     share: float
     steps: tuple[Step, ...] = field(default=())
+    beyond: tuple[str, ...] = ()  # effects that only fit with a coefficient at its bound
 
 
 class Diagnoser:
@@ -188,13 +196,13 @@ class Diagnoser:
         chosen = best.names
         sets = self._rivals(best, bank, found)
         finalists = [self.added(best.fit if chosen else none.fit, actives) for actives in sets]
-        finalists = [e for e in finalists if not _negligible(e)] or finalists[:1]
+        finalists = [e for e in finalists if not negligible(e, self.fitter.scale)] or finalists[:1]
         finalists.sort(key=lambda e: float(e.loss.mean()))
         losses = [best.loss, *(e.loss for e in finalists)]
         members = confidence_set(losses, seed=self.seed)
         gain = best.mean_mse - finalists[0].mean_mse
         first = none.mean_mse - best.mean_mse
-        worth = above_floor(gain, self.floor) and not _negligible(finalists[0])
+        worth = above_floor(gain, self.floor) and not negligible(finalists[0], self.fitter.scale)
         if chosen:
             worth = worth and gain.sum() >= NEXT_SHARE**2 * first.sum()
             worth = worth and sum(i > 0 for i in members) <= MOST_RIVALS
@@ -281,6 +289,10 @@ class Diagnoser:
         ladder = list(ladder)
         none = ladder[0]
         leftover = self._leftover(ladder[-1])
+        beyond = tuple(dict.fromkeys(name for rung in ladder for name in beyond_physics(rung)))
+        while beyond_physics(ladder[-1]):
+            ladder.pop()
+            leftover = self._leftover(ladder[-1])
         while len(ladder) > 2 and not self._earned(ladder[-2], ladder[-1], leftover):
             ladder.pop()
             leftover = self._leftover(ladder[-1])
@@ -320,6 +332,7 @@ class Diagnoser:
             stranger_floor=self.stranger_floor,
             share=share,
             steps=tuple(steps),
+            beyond=beyond,
         )
 
     def _leftover(self, evidence: Evidence) -> Leftover:
@@ -335,48 +348,3 @@ class Diagnoser:
         strange = above_floor(leftover.explained, self.stranger_floor)
         least = EARNED_BESIDE_STRANGER if strange else EARNED_SHARE
         return gain >= least * (gain + float(leftover.explained.sum()))
-
-
-def floors(fitter: Fitter, least: float, share: float) -> Floats:
-    """W [D]: a floor that respects the meter's noise and its size."""
-    prepared = fitter.prepared
-    power = prepared.power_at(0.0)
-    rms = np.sqrt(np.nanmean(np.square(power), axis=0))
-    half = 0.5 * np.nan_to_num(prepared.noise)
-    return np.maximum(np.maximum(least, half), share * rms)
-
-
-def unseen(prepared: Prepared, fit: Fit) -> Floats:
-    """W [D]: structure that the sampling of the joint signals alone may put on."""
-    columns = fit.structure.columns_of('copper_loss')
-    copper = fit.coefficients[:, columns[0]] if columns else np.zeros(len(prepared.names))
-    return prepared.unseen(copper)
-
-
-def above_floor(gain: Floats, floor: Floats) -> bool:
-    """Whether squared watts [D] reach the floor [D], pooled over the drives or on one alone."""
-    ratio = np.maximum(gain, 0.0) / np.square(floor)
-    return bool(ratio.mean() >= 1.0 or ratio.max() >= 4.0)
-
-
-def shared(gain: Floats, floor: Floats) -> bool:
-    """
-    Whether squared watts [D] come from more than one drive, or from one by far.
-
-    Drives of one robot are built alike: a small further effect in one of them alone is more often
-    a formula that does not quite fit than physics.
-    """
-    ratio = np.maximum(gain, 0.0) / np.square(floor)
-    return len(ratio) < 2 or int((ratio >= 0.25).sum()) > 1 or bool(ratio.max() >= 16.0)
-
-
-def _negligible(evidence: Evidence) -> bool:
-    """Whether an added effect has a coefficient too small to be what it is called."""
-    fit = evidence.fit
-    for active in fit.structure.free:
-        least = [term.least for term in active.effect.terms]
-        if active.name in evidence.names and any(least):
-            found = np.abs(fit.coefficients[:, fit.structure.columns_of(active.name)])
-            if bool((found.max(axis=0) < least).all()):
-                return True
-    return False

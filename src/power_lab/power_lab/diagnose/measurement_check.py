@@ -1,14 +1,14 @@
 """Whether the measurement itself is sound: offset, gain, bias, lag and delay with intervals."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.fitter import Fit
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.prepared import REDUCED_RATE, Prepared
 
 from power_lab.diagnose.diagnosis import Diagnosis
 
@@ -47,6 +47,7 @@ class Term:
     matters: bool
     drive: str
     drives: Mapping[str, float]
+    at_bound: str = ''
 
     def json(self) -> dict[str, object]:
         """As `diagnose --json` writes it."""
@@ -58,6 +59,7 @@ class Term:
             'watts': round(self.watts, 4),
             'drive': self.drive,
             'drives': dict(self.drives),
+            'at_bound': self.at_bound or None,
         }
 
 
@@ -80,7 +82,7 @@ def check_measurement(
     intervals = fitter.intervals(fit, seed)
     found: dict[str, Term] = {}
     delays = _delays(bank, seed)
-    rate = np.gradient(prepared.power_at(fit.delay), axis=0) * 50.0
+    rate = np.gradient(prepared.power_at(fit.delay), axis=0) * REDUCED_RATE
     slope = np.sqrt(np.nanmean(np.square(rate), axis=0))
     found['time_offset'] = _term(
         'time_offset',
@@ -103,7 +105,9 @@ def check_measurement(
                 values, bounds = _against_idle(model, fit, prepared, values, bounds)
             else:
                 bounds = bounds + _UNKNOWN_OFFSET
-        found[name] = _term(name, prepared, values, bounds, np.abs(values) * size, diagnosis.floor)
+        term = _term(name, prepared, values, bounds, np.abs(values) * size, diagnosis.floor)
+        at_bound = fit.at_bound(prepared.names.index(term.drive), columns[0])
+        found[name] = replace(term, at_bound=at_bound)
     return found
 
 

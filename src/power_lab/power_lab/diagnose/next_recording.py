@@ -12,11 +12,13 @@ from drive_bench.motion.fitting import fitted
 from drive_bench.motion.joint_limits import JointLimits
 from drive_bench.motion.segment_path import Mounting
 from power_estimator.effects import Catalogue, Excitation
+from power_estimator.effects.signals.scale import DriveScale
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 
 _LONGEST = 1800.0  # s
 _RANGE = 6.0  # rad, that a joint turns one way
+_MOST_PASSES = 40  # more than a joint of a leg ever needs
 _SPARE = 1.15  # a pendulum pulls this much more than the largest load
 
 
@@ -74,14 +76,23 @@ class Motion:
 
 
 def separating_motion(
-    effects: Sequence[str], catalogue: Catalogue, drives: Sequence[str], reason: str
+    effects: Sequence[str],
+    catalogue: Catalogue,
+    drives: Sequence[str],
+    reason: str,
+    scale: DriveScale | None = None,
 ) -> Motion:
-    """The motions that set these effects apart, each once, slow before fast."""
+    """
+    Motions that set these effects apart, each once, slow before fast.
+
+    Speeds and loads of the catalogue are those of the reference drive; with a scale they are in
+    proportion to the smallest of the drives.
+    """
     segments: list[Mapping[str, Any]] = [{'mode': 'rest', 'seconds': 10.0}]
     supply: set[float] = set()
     texts = []
     for name in effects:
-        excitation = catalogue[name].excitation
+        excitation = _scaled(catalogue[name].excitation, scale)
         texts.append(f'{name}: {excitation.text}')
         supply.update(excitation.supply)
         new = _segments(excitation)
@@ -90,6 +101,25 @@ def separating_motion(
     segments = _within(segments)
     whole = reason + '; ' + '; '.join(dict.fromkeys(texts)) if texts else reason
     return Motion(whole, tuple(drives), tuple(segments), tuple(sorted(supply)))
+
+
+def _scaled(excitation: Excitation, scale: DriveScale | None) -> Excitation:
+    if scale is None:
+        return excitation
+    torque, speed, volts = (
+        float(values.min()) for values in (scale.torque, scale.speed, scale.voltage)
+    )
+    return replace(
+        excitation,
+        speeds=tuple(_short(value * speed) for value in excitation.speeds),
+        loads=tuple(_short(value * torque) for value in excitation.loads),
+        amplitude=_short(excitation.amplitude * speed),
+        supply=tuple(_short(value * volts) for value in excitation.supply),
+    )
+
+
+def _short(value: float) -> float:
+    return float(f'{value:.4g}')
 
 
 def _segments(excitation: Excitation) -> list[Mapping[str, Any]]:
@@ -133,7 +163,7 @@ def _passes(speed: float, load: float, seconds: float) -> list[dict[str, Any]]:
     """There and back at one speed, as often as the joint's range asks for."""
     if speed == 0.0:
         return [{'mode': 'velocity', 'speed': 0.0, 'load': load, 'seconds': seconds}]
-    count = max(1, math.ceil(seconds * speed / _RANGE))
+    count = min(_MOST_PASSES, max(1, math.ceil(seconds * speed / _RANGE)))
     each = round(seconds / count, 2)
     there = {'mode': 'velocity', 'speed': speed, 'load': load, 'seconds': each}
     back = {**there, 'speed': -speed}

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects import Catalogue
+from power_estimator.effects import Catalogue, Signals
 from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.fitter import measurement_terms
@@ -16,6 +16,7 @@ from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.model import PowerModel
 
 from power_lab.compare.comparison import describe_state
+from power_lab.compare.evidence import Evidence
 from power_lab.compare.regimes import Regime, worst_regimes
 from power_lab.diagnose.diagnosis import Candidate, Diagnoser, Diagnosis
 from power_lab.diagnose.measurement_check import Term, check_measurement
@@ -48,6 +49,7 @@ class Row:
     drive: str  # the one that coefficient and interval are of
     shape: dict[str, float]
     coefficients: dict[str, list[float]]  # by drive
+    at_bound: str  # 'lower' or 'upper' where the coefficient stands at its bound
 
     def json(self) -> dict[str, Any]:
         """As `diagnose --json` writes it."""
@@ -65,6 +67,7 @@ class Row:
             'drive': self.drive,
             'shape': self.shape,
             'coefficients': self.coefficients,
+            'at_bound': self.at_bound or None,
         }
 
 
@@ -105,6 +108,7 @@ class Outcome:
             'verdict': d.verdict,
             'sentence': self.sentence,
             'effects': list(d.effects),
+            'beyond_physics': list(d.beyond),
             'certain': [name for name in d.effects if name in d.certain],
             'active': list(self.model.effects),
             'measurement': {name: term.json() for name, term in self.measurement.items()},
@@ -166,8 +170,12 @@ def diagnose(
     diagnosis = diagnoser.run()
     state, labels = describe_state(own.prepared, loaded)
     examiner = diagnoser.examiner
-    left = examiner.residual(diagnosis.best)
-    before = examiner.residual(diagnosis.base)
+
+    def regimes_of(evidence: Evidence) -> tuple[Regime, ...]:
+        residual = examiner.residual(evidence)
+        names = own.prepared.names
+        return tuple(worst_regimes(residual, state, names, labels, scale=fitter.scale))
+
     known = {entry.get('sha256') for entry in model.fitted_on}
     other = not seen and not any(entry['sha256'] in known for entry in loaded.identities)
     bank = CandidateScreener(fitter, Folds.of(fitter.blocks), diagnosis.best.fit, ())
@@ -179,9 +187,9 @@ def diagnose(
         diagnosis=diagnosis,
         rows=rows,
         measurement=check_measurement(diagnosis, bank, model, other_recording=other, seed=seed),
-        regimes=tuple(worst_regimes(left, state, own.prepared.names, labels)),
-        base_regimes=tuple(worst_regimes(before, state, own.prepared.names, labels)),
-        motion=_motion(diagnosis, rows, catalogue, own.prepared.names),
+        regimes=regimes_of(diagnosis.best),
+        base_regimes=regimes_of(diagnosis.base),
+        motion=_motion(diagnosis, rows, catalogue, own.prepared.signals),
         state=state,
         labels=labels,
     )
@@ -223,6 +231,7 @@ def _rows(diagnosis: Diagnosis, diagnoser: Diagnoser, seed: int) -> tuple[Row, .
                     name: [_short(v) for v in row]
                     for name, row in zip(fitter.prepared.names, values.tolist(), strict=True)
                 },
+                at_bound=fit.at_bound(drive, columns[lead]),
             )
         )
     out.sort(key=lambda row: (not row.in_confidence_set, -row.delta_rmse_w))
@@ -265,27 +274,29 @@ def _families(diagnosis: Diagnosis) -> dict[str, str]:
 
 
 def _motion(
-    diagnosis: Diagnosis, rows: Sequence[Row], catalogue: Catalogue, drives: Sequence[str]
+    diagnosis: Diagnosis, rows: Sequence[Row], catalogue: Catalogue, signals: Signals
 ) -> Motion:
+    def motion(effects: Sequence[str], reason: str) -> Motion:
+        usable = [name for name in effects if catalogue[name].usable(signals)]
+        return separating_motion(usable, catalogue, signals.names, reason, signals.scale)
+
     if diagnosis.verdict == 'named':
         reason = 'to confirm what was named on a motion that shows it alone'
-        return separating_motion(diagnosis.effects, catalogue, drives, reason)
+        return motion(diagnosis.effects, reason)
     if diagnosis.verdict == 'ambiguous':
         open_ = [name for name in diagnosis.effects if name not in diagnosis.certain]
         reason = f'to tell {" from ".join(open_)}'
-        return separating_motion(open_, catalogue, drives, reason)
+        return motion(open_, reason)
     if diagnosis.verdict == 'none_of_the_above':
         reason = 'to see the unknown at rest, over position at slow speed, and over speed and load'
-        return separating_motion(
-            ['idle', 'cogging', 'viscous_friction'], catalogue, drives, reason
-        )
+        return motion(['idle', 'cogging', 'viscous_friction', 'inverter_loss'], reason)
     hidden = _could_be_there(diagnosis, rows)
     if hidden:
         reason = 'to show effects that could hide in this recording'
-        return separating_motion([row.name for row in hidden], catalogue, drives, reason)
+        return motion([row.name for row in hidden], reason)
     largest = sorted(rows, key=lambda row: -row.could_hide_w)[:_MOST_ASKED]
     reason = 'to look closer at what would come next'
-    return separating_motion([row.name for row in largest], catalogue, drives, reason)
+    return motion([row.name for row in largest], reason)
 
 
 def _could_be_there(diagnosis: Diagnosis, rows: Sequence[Row]) -> list[Row]:

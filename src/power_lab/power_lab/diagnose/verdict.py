@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from power_lab.diagnose.diagnosis import MOST_RIVALS, Diagnosis, above_floor
+from power_lab.diagnose.diagnosis import MOST_RIVALS, Diagnosis
+from power_lab.diagnose.floors import above_floor
 
 PLAIN = {
     'shaft': 'mechanical power at the joint',
@@ -68,7 +69,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         where = f' It shows most in: {_leftover_kind(diagnosis)}.'
         return (
             'The model misses something that none of the known effects explains '
-            f'({leftover:.2f} W of structure is left).{where}{tail}'
+            f'({leftover:.2f} W of structure is left).{where}{tail}{_beyond(diagnosis)}'
         )
     if diagnosis.chosen:
         return (
@@ -80,6 +81,15 @@ def sentence(diagnosis: Diagnosis) -> str:
         f'No evidence that an effect is missing: the error of {before:.2f} W on held-out data has '
         f'no structure above {float(np.sqrt(np.mean(np.square(diagnosis.floor)))):.2f} W that an '
         'effect would explain.'
+    )
+
+
+def _beyond(diagnosis: Diagnosis) -> str:
+    if not diagnosis.beyond:
+        return ''
+    return (
+        f' {_joined(diagnosis.beyond).capitalize()} would lower the error only with a coefficient '
+        'at the bound of what is physical, so it is not named.'
     )
 
 

@@ -234,7 +234,8 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
             [
                 plain(row.name),
                 f'{row.delta_rmse_w + 0.0:.3f} W'.replace('-0.000', '0.000'),
-                f'{row.symbol} = {row.coefficient:.3g} {row.unit if row.unit != "1" else ""}',
+                f'{row.symbol} = {row.coefficient:.3g}{"*" if row.at_bound else ""} '
+                f'{row.unit if row.unit != "1" else ""}',
                 f'{row.interval[0]:.3g} … {row.interval[1]:.3g}',
                 row.drive,
                 'yes' if row.in_confidence_set else 'no',
@@ -323,7 +324,8 @@ def _section_measurement(page: Page, outcome: Outcome) -> None:
         [
             [
                 name.replace('_', ' '),
-                f'{term.value:.3g} {TERM_UNITS[name] if TERM_UNITS[name] != "1" else ""}',
+                f'{term.value:.3g}{"*" if term.at_bound else ""} '
+                f'{TERM_UNITS[name] if TERM_UNITS[name] != "1" else ""}',
                 f'{term.interval[0]:.3g} … {term.interval[1]:.3g}',
                 f'{term.watts:.2f} W',
                 term.drive,
@@ -342,7 +344,9 @@ def _section_reading(page: Page) -> None:
         'pass the same low-pass at 12.5 Hz. Every error is on data that the coefficients were not '
         'fitted to (five folds of ten-second pieces with a second between). An effect is named '
         'only if it beats the unchanged model and all other effects in a confidence set, explains '
-        'more than can be judged at all, and leaves little that a flexible learner still finds.'
+        'more than can be judged at all, and leaves little that a flexible learner still finds. '
+        'A coefficient with * stands at the bound that the catalogue sets: the recording does not '
+        'give its value, and nothing is named by it.'
         '</p>'
     )
 

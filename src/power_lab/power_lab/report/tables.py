@@ -10,6 +10,7 @@ from rich.table import Table
 from power_lab.diagnose.outcome import Outcome
 
 _SHOWN = 8
+_AT_BOUND = '* at the bound that the catalogue sets, not at a value that the recording gives'
 _VERDICT_STYLE = {
     'named': 'bold green',
     'ambiguous': 'bold yellow',
@@ -34,11 +35,14 @@ def print_model(console: Console, model: EffectModel) -> None:
             for group in model.groups:
                 value = group.coefficients[active.name][index]
                 low, high = value.interval
-                cells.append(f'{value.value:.3g}\n({low:.3g} … {high:.3g})')
+                mark = _mark(value.at_bound)
+                cells.append(f'{value.value:.3g}{mark}\n({low:.3g} … {high:.3g})')
             shape = ', '.join(f'{k} {v:g}' for k, v in active.shape)
             label = f'{active.name} {term.symbol}' + (f' [{shape}]' if shape else '')
             table.add_row(label, term.unit, *cells)
     console.print(table)
+    if model.at_bound:
+        console.print(f'{_AT_BOUND}: {", ".join(model.at_bound)}')
 
 
 def print_comparison(console: Console, content: dict[str, Any]) -> None:
@@ -63,6 +67,8 @@ def print_comparison(console: Console, content: dict[str, Any]) -> None:
     for model in content['models']:
         if model['effects']:
             console.print(f'{model["name"]}: active effects {", ".join(model["effects"])}')
+        if model['at_bound']:
+            console.print(f'{_AT_BOUND}: {", ".join(model["at_bound"])}')
         if model['regimes']:
             console.print(f'{model["name"]} fails most at')
         for regime in model['regimes'][:3]:
@@ -83,7 +89,8 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         table.add_row(
             row['name'],
             f'{row["delta_rmse_w"]:.3f}',
-            f'{row["symbol"]} = {row["coefficient"]:.3g} {_unit(row["unit"])}',
+            f'{row["symbol"]} = {row["coefficient"]:.3g}{_mark(row["at_bound"])} '
+            f'{_unit(row["unit"])}',
             f'{low:.3g} … {high:.3g} ({row["drive"]})',
             'yes' if row['in_confidence_set'] else '',
         )
@@ -96,11 +103,16 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         terms.add_row(
             name,
             f'{term["watts"]:.2f}',
-            f'{term["value"]:.3g} {_unit(term["unit"])}',
+            f'{term["value"]:.3g}{_mark(term["at_bound"])} {_unit(term["unit"])}',
             f'{low:.3g} … {high:.3g} ({term["drive"]})',
             'yes' if term['matters'] else '',
         )
     console.print(terms)
+    if any(
+        row['at_bound']
+        for row in (*content['candidates'][:_SHOWN], *content['measurement'].values())
+    ):
+        console.print(_AT_BOUND)
     for regime in outcome.base_regimes[:3]:
         console.print(f'the model fails at {regime.text}')
     motion = outcome.motion
@@ -109,6 +121,10 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
 
 def _table(title: str) -> Table:
     return Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, pad_edge=False)
+
+
+def _mark(at_bound: str | None) -> str:
+    return '*' if at_bound else ''
 
 
 def _unit(unit: str) -> str:

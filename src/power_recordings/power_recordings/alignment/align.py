@@ -92,7 +92,17 @@ def load_aligned(
                 f'{", ".join(part.names)}: name those to take'
             )
         parts.append(part.drives(parts[0].names) if parts else part)
+        _require_same_torque(parts[0], part)
     return join(parts)
+
+
+def _require_same_torque(first: AlignedDataset, other: AlignedDataset) -> None:
+    for name in ('motor_torque', 'current_as_torque'):
+        if differ := getattr(first, name) ^ getattr(other, name):
+            raise InputError(
+                f'{first.recordings[0]} and {other.recordings[0]}: the card of only one says that '
+                f'the torque of {min(differ)} is computed from the current; judge them apart'
+            )
 
 
 def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
@@ -128,6 +138,8 @@ def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
         recordings=tuple(name for part in parts for name in part.recordings),
         extras=extras,
         notes=tuple(note for part in parts for note in part.notes),
+        motor_torque=parts[0].motor_torque,
+        current_as_torque=parts[0].current_as_torque,
         **arrays,
     )
 
@@ -254,5 +266,7 @@ def _dataset(
         recording=np.zeros(len(time), np.int32),
         extras={key: array for key, array in arrays.items() if key not in _PARTS},
         notes=notes,
+        motor_torque=source.motor_torque,
+        current_as_torque=source.current_as_torque,
         **{key: arrays[key] for key in _PARTS},
     )

@@ -32,7 +32,7 @@ class AlignedDataset:
     segment: NDArray[np.int32]  # [T], counts up over all recordings
     position: Floats  # rad [T, D]
     velocity: Floats  # rad/s [T, D]
-    torque: Floats  # N·m [T, D]
+    torque: Floats  # N·m [T, D], at the joint; see motor_torque and current_as_torque
     command: Floats  # rad [T, D], position target in force (zero-order hold)
     power: Floats  # W [T, D], mean of voltage × current, positive = drawn by the drive
     voltage: Floats  # V [T, D]
@@ -43,6 +43,8 @@ class AlignedDataset:
     recording: NDArray[np.int32]  # [T], index into recordings
     extras: Mapping[str, Floats] = field(default_factory=dict)  # other signals by topic [T, ...]
     notes: tuple[str, ...] = ()  # on what was left out of the recordings
+    motor_torque: frozenset[str] = frozenset()  # drives whose torque is the motor's
+    current_as_torque: frozenset[str] = frozenset()  # of these, drives that have A for N·m
 
     @classmethod
     def blank(

@@ -41,6 +41,8 @@ class RecordedSignals:
     cmd_vel: tuple[Times, Floats] | None
     others: Mapping[str, Stream] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    motor_torque: frozenset[str] = frozenset()  # drives whose torque is the motor's
+    current_as_torque: frozenset[str] = frozenset()
 
     @classmethod
     def of(
@@ -99,6 +101,7 @@ class _Collector:
             electrics, measured = self._electrics(self._recording.drive_supply())
         joints = self._joint_stream()
         self._must_overlap(joints, electrics)
+        card = self._recording.card
         return RecordedSignals(
             self._path,
             self._names,
@@ -110,6 +113,8 @@ class _Collector:
             self._cmd_vel(),
             self._others(),
             tuple(self._notes),
+            frozenset(name for name in self._names if card.torque.get(name) == 'motor'),
+            frozenset(name for name in self._names if card.torque_unit.get(name) == 'A'),
         )
 
     def _usable(self, topic: str, samples: Samples) -> Samples:

@@ -53,15 +53,17 @@ class CandidateScreener:
         self._columns = np.concatenate(parts, axis=2)
         own = self._columns[..., : base.design.columns.shape[2]]
         self._constant = builder.constant(point, own)
-        lower, upper = base.structure.bounds(base.coefficients)
+        scale = fitter.scale
+        lower, upper = base.structure.bounds(base.coefficients, scale)
         for active in self.candidates:
-            ends = Structure((active,)).bounds(np.zeros((len(lower), len(active.effect.terms))))
+            none = np.zeros((len(lower), len(active.effect.terms)))
+            ends = Structure((active,)).bounds(none, scale)
             lower = np.concatenate([lower, ends[0]], axis=1)
             upper = np.concatenate([upper, ends[1]], axis=1)
         self._lower, self._upper = lower, upper
-        priors = [base.structure.priors()]
-        priors += [Structure((active,)).priors() for active in self.candidates]
-        self._prior = np.concatenate(priors)
+        priors = [base.structure.priors(scale)]
+        priors += [Structure((active,)).priors(scale) for active in self.candidates]
+        self._prior = np.concatenate(priors, axis=1)
         self._own = base.design.columns.shape[2]
         ends = self._own + np.cumsum([len(a.effect.terms) for a in self.candidates])
         self._place = {
@@ -131,7 +133,7 @@ class CandidateScreener:
         lower, upper, ridge = [], [], []
         for group in self.fitter.groups:
             weight = float(self.fitter.weight[list(group)].mean())
-            ridge.append(weight * REDUCED_RATE / np.square(self._prior[pick]))
+            ridge.append(weight * REDUCED_RATE / np.square(self._prior[group[0]][pick]))
             lower.append(self._lower[group][:, pick].mean(axis=0))
             upper.append(self._upper[group][:, pick].mean(axis=0))
         m = len(pick)
@@ -206,11 +208,11 @@ def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
     options = {
         active.name: [
             Active.of(active.effect, shape)
-            for shape in active.effect.shapes
+            for shape in active.effect.shapes_of(fitter.scale)
             if active.effect.usable(signals, **shape)
         ]
         for active in structure.actives
-        if len(active.effect.shapes) > 1
+        if len(active.effect.shapes_of(fitter.scale)) > 1
     }
     if not options:
         return structure

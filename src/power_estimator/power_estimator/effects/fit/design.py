@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from power_estimator.effects import Effect, ModelDiscrepancy, Shape, Signals
 from power_estimator.effects.catalogue import regressors_of
 from power_estimator.effects.signals.prepared import Prepared, rate_of
+from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
 _SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient
@@ -69,15 +70,16 @@ class Structure:
             (active.name, term) for active in self.free for term in range(len(active.effect.terms))
         )
 
-    def bounds(self, coefficients: Floats) -> tuple[Floats, Floats]:
+    def bounds(self, coefficients: Floats, scale: DriveScale) -> tuple[Floats, Floats]:
         """
-        Lower and upper bound of each column [D, m].
+        Lower and upper bound of each column [D, m] for drives of a scale.
 
         A bend may take a share of its effect's coefficient, as it is in coefficients [D, m].
         """
         terms = [term for active in self.free for term in active.effect.terms]
-        lower = np.tile([term.lower for term in terms], (len(coefficients), 1))
-        upper = np.tile([term.upper for term in terms], (len(coefficients), 1))
+        factors = self._factors(scale)
+        lower = np.array([term.lower for term in terms]) * factors
+        upper = np.array([term.upper for term in terms]) * factors
         for active in self.free:
             if isinstance(active.effect, ModelDiscrepancy):
                 column = self.columns_of(active.name)[0]
@@ -87,9 +89,14 @@ class Structure:
                 lower[:, column] = -upper[:, column]
         return lower, upper
 
-    def priors(self) -> Floats:
-        """Spread known beforehand of each column [m], infinite where nothing is known."""
-        return np.array([term.prior for active in self.free for term in active.effect.terms])
+    def priors(self, scale: DriveScale) -> Floats:
+        """Spread known beforehand of each column [D, m], infinite where nothing is known."""
+        terms = [term for active in self.free for term in active.effect.terms]
+        return np.array([term.prior for term in terms]) * self._factors(scale)
+
+    def _factors(self, scale: DriveScale) -> Floats:
+        parts = [active.effect.factors(scale) for active in self.free]
+        return np.concatenate([np.empty((len(scale.torque), 0)), *parts], axis=1)
 
     def with_discrepancies(self) -> 'Structure':
         """With a bend beside every effect that has one."""
@@ -180,7 +187,9 @@ class DesignBuilder:
         count = (len(self.prepared.time), len(self.prepared.names))
         joined = np.concatenate(columns, axis=2) if columns else np.empty((*count, 0))
         constant = self.constant(point, joined)
-        return Design(structure, joined, constant, *structure.bounds(coefficients))
+        return Design(
+            structure, joined, constant, *structure.bounds(coefficients, point.signals.scale)
+        )
 
     def columns(self, active: Active, point: Linearisation) -> Floats:
         """Reduced derivatives of the power by one effect's coefficients, [N, D, n]."""

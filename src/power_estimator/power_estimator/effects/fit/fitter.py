@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Active, BasePower, Design, DesignBuilder, Structure
 from power_estimator.effects.signals.prepared import REDUCED_RATE, Prepared
+from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
 
@@ -21,6 +23,7 @@ _BOOTSTRAP_BLOCK = 5  # blocks drawn together
 _TIED = 0.9999  # cosine of two columns that a recording cannot tell apart
 _FINE_STEP = 0.00025  # s
 _REWEIGHTINGS = 2
+_AT_BOUND = 1e-6  # of the larger bound
 _NEAR = 3  # delays on either side of a known one
 
 
@@ -124,6 +127,13 @@ class Fit:
         error = self.normal.errors(self.coefficients) / self.normal.counts
         return float(((np.log(error + 1e-4) * self.normal.valid).sum(axis=0) / count).sum())
 
+    def at_bound(self, drive: int, column: int) -> Literal['', 'lower', 'upper']:
+        """`lower` or `upper` where a coefficient stands at its bound, else ''."""
+        value = self.coefficients[drive, column]
+        low, high = self.design.lower[drive, column], self.design.upper[drive, column]
+        near = _AT_BOUND * max(abs(low), abs(high) if np.isfinite(high) else 0.0)
+        return 'lower' if value <= low + near else 'upper' if value >= high - near else ''
+
     def residual(self) -> Floats:
         """Measured minus model, W [N, D]."""
         return self.target - np.einsum('ndm,dm->nd', self.design.columns, self.coefficients)
@@ -145,7 +155,13 @@ class Fitter:
         self.builder = DesignBuilder(prepared, base)
         count = len(prepared.names)
         self.groups = [list(g) for g in groups] if groups else [[d] for d in range(count)]
-        self.weight = np.maximum(np.nan_to_num(prepared.noise, nan=0.1), 0.02) ** 2
+        noise = np.where(np.isfinite(prepared.noise), prepared.noise, 0.1 * self.scale.power)
+        self.weight = np.maximum(noise, 0.02 * self.scale.power) ** 2
+
+    @property
+    def scale(self) -> DriveScale:
+        """Of the drives."""
+        return self.prepared.signals.scale
 
     def leave_out(self, events: NDArray[np.bool_]) -> None:
         """Take blocks of drives [B, D] out of all that follows."""
@@ -203,9 +219,9 @@ class Fitter:
             gram = np.tensordot(drawn, gram, axes=1)
             moment = np.tensordot(drawn, moment, axes=1)
         out = np.zeros(moment.shape)
-        prior = design.structure.priors()
+        prior = design.structure.priors(self.scale)
         for group in self.groups:
-            ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior)
+            ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior[group[0]])
             lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
             out[:, group] = bounded_solve(
                 gram[:, group].sum(axis=1), moment[:, group].sum(axis=1), lower, upper, ridge
@@ -262,10 +278,10 @@ class Fitter:
         return gram, moment, square, next_
 
     def _profile(self, design: Design, gram: Floats, moment: Floats, square: Floats) -> Floats:
-        prior = design.structure.priors()
+        prior = design.structure.priors(self.scale)
         total = np.zeros(len(moment))
         for group in self.groups:
-            ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior)
+            ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior[group[0]])
             lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
             matrix = gram[group].sum(axis=0)
             right = moment[:, group].sum(axis=1)

@@ -85,6 +85,7 @@ def fit_model(
 
     Shapes that an effect leaves open are searched. Returns the model and the fit behind it.
     """
+    _require_usable(material.prepared, effects)
     structure = Structure(tuple(effects))
     terms = measurement_terms(catalogue, shaft='shaft' in structure.names)
     fitter = material.fitter()
@@ -118,6 +119,7 @@ def _groups(material: Material, fit: Fit, intervals: Floats) -> tuple[DriveGroup
                 FittedValue(
                     float(fit.coefficients[first, column]),
                     (float(intervals[first, column, 0]), float(intervals[first, column, 1])),
+                    fit.at_bound(first, column),
                 )
                 for column in fit.structure.columns_of(active.name)
             )
@@ -127,6 +129,7 @@ def _groups(material: Material, fit: Fit, intervals: Floats) -> tuple[DriveGroup
                 measurement[active.name] = values[0]
         measurement['time_offset'] = FittedValue(fit.delay, (fit.delay, fit.delay))
         copper = 0.0 if material.underlay is None else float(material.underlay.copper[first])
+        constant = float(prepared.torque_constant[first])
         groups.append(
             DriveGroup(
                 type=kind,
@@ -135,9 +138,23 @@ def _groups(material: Material, fit: Fit, intervals: Floats) -> tuple[DriveGroup
                 velocity_lag=float(np.mean(prepared.lag[own])),
                 voltage=float(np.mean(voltage[own])),
                 copper=copper,
+                scale=prepared.signals.scale.of(first),
+                torque_constant=constant if np.isfinite(constant) else None,
             )
         )
     return tuple(groups)
+
+
+def _require_usable(prepared: Prepared, effects: Sequence[Active]) -> None:
+    if not prepared.signals.at_motor.all():
+        return
+    for active in effects:
+        if active.effect.needs_joint_torque:
+            raise InputError(
+                f"{active.name}: the torque of {', '.join(prepared.names)} is the motor's "
+                '(card.yaml), which has it in already; leave it out, or say `torque: joint` in '
+                'the card if a sensor at the joint measured it'
+            )
 
 
 def _require_excitation(prepared: Prepared) -> None:

@@ -17,6 +17,7 @@ class Cogging(Effect):
         Term('A·sin(phase)', 'N·m', -20.0, 20.0),
     )
     acts_on = 'torque'
+    needs_joint_torque = True
     near = ('rotor_inertia',)
     shapes = tuple({'order': float(order)} for order in (6, 7, 12, 14, 21, 24, 36, 42, 50, 100))
     excitation = Excitation(
@@ -30,3 +31,7 @@ class Cogging(Effect):
         """Sine and cosine of the position times the order."""
         angle = order * signals.position
         return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+
+    def usable(self, signals: Signals, **shape: float) -> bool:
+        """Only where the position was recorded."""
+        return super().usable(signals) and bool(np.isfinite(signals.position).all())

@@ -12,6 +12,7 @@ class CoulombFriction(Effect):
     formula = 'Tc·(|w| + 2·k·torque·sgn w)'
     terms = (Term('Tc', 'N·m', 0.0, 80.0),)
     acts_on = 'torque'
+    needs_joint_torque = True
     near = ('viscous_friction', 'iron_loss', 'stribeck_friction')
     discrepancy_limit = 0.12
     excitation = Excitation(
@@ -22,8 +23,10 @@ class CoulombFriction(Effect):
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """The sign of the speed."""
-        return smooth_sign(signals.motor_velocity)[..., None]
+        return smooth_sign(signals.motor_velocity, signals.scale.standstill)[..., None]
 
     def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """A slow rise or fall with speed."""
-        return smooth_sign(signals.motor_velocity) * log_speed(signals.motor_velocity)
+        return smooth_sign(signals.motor_velocity, signals.scale.standstill) * log_speed(
+            signals.motor_velocity
+        )

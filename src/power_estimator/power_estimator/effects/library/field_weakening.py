@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.effect import Effect, Excitation, Floats, Shape, Term
+from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.effects.signals.state import Signals
 
 
@@ -25,3 +26,8 @@ class FieldWeakening(Effect):
         """Squared excess over the base speed."""
         excess = np.abs(signals.motor_velocity) - per_volt * signals.voltage
         return np.square(np.maximum(0.0, excess))[..., None]
+
+    def shapes_of(self, scale: DriveScale) -> tuple[Shape, ...]:
+        """Base speeds in proportion to the drives' speeds, per volt of their bus."""
+        factors = sorted(set((scale.speed / scale.voltage).tolist()))
+        return tuple({'per_volt': shape['per_volt'] * f} for f in factors for shape in self.shapes)

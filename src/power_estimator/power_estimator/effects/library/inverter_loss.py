@@ -34,7 +34,7 @@ class InverterLoss(Effect):
     def torque_slope(self, signals: Signals, coefficients: Floats) -> Floats:
         """The summed coefficients with the torque's sign."""
         both = coefficients[..., 0] + coefficients[..., 1] * signals.voltage / NOMINAL
-        return both * np.tanh(signals.motor_torque / 0.5)
+        return both * np.tanh(signals.motor_torque / (0.5 * signals.scale.torque))
 
     def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """Switches that drop more under load."""

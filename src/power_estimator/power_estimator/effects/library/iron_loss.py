@@ -40,10 +40,10 @@ class IronLoss(Effect):
     def regressors(self, signals: Signals, *, carried: float = 0.0, **_: float) -> Floats:
         """Speed and speed squared, with what their torque costs."""
         speed = np.abs(signals.motor_velocity)
-        cost = carried * signals.torque_cost
+        cost = carried * signals.torque_cost * ~signals.at_motor
         return np.stack(
             [
-                speed + cost * smooth_sign(signals.motor_velocity),
+                speed + cost * smooth_sign(signals.motor_velocity, signals.scale.standstill),
                 np.square(speed) + cost * signals.motor_velocity,
             ],
             axis=-1,
@@ -52,3 +52,7 @@ class IronLoss(Effect):
     def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """Exponents between 1 and 2."""
         return np.abs(signals.motor_velocity) * log_speed(signals.motor_velocity)
+
+    def usable(self, signals: Signals, *, carried: float = 0.0, **_: float) -> bool:
+        """The torque of the motor has in it what the current of iron loss adds."""
+        return carried == 0.0 or not bool(signals.at_motor.all())

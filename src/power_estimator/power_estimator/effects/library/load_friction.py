@@ -14,6 +14,7 @@ class LoadFriction(Effect):
     formula = 'c·|torque·w| + 2·k·c·torque·|torque|·sgn w'
     terms = (Term('c', '1', 0.0, 1.0),)
     acts_on = 'torque'
+    needs_joint_torque = True
     follows = frozenset({'motor_torque'})
     shapes = ({'motor': 0.0}, {'motor': 1.0})
     near = ('regeneration_efficiency', 'shaft')
@@ -27,7 +28,9 @@ class LoadFriction(Effect):
     def regressors(self, signals: Signals, *, motor: float = 0.0, **_: float) -> Floats:
         """The load's size with the sign of the speed; the load is the joint's or the motor's."""
         load = signals.torque + motor * (signals.motor_torque - signals.torque)
-        return (np.abs(load) * smooth_sign(signals.motor_velocity))[..., None]
+        return (np.abs(load) * smooth_sign(signals.motor_velocity, signals.scale.standstill))[
+            ..., None
+        ]
 
     def discrepancy(self, signals: Signals, **shape: float) -> Floats:
         """Worse when driving than when driven, or the other way round."""

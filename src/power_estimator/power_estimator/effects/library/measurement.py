@@ -3,6 +3,7 @@
 import numpy as np
 
 from power_estimator.effects.effect import Effect, Excitation, Floats, Term, share_of_top
+from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.effects.signals.state import Signals
 
 
@@ -18,6 +19,10 @@ class PowerGain(Effect):
     kind = 'measurement'
     near = ('shaft', 'load_friction')
     excitation = Excitation('calibrate the meter against a reference')
+
+    def factors(self, scale: DriveScale) -> Floats:
+        """Wider where the torque is computed from a current by a constant."""
+        return scale.gain[:, None]
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """Mechanical power."""

@@ -13,7 +13,7 @@ class RegenerationLimit(Effect):
     physics = 'the supply takes nothing back: what the drives return together is burnt'
     formula = 'b·(share of the drive)·max(0, −sum of P over the bus)'
     follows = frozenset({'drawn'})
-    terms = (Term('b', '1', 0.0, 1.0),)
+    terms = (Term('b', '1', 0.0, 1.0, attained=True),)
     near = ('regeneration_efficiency',)
     excitation = Excitation(
         'back-driving one drive with the others at rest, then with the others drawing',

@@ -12,6 +12,7 @@ class RotorInertia(Effect):
     formula = 'J·w·dw/dt + 2·k·J·torque·dw/dt'
     terms = (Term('J', 'kg·m²', 0.0, 5.0),)
     acts_on = 'torque'
+    needs_joint_torque = True
     near = ('time_offset', 'velocity_lag', 'spring')
     excitation = Excitation(
         'unloaded fast reversals', mode='position', frequency=4.0, amplitude=0.3, seconds=20.0

@@ -20,6 +20,7 @@ class Spring(Effect):
     formula = '(torque + friction)·dx/dt, relaxation·dx²/dt² + dx/dt = dtorque/dt/ks'
     terms = (Term('1/ks', 'rad/(N·m)', 0.0, 0.05, least=3e-4),)
     acts_on = 'speed'
+    needs_joint_torque = True
     near = ('time_offset', 'rotor_inertia')
     shapes = tuple({'relaxation': seconds} for seconds in (0.0, 0.003, 0.006, 0.012))
     excitation = Excitation(

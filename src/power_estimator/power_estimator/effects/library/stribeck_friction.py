@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Term, smooth_sign
+from power_estimator.effects.effect import Effect, Excitation, Floats, Shape, Term, smooth_sign
+from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.effects.signals.state import Signals
 
 
@@ -14,6 +15,7 @@ class StribeckFriction(Effect):
     formula = 'Ts·exp(−(w/speed)²)·(|w| + 2·k·torque·sgn w)'
     terms = (Term('Ts', 'N·m', 0.0, 80.0),)
     acts_on = 'torque'
+    needs_joint_torque = True
     near = ('coulomb_friction',)
     shapes = tuple({'speed': speed} for speed in (0.1, 0.2, 0.35, 0.6, 1.0, 1.6))
     excitation = Excitation(
@@ -25,4 +27,10 @@ class StribeckFriction(Effect):
     def regressors(self, signals: Signals, *, speed: float = 0.35, **_: float) -> Floats:
         """The sign of the speed, fading out above the Stribeck speed."""
         velocity = signals.motor_velocity
-        return (np.exp(-np.square(velocity / speed)) * smooth_sign(velocity))[..., None]
+        sign = smooth_sign(velocity, signals.scale.standstill)
+        return (np.exp(-np.square(velocity / speed)) * sign)[..., None]
+
+    def shapes_of(self, scale: DriveScale) -> tuple[Shape, ...]:
+        """Stribeck speeds in proportion to the drives' speeds."""
+        factors = sorted(set(scale.speed.tolist()))
+        return tuple({'speed': shape['speed'] * f} for f in factors for shape in self.shapes)

@@ -12,6 +12,7 @@ class ViscousFriction(Effect):
     formula = 'B·w² + 2·k·torque·B·w'
     terms = (Term('B', 'N·m·s/rad', 0.0, 100.0),)
     acts_on = 'torque'
+    needs_joint_torque = True
     near = ('iron_loss', 'coulomb_friction')
     discrepancy_limit = 0.12
     excitation = Excitation(

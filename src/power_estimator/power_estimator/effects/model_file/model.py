@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import BasePower, Structure, evaluate
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.signals.prepared import signals_of
+from power_estimator.effects.signals.scale import REFERENCE, DriveScale
+from power_estimator.effects.signals.sizing import with_torque
 from power_estimator.model import PowerModel
 
 Floats = NDArray[np.float64]
@@ -26,6 +28,7 @@ class FittedValue:
 
     value: float
     interval: tuple[float, float]
+    at_bound: Literal['', 'lower', 'upper'] = ''  # where the catalogue's bound held it
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class DriveGroup:
     velocity_lag: float = 0.0  # s, of the velocity's filter
     voltage: float = NOMINAL_VOLTAGE  # V, where none is measured
     copper: float = 0.0  # W/(N·m)², what torque costs in a base model that does not say
+    scale: tuple[float, ...] = REFERENCE  # factors of DriveScale
+    torque_constant: float | None = None  # N·m/A, for drives that have a current for torque
 
 
 @dataclass(frozen=True)
@@ -94,8 +99,16 @@ class EffectModel:
         order = [column for _, own in known for column in own]
         members = [group for group, own in known for _ in own]
         used = _with_voltage(data.drives([data.names[i] for i in order]), members)
+        used = with_torque(
+            used,
+            {
+                n: _constant(n, g)
+                for n, g in zip(used.names, members, strict=True)
+                if n in used.current_as_torque
+            },
+        )
         lag = np.array([group.velocity_lag for group in members])
-        signals = signals_of(used, lag)
+        signals = signals_of(used, lag, DriveScale.stack([group.scale for group in members]))
         layer = None
         if base is not None:
             copper = np.array([group.copper for group in members])
@@ -131,6 +144,19 @@ class EffectModel:
             rows.append(row)
         return structure, np.array(rows, dtype=np.float64).reshape(len(members), -1)
 
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Coefficients that stand at a bound, as `MOTOR_A copper_loss k (lower)`."""
+        return tuple(
+            f'{group.type.name} {active.name} {term.symbol} ({value.at_bound})'
+            for group in self.groups
+            for active in self.structure.free
+            for term, value in zip(
+                active.effect.terms, group.coefficients[active.name], strict=True
+            )
+            if value.at_bound
+        )
+
     def renamed(self, name: str) -> 'EffectModel':
         """The same under another name."""
         return replace(self, name=name)
@@ -138,6 +164,15 @@ class EffectModel:
     def with_history(self, *entries: Mapping[str, Any]) -> 'EffectModel':
         """The same with these entries as its history."""
         return replace(self, history=tuple(entries))
+
+
+def _constant(drive: str, group: DriveGroup) -> float:
+    if group.torque_constant is None:
+        raise InputError(
+            f'{drive} has a current for torque, but the model was fitted to a torque in N·m; fit '
+            'it on recordings like this one'
+        )
+    return group.torque_constant
 
 
 def _with_voltage(data: AlignedDataset, members: Sequence[DriveGroup]) -> AlignedDataset:

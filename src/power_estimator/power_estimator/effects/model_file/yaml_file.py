@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,12 @@ from power_estimator.effects.model_file.model import (
     EffectModel,
     FittedValue,
 )
+from power_estimator.effects.signals.scale import REFERENCE, DriveScale
 
 FORMAT = 'power_model/1'
 _KEYS = {'format', 'name', 'base', 'effects', 'drives', 'fitted_on', 'history'}
-_SLACK = 1e-9
+_SLACK = 1e-5  # of a value that is written with six digits
+_FACTORS = tuple(field.name for field in fields(DriveScale))
 
 
 def write_model(model: EffectModel, path: Path) -> None:
@@ -52,6 +55,10 @@ def _group_content(group: DriveGroup, structure: Structure) -> dict[str, Any]:
     }
     if group.copper:
         content['copper'] = _number_out(group.copper)
+    if group.scale != REFERENCE:
+        content['scale'] = dict(zip(_FACTORS, map(_number_out, group.scale), strict=True))
+    if group.torque_constant is not None:
+        content['torque_constant'] = _number_out(group.torque_constant)
     content['coefficients'] = {
         active.name: [
             {'symbol': term.symbol, 'unit': term.unit, **_value_content(value)}
@@ -72,6 +79,7 @@ def _value_content(value: FittedValue) -> dict[str, Any]:
     return {
         'value': _number_out(value.value),
         'interval': [_number_out(bound) for bound in value.interval],
+        **({'at_bound': value.at_bound} if value.at_bound else {}),
     }
 
 
@@ -172,18 +180,21 @@ def _group(
         catalogue.get_known(str(effect), where)
         if effect not in active:
             raise InputError(f'{where}: coefficients of {effect!r}, which is not active')
+    factors = _scale(content.get('scale'), where)
+    scale = DriveScale.stack([factors])
+    constant = content.get('torque_constant')
     coefficients = {}
     for entry in structure.free:
         if entry.name not in given:
             raise InputError(f'{where}: has no coefficients of {entry.name!r}; fit the model')
-        coefficients[entry.name] = _values(entry.effect, given[entry.name], where)
+        coefficients[entry.name] = _values(entry.effect, given[entry.name], scale, where)
     measurement = content.get('measurement') or {}
     if not isinstance(measurement, Mapping):
         raise InputError(f'{where}: measurement must be a mapping, not {measurement!r}')
     checked = {}
     for term, value in measurement.items():
         catalogue.get_known(str(term), where)
-        checked[str(term)] = _value(value, catalogue[str(term)].terms[0], f'{where}: {term}')
+        checked[str(term)] = _values(catalogue[str(term)], [value], scale, where)[0]
     return DriveGroup(
         type=DriveType(name, tuple(patterns)),
         coefficients=coefficients,
@@ -191,10 +202,27 @@ def _group(
         velocity_lag=_finite(content.get('velocity_lag', 0.0), f'{where}: velocity_lag'),
         voltage=_finite(content.get('voltage', NOMINAL_VOLTAGE), f'{where}: voltage'),
         copper=_finite(content.get('copper', 0.0), f'{where}: copper'),
+        scale=factors,
+        torque_constant=None
+        if constant is None
+        else _finite(constant, f'{where}: torque_constant'),
     )
 
 
-def _values(effect: Effect, given: object, where: str) -> tuple[FittedValue, ...]:
+def _scale(given: object, where: str) -> tuple[float, ...]:
+    if given is None:
+        return REFERENCE
+    if not isinstance(given, Mapping) or set(given) != set(_FACTORS):
+        raise InputError(f'{where}: scale must give {", ".join(_FACTORS)}, not {given!r}')
+    factors = tuple(_finite(given[name], f'{where}: scale {name}') for name in _FACTORS)
+    if min(factors) <= 0.0:
+        raise InputError(f'{where}: scale = {min(factors):g}; factors are above 0')
+    return factors
+
+
+def _values(
+    effect: Effect, given: object, scale: DriveScale, where: str
+) -> tuple[FittedValue, ...]:
     count = len(effect.terms)
     if not isinstance(given, list) or len(given) != count:
         raise InputError(
@@ -202,30 +230,34 @@ def _values(effect: Effect, given: object, where: str) -> tuple[FittedValue, ...
             f'not {given!r}'
         )
     return tuple(
-        _value(value, term, f'{where}: {effect.name} {term.symbol}')
-        for value, term in zip(given, effect.terms, strict=True)
+        _value(value, term, factor, f'{where}: {effect.name} {term.symbol}')
+        for value, term, factor in zip(
+            given, effect.terms, effect.factors(scale)[0].tolist(), strict=True
+        )
     )
 
 
-def _value(given: object, term: Term, where: str) -> FittedValue:
+def _value(given: object, term: Term, factor: float, where: str) -> FittedValue:
     if not isinstance(given, Mapping):
         given = {'value': given}
     unit = given.get('unit', term.unit)
     if unit != term.unit:
         raise InputError(f'{where} is given in {unit!r}; it must be in {term.unit!r}')
     value = _finite(given.get('value'), where)
-    slack = _SLACK * (1.0 + abs(value))
-    if not term.lower - slack <= value <= term.upper + slack:
-        raise InputError(
-            f'{where} = {value:g}: physics allows {term.lower:g} … {term.upper:g} {term.unit}'
-        )
+    lower, upper = term.lower * factor, term.upper * factor
+    slack = _SLACK * abs(value)
+    if not lower - slack <= value <= upper + slack:
+        raise InputError(f'{where} = {value:g}: physics allows {lower:g} … {upper:g} {term.unit}')
     interval = given.get('interval', [value, value])
     if not isinstance(interval, list) or len(interval) != 2:
         raise InputError(f'{where}: interval must be two numbers, not {interval!r}')
     low, high = (_finite(bound, f'{where} interval') for bound in interval)
     if low > high:
         raise InputError(f'{where}: interval {low:g} … {high:g} runs backwards')
-    return FittedValue(value, (low, high))
+    at_bound = given.get('at_bound', '')
+    if at_bound not in ('', 'lower', 'upper'):
+        raise InputError(f'{where}: at_bound is lower or upper, not {at_bound!r}')
+    return FittedValue(value, (low, high), at_bound)
 
 
 def _finite(value: object, where: str) -> float:

@@ -11,6 +11,8 @@ from power_recordings.alignment.filters import windowed_sinc
 from wattwalk_core.errors import InputError
 
 from power_estimator.effects import Signals
+from power_estimator.effects.signals.scale import DriveScale
+from power_estimator.effects.signals.sizing import drive_scale, torque_constants, with_torque
 
 Floats = NDArray[np.float64]
 
@@ -97,6 +99,7 @@ class Prepared:
     recording: NDArray[np.int32]  # [N]
     recordings: tuple[str, ...]
     lag: Floats  # s [D], of the velocity's filter, corrected
+    torque_constant: Floats  # N·m/A [D], NaN where the torque is none that is computed here
     noise: Floats  # W [D], of the reduced power
 
     @property
@@ -185,7 +188,9 @@ class Prepared:
         }
 
 
-def signals_of(data: AlignedDataset, lag: Floats | None = None) -> Signals:
+def signals_of(
+    data: AlignedDataset, lag: Floats | None = None, scale: DriveScale | None = None
+) -> Signals:
     """The dataset's drives as Signals, the velocity's lag (s [D]) taken out where it is given."""
     velocity = np.asarray(data.velocity, dtype=np.float64)
     torque = np.asarray(data.torque, dtype=np.float64)
@@ -212,6 +217,8 @@ def signals_of(data: AlignedDataset, lag: Floats | None = None) -> Signals:
         torque_cost=np.zeros_like(torque),
         electronics=np.zeros_like(torque),
         drawn=torque * velocity,
+        scale=DriveScale.reference(len(data.names)) if scale is None else scale,
+        at_motor=np.array([name in data.motor_torque for name in data.names], dtype=bool),
     )
 
 
@@ -235,8 +242,10 @@ def prepare(data: AlignedDataset) -> Prepared:
             raise InputError(f'{drives[int(np.argmax(missing))]} has no {name} in joint_states')
     good = np.isfinite(data.position + data.velocity + data.torque).all(axis=1)
     data = _fill_voltage(_cut(data, good))
+    constants = torque_constants(data)
+    data = with_torque(data, constants)
     lag = velocity_lag(data)
-    signals = signals_of(data, lag)
+    signals = signals_of(data, lag, drive_scale(data))
     reducer = Reducer(data.rate, _long_enough(signals, data.rate))
     count = round((LATEST - EARLIEST) / SHIFT_STEP) + 1
     shifts = np.linspace(EARLIEST, LATEST, count)
@@ -256,6 +265,7 @@ def prepare(data: AlignedDataset) -> Prepared:
         recording=data.recording[centres],
         recordings=data.recordings,
         lag=lag,
+        torque_constant=np.array([constants.get(name, np.nan) for name in data.names]),
         noise=_meter_noise(data, reducer),
     )
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from power_estimator.effects.signals.scale import DriveScale
+
 Floats = NDArray[np.float64]
 
 
@@ -38,6 +40,8 @@ class Signals:
     torque_cost: Floats  # W/(N·m), what more motor torque costs in losses
     electronics: Floats  # W, of the idle draw
     drawn: Floats  # W
+    scale: DriveScale  # of the drives
+    at_motor: NDArray[np.bool_]  # [D], torque is the motor's: friction and inertia are in it
 
     def drive(self, index: int) -> 'Signals':
         """The signals of one drive, D = 1."""
@@ -46,7 +50,13 @@ class Signals:
             for f in fields(self)
             if isinstance(getattr(self, f.name), np.ndarray) and getattr(self, f.name).ndim == 2
         }
-        return replace(self, names=(self.names[index],), **columns)
+        return replace(
+            self,
+            names=(self.names[index],),
+            scale=self.scale.take([index]),
+            at_motor=self.at_motor[[index]],
+            **columns,
+        )
 
     def stretches(self) -> list[slice]:
         """The gap-free stretches, in order."""

@@ -1,0 +1,74 @@
+"""Floors below which nothing is named, and effects that no name fits."""
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects.fit.fitter import Fit, Fitter
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.scale import DriveScale
+
+from power_lab.compare.evidence import Evidence
+
+Floats = NDArray[np.float64]
+
+
+def floors(fitter: Fitter, least: float, share: float) -> Floats:
+    """W [D]: a floor that respects the meter's noise and its size."""
+    prepared = fitter.prepared
+    power = prepared.power_at(0.0)
+    rms = np.sqrt(np.nanmean(np.square(power), axis=0))
+    half = 0.5 * np.nan_to_num(prepared.noise)
+    least_ = least * np.minimum(fitter.scale.power, 1.0)
+    return np.maximum(np.maximum(least_, half), share * rms)
+
+
+def unseen(prepared: Prepared, fit: Fit) -> Floats:
+    """W [D]: structure that the sampling of the joint signals alone may put on."""
+    columns = fit.structure.columns_of('copper_loss')
+    copper = fit.coefficients[:, columns[0]] if columns else np.zeros(len(prepared.names))
+    return prepared.unseen(copper)
+
+
+def above_floor(gain: Floats, floor: Floats) -> bool:
+    """Return whether squared watts [D] reach the floor [D], pooled or on one drive alone."""
+    ratio = np.maximum(gain, 0.0) / np.square(floor)
+    return bool(ratio.mean() >= 1.0 or ratio.max() >= 4.0)
+
+
+def shared(gain: Floats, floor: Floats) -> bool:
+    """
+    Return whether squared watts [D] come from more than one drive, or from one by far.
+
+    Drives of one robot are built alike: a small further effect in one of them alone is more often
+    a formula that does not quite fit than physics.
+    """
+    ratio = np.maximum(gain, 0.0) / np.square(floor)
+    return len(ratio) < 2 or int((ratio >= 0.25).sum()) > 1 or bool(ratio.max() >= 16.0)
+
+
+def beyond_physics(evidence: Evidence) -> list[str]:
+    """Added effects with a coefficient at a bound that no drive attains: nothing to name."""
+    fit = evidence.fit
+    return [
+        active.name
+        for active in evidence.actives
+        for term, column in zip(
+            active.effect.terms, fit.structure.columns_of(active.name), strict=True
+        )
+        if not term.attained
+        and any(
+            fit.at_bound(drive, column) and fit.coefficients[drive, column] != 0.0
+            for drive in range(len(fit.coefficients))
+        )
+    ]
+
+
+def negligible(evidence: Evidence, scale: DriveScale) -> bool:
+    """Return whether an added effect has a coefficient too small to be what it is called."""
+    fit = evidence.fit
+    for active in fit.structure.free:
+        least = np.array([t.least for t in active.effect.terms]) * active.effect.factors(scale)
+        if active.name in evidence.names and least.any():
+            found = np.abs(fit.coefficients[:, fit.structure.columns_of(active.name)])
+            if bool((found < least).all()):
+                return True
+    return False
