@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
+from power_recordings.alignment.positions import is_rate, unwrapped
 from power_recordings.alignment.stream import Floats, Stream, Times, held
 from power_recordings.messages.samples import DriveSamples, JointSamples, Samples
 from power_recordings.reading.reader import Recording
@@ -154,25 +155,33 @@ class _Collector:
         for name in _JOINT_FIELDS:
             values = getattr(joints, name)[:, columns]
             nan = ~np.isfinite(values)
-            for drive, share in zip(self._names, nan.mean(axis=0), strict=True):
+            unknown = nan.all(axis=0) if name == 'position' else np.zeros(len(columns), np.bool_)
+            for drive, share in zip(self._names, nan.mean(axis=0) * ~unknown, strict=True):
                 if share > _MOSTLY:
                     raise InputError(
                         f'{path}: joint_states.{name} of {drive} is NaN or missing in '
                         f'{share:.0%} of the messages; expected numbers'
                     )
-            bad |= nan.any(axis=1)
+            bad |= (nan & ~unknown).any(axis=1)
             parts.append(values)
+        seconds = self._seconds(joints)
+        parts[0] = np.stack(
+            [unwrapped(seconds, *both) for both in zip(parts[0].T, parts[1].T, strict=True)],
+            axis=1,
+        )
         beyond = (np.abs(parts[0]) > _MOST_RADIANS).mean(axis=0)
-        if beyond.max() > _OFTEN:
-            worst = int(np.argmax(beyond))
+        for worst in np.flatnonzero(beyond > _OFTEN).tolist():
+            if is_rate(seconds, parts[0][:, worst], parts[1][:, worst]):
+                continue
             raise InputError(
                 f'{path}: joint_states.position of {self._names[worst]} reaches '
                 f'{np.nanmax(np.abs(parts[0][:, worst])):.4g}, mostly beyond 4π: '
-                'degrees? expected rad'
+                'degrees? expected rad (a drive that turns on is taken where its velocity is the '
+                'rate of its position)'
             )
         self._note(bad, 'joint_states: {} samples with NaN cut out')
         apart = np.isin(joints.stamp_ns, self._recording.breaks('joint_states'))
-        stream = Stream.of(self._seconds(joints), np.concatenate(parts, axis=1), bad, apart)
+        stream = Stream.of(seconds, np.concatenate(parts, axis=1), bad, apart)
         self._note_gaps('joint_states', stream)
         return stream
 

@@ -27,7 +27,7 @@ def bounded_solve(
         return np.zeros((batch, 0))
     diagonal = np.einsum('bii->bi', gram)
     scale = np.sqrt(np.maximum(diagonal, 1e-300))
-    dead = diagonal <= 1e-12 * np.maximum(diagonal.max(axis=1, keepdims=True), 1e-12)
+    dead = diagonal <= 1e-22 * np.maximum(diagonal.max(axis=1, keepdims=True), 1e-12)
     scale = np.where(dead, 1.0, scale)
     matrix = gram / (scale[:, :, None] * scale[:, None, :])
     weight = np.full((batch, m), 1e-9)

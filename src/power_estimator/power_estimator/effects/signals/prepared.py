@@ -26,6 +26,9 @@ _BETA = 4.9  # of its Kaiser window: 53 dB beyond 16.5 Hz
 _LAG_LIMIT = 0.02  # s
 _UNRESOLVED, _MOST_UNRESOLVED = 4.0, 1 / 7
 _MOVING = 0.05  # rad/s
+_MOST_TRAVEL = 4 * np.pi  # rad, of a joint
+_STALLED = 0.1  # rad, of travel: its encoder's noise is no rate
+_RELATED = 0.8  # correlation of velocity and the rate of position, where one is the other's
 
 
 @dataclass(frozen=True)
@@ -180,12 +183,19 @@ class Prepared:
                 ('torque', s.torque),
                 ('velocity', s.velocity),
                 ('acceleration', s.acceleration),
-                ('position', s.position),
+                ('position', self._position),
                 ('torque_rate', s.torque_rate),
                 ('voltage', s.voltage),
                 ('temperature', s.temperature),
             )
         }
+
+    @property
+    def _position(self) -> Floats:
+        """Rad [T, D]; of a drive that turns on, within its turn."""
+        position = self.signals.position
+        turns = np.nan_to_num(np.ptp(position, axis=0)) > _MOST_TRAVEL
+        return np.where(turns, np.mod(position, 2 * np.pi), position)
 
 
 def signals_of(
@@ -236,11 +246,13 @@ def prepare(data: AlignedDataset) -> Prepared:
             f'{", ".join(data.recordings) or "these recordings"}'
         )
     data = data.drives(drives)
-    for name in ('position', 'velocity', 'torque'):
+    for name in ('velocity', 'torque'):
         missing = ~np.isfinite(getattr(data, name)).any(axis=0)
         if missing.any():
             raise InputError(f'{drives[int(np.argmax(missing))]} has no {name} in joint_states')
-    good = np.isfinite(data.position + data.velocity + data.torque).all(axis=1)
+    seen = np.isfinite(data.position).any(axis=0)
+    good = np.isfinite(data.velocity + data.torque).all(axis=1)
+    good &= np.isfinite(data.position[:, seen]).all(axis=1)
     data = _fill_voltage(_cut(data, good))
     constants = torque_constants(data)
     data = with_torque(data, constants)
@@ -289,7 +301,12 @@ def velocity_lag(data: AlignedDataset) -> Floats:
         if moving < 0.02:
             continue
         columns = np.stack([velocity[:, drive], acceleration[:, drive]], axis=1)
+        if not np.isfinite(rate[:, drive]).all():
+            continue
         (slope, lag), *_ = np.linalg.lstsq(columns, rate[:, drive], rcond=None)
+        related = abs(np.corrcoef(velocity[:, drive], rate[:, drive])[0, 1]) > _RELATED
+        if not related and np.ptp(data.position[:, drive]) < _STALLED:
+            continue
         if not 0.7 < slope < 1.4:
             raise InputError(
                 f'{name}: the rate of position is {slope:.3g} times the velocity; '

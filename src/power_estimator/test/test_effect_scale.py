@@ -1,0 +1,154 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import Active
+from power_estimator.effects.fit.training import fit_model, material
+from power_estimator.effects.model_file.yaml_file import read_model, write_model
+from power_estimator.effects.signals.prepared import prepare
+from power_estimator.effects.signals.scale import REFERENCE, DriveScale
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
+
+CATALOGUE = builtin_catalogue()
+RATE = 400.0
+
+
+def turning(
+    torque=1.0, speed=1.0, *, copper=0.02, friction=0.0, idle=0.0, volts=48.0, seconds=60.0, seed=3
+):
+    """
+    One drive that turns on, to and fro, below `torque` N·m and `speed` rad/s.
+
+    Its power is torque·speed + copper·torque² + friction·|speed| + idle with 0.2 % noise.
+    """
+    random = np.random.default_rng(seed)
+    time = np.arange(round(seconds * RATE)) / RATE
+    waves = 2 * np.pi * random.uniform(0.2, 2.5, 8) * time[:, None]
+    velocity = 0.5 * speed + 0.5 * speed * np.sin(waves[:, :4]).mean(axis=1) * 2
+    load = torque * np.sin(waves[:, 4:] + 1.0).mean(axis=1) * 2
+    power = load * velocity + copper * load**2 + friction * np.abs(velocity) + idle
+    noise = 2e-3 * np.abs(power).max() * random.normal(size=len(time))
+    return AlignedDataset.blank(
+        RATE,
+        ('WHEEL',),
+        time,
+        'made',
+        position=(np.cumsum(velocity) / RATE)[:, None],
+        velocity=velocity[:, None],
+        torque=load[:, None],
+        power=(power + noise)[:, None],
+        voltage=volts,
+    )
+
+
+def fitted(data, *effects):
+    actives = [Active.of(CATALOGUE[name]) for name in effects]
+    model, _ = fit_model('made', material(data), actives, CATALOGUE)
+    return model
+
+
+def test_a_unit_is_scaled_by_what_it_is_made_of():
+    scale = DriveScale.stack([(2.0, 3.0, 6.0, 0.5, 1.0)])
+    by_hand = {
+        'W': 6.0,
+        'N·m': 6.0 / 3.0,
+        'N·m·s/rad': 6.0 / 3.0 / 3.0,
+        'kg·m²': 6.0 / 3.0 / 3.0,
+        'W/(N·m)²': 6.0 / 2.0**2,
+        'W/((N·m)²·K)': 6.0 / 2.0**2,
+        'W·s²/rad²': 6.0 / 3.0**2,
+        'rad/(N·m)': 3.0 / 2.0,
+        'A/min': 6.0 / 0.5,
+        'ohm': 0.5**2 / 6.0,
+        's': 1.0,
+        '1': 1.0,
+    }
+    for unit, factor in by_hand.items():
+        assert scale.factor(unit) == pytest.approx([factor]), unit
+
+
+@pytest.mark.parametrize('torque', [0.5, 15.0, 50.0])
+@pytest.mark.parametrize('speed', [0.5, 8.0])
+def test_drives_like_the_reference_drive_keep_its_bounds_loaded_or_not(torque, speed):
+    data = turning(torque, speed, copper=0.02, friction=3.0, idle=8.0)
+    assert prepare(data).signals.scale.of(0) == REFERENCE
+
+
+@pytest.mark.parametrize(
+    ('torque', 'speed', 'copper'),
+    [(0.3, 120.0, 220.0), (2.0, 5.0, 1.5), (400.0, 3.0, 4e-4), (0.02, 600.0, 4e4)],
+    ids=['bare motor', 'gripper', 'joint of 2 kW', 'micro motor'],
+)
+def test_copper_loss_of_any_size_is_found_again_inside_its_bounds(torque, speed, copper):
+    data = turning(torque, speed, copper=copper, idle=0.05 * torque * speed)
+    model = fitted(data, 'shaft', 'copper_loss', 'idle')
+    (found,) = model.groups[0].coefficients['copper_loss']
+    assert found.value == pytest.approx(copper, rel=0.05)
+    assert found.at_bound == ''
+    assert model.at_bound == ()
+
+
+def test_a_coefficient_at_its_bound_is_marked_and_stays_so_in_the_file(tmp_path):
+    data = turning(20.0, 6.0, copper=3.0)  # copper of a hundred drives, with a shaft of one
+    data = replace(data, power=data.torque * data.velocity + np.float32(20.0))
+    model = fitted(data, 'shaft', 'copper_loss', 'idle')
+    assert model.at_bound == ('WHEEL copper_loss k (lower)',)
+    write_model(model, tmp_path / 'm.yaml')
+    assert read_model(tmp_path / 'm.yaml', CATALOGUE).at_bound == model.at_bound
+
+
+def test_a_model_keeps_the_scale_of_its_drives(tmp_path):
+    data = turning(0.3, 120.0, copper=220.0, friction=0.02)
+    model = fitted(data, 'shaft', 'copper_loss', 'coulomb_friction')
+    write_model(model, tmp_path / 'm.yaml')
+    again = read_model(tmp_path / 'm.yaml', CATALOGUE)
+    assert again.groups[0].scale == pytest.approx(model.groups[0].scale, rel=1e-5)
+    assert again.predict(data) == pytest.approx(model.predict(data), rel=1e-3, abs=1e-3)
+
+
+def test_torque_of_the_motor_has_friction_in_it():
+    data = replace(turning(20.0, 6.0), motor_torque=frozenset({'WHEEL'}))
+    with pytest.raises(InputError, match=r"coulomb_friction: the torque of WHEEL is the motor's"):
+        fitted(data, 'shaft', 'copper_loss', 'coulomb_friction')
+    assert fitted(data, 'shaft', 'copper_loss').effects == ('shaft', 'copper_loss')
+
+
+def test_a_current_in_place_of_the_torque_gives_the_torque_constant():
+    data = turning(20.0, 6.0, copper=0.02, idle=5.0)
+    in_amperes = replace(
+        data,
+        torque=data.torque / np.float32(2.5),
+        motor_torque=frozenset({'WHEEL'}),
+        current_as_torque=frozenset({'WHEEL'}),
+    )
+    model = fitted(in_amperes, 'shaft', 'copper_loss', 'idle')
+    assert model.groups[0].torque_constant == pytest.approx(2.5, rel=0.01)
+    assert model.groups[0].coefficients['copper_loss'][0].value == pytest.approx(0.02, rel=0.05)
+    assert np.abs(model.predict(in_amperes) - data.power).mean() < 1.0
+    plain = fitted(data, 'shaft', 'copper_loss', 'idle')
+    with pytest.raises(InputError, match='WHEEL has a current for torque'):
+        plain.predict(in_amperes)
+
+
+def test_a_drive_without_position_is_judged_on_its_velocity():
+    data = turning(20.0, 6.0, copper=0.02)
+    blind = replace(data, position=np.full_like(data.position, np.nan))
+    model = fitted(blind, 'shaft', 'copper_loss')
+    assert model.groups[0].coefficients['copper_loss'][0].value == pytest.approx(0.02, rel=0.05)
+    assert not CATALOGUE['cogging'].usable(prepare(blind).signals)
+
+
+def test_the_noise_of_a_stalled_drives_encoder_is_no_rate_of_its_velocity():
+    data = turning(20.0, 6.0, copper=0.02, idle=5.0)
+    random = np.random.default_rng(0)
+    still = random.normal(0.0, 2e-4, data.position.shape)
+    stalled = replace(
+        data,
+        position=np.float32(1.0 + still),
+        velocity=np.float32(random.normal(0.0, 0.1, still.shape)),
+        power=np.float32(0.02 * data.torque.astype(float) ** 2 + 5.0),
+    )
+    model = fitted(stalled, 'shaft', 'copper_loss', 'idle')
+    assert model.groups[0].coefficients['copper_loss'][0].value == pytest.approx(0.02, rel=0.1)

@@ -1,0 +1,44 @@
+"""Positions of drives that turn without end: unwrapping, and the check against the velocity."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+Times = NDArray[np.float64]
+
+_TURN = 2 * np.pi
+_JUMP = 0.75 * _TURN  # between two samples: an encoder that starts anew
+_ALIKE = (0.7, 1.4)  # rate of the position over the velocity, both in radians
+_CLEAR = 0.8  # correlation of the two
+
+
+def unwrapped(time: Times, position: Floats, velocity: Floats) -> Floats:
+    """
+    Return positions in rad without the jumps of an encoder that starts anew every turn, [N].
+
+    A jump counts where the positions stay within one turn and the velocity in rad/s, not the jump,
+    tells how far the drive went; other positions are returned as they are.
+    """
+    step = np.diff(position.astype(np.float64))
+    known = np.isfinite(step)
+    jumps = known & (np.abs(step) > _JUMP)
+    if not jumps.any() or float(np.nanmax(position) - np.nanmin(position)) > 1.01 * _TURN:
+        return position
+    went = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time)
+    turns = np.where(jumps, np.rint((went - step) / _TURN), 0.0)
+    rest = np.abs(step + _TURN * turns - went)[jumps]
+    if not np.isfinite(rest).all() or np.median(rest) > 0.25 * _TURN:
+        return position
+    return np.asarray(position + _TURN * np.concatenate([[0.0], np.cumsum(turns)]), np.float32)
+
+
+def is_rate(time: Times, position: Floats, velocity: Floats) -> bool:
+    """Return whether the velocity is the rate of the position, in the same unit."""
+    middle = 0.5 * (velocity[1:] + velocity[:-1])
+    rate = np.diff(position.astype(np.float64)) / np.maximum(np.diff(time), 1e-9)
+    good = np.isfinite(rate) & np.isfinite(middle)
+    if good.sum() < 10 or middle[good].std() == 0.0 or rate[good].std() == 0.0:
+        return False
+    correlation = float(np.corrcoef(rate[good], middle[good])[0, 1])
+    slope = float(rate[good] @ middle[good] / (middle[good] @ middle[good]))
+    return correlation > _CLEAR and _ALIKE[0] < slope < _ALIKE[1]
