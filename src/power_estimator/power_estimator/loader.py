@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import quoted
 
 from power_estimator.effects.catalogue import Catalogue, builtin_catalogue
 from power_estimator.effects.model_file.yaml_file import read_model
@@ -22,18 +23,15 @@ def load_model(spec: str, catalogue: Catalogue | None = None) -> PowerModel:
     kind, colon, rest = spec.partition(':')
     if colon and kind == 'ppn':
         if not rest:
-            raise InputError(f'model {spec!r}: give a run folder or a file, ppn:runs/first')
+            raise InputError(f'model {quoted(spec)}: give a run folder or a file, ppn:runs/first')
         return PowerPredictionNetwork.load(Path(rest))
     if spec in PROXIES:
         return Proxy(spec)
     if spec.endswith(('.yaml', '.yml')):
-        path = Path(spec)
-        if not path.is_file():
-            raise InputError(f'model {spec!r}: there is no such file')
-        model = read_model(path, catalogue or builtin_catalogue())
+        model = read_model(Path(spec), catalogue or builtin_catalogue())
         return replace(model, base_model=load_base(model.base)) if model.base else model
     raise InputError(
-        f'model {spec!r} is not known; give ppn:RUN, a file that ends in .yaml, or one of '
+        f'model {quoted(spec)} is not known; give ppn:RUN, a file that ends in .yaml, or one of '
         f'{", ".join(PROXIES)}'
     )
 
@@ -41,5 +39,7 @@ def load_model(spec: str, catalogue: Catalogue | None = None) -> PowerModel:
 def load_base(spec: str) -> PowerModel:
     """Find the base model of a model of effects: a network or a proxy, not another model file."""
     if spec.endswith(('.yaml', '.yml')):
-        raise InputError(f'base {spec!r}: a base model is ppn:RUN or a proxy, not a model file')
+        raise InputError(
+            f'base {quoted(spec)}: a base model is ppn:RUN or a proxy, not a model file'
+        )
     return load_model(spec)

@@ -169,6 +169,10 @@ def test_a_user_adds_an_effect_by_one_file(tmp_path):
         (("Term('f', 'W·s³/rad³', 0.0, 10.0)", "Term('f', '', 0.0, 10.0)"), 'Term(symbol, unit'),
         (('class Fan(Effect)', 'class Fan'), 'defines no class'),
         (('import numpy as np', 'import numpy as np ('), 'SyntaxError'),
+        (('import numpy as np', 'raise SystemExit(0)'), 'SystemExit'),
+        (("name = 'fan'", "name = 'f\x1b[31m'"), 'name is letters, digits'),
+        (('terms = (', 'terms = 5 #('), 'TypeError'),
+        (('0.0, 10.0)', '0.0, float("nan"))'), 'Term(symbol, unit'),
     ],
 )
 def test_an_incomplete_user_effect_is_refused_with_its_file(tmp_path, change, words):
@@ -196,5 +200,5 @@ def test_a_user_effect_that_misbehaves_is_named(tmp_path, body, words):
 
 
 def test_a_file_of_effects_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(InputError, match=r'nowhere\.py: no such file'):
+    with pytest.raises(InputError, match=r'nowhere\.py: No such file'):
         load_catalogue([tmp_path / 'nowhere.py'])

@@ -146,7 +146,7 @@ def test_damaged_state_is_refused_by_name(tmp_path):
     folder = NetworkRunFolder(tmp_path / 'run')
     folder.start({}, [])
     (tmp_path / 'run' / 'state' / 'HAA-0.safetensors').write_bytes(b'\x00' * 20)
-    with pytest.raises(InputError, match=r'HAA-0.safetensors is damaged'):
+    with pytest.raises(InputError, match=r'HAA-0.safetensors: is damaged'):
         folder.load_state('HAA-0')
 
 

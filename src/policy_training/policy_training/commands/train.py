@@ -18,7 +18,7 @@ from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.power_term import load_power
 from policy_training.learning.export import export_policy
 from policy_training.learning.learner import Learner, Round
-from policy_training.learning.run_folder import RunFolder, read_checkpoint
+from policy_training.learning.run_folder import RunFolder, fitting_checkpoint, read_checkpoint
 
 _EPILOG = """\
 examples:
@@ -73,9 +73,11 @@ def main(args: Sequence[str] | None = None) -> int:
             'ppo.anchor_rate needs a reference policy: --from a run that walks, or imitation.gait'
         )
     if state is not None:
-        learner.restore(state)
+        with fitting_checkpoint():
+            learner.restore(state)
     elif options.source is not None:
-        learner.take_networks(read_checkpoint(options.source))
+        with fitting_checkpoint():
+            learner.take_networks(read_checkpoint(options.source))
     elif config.imitation.gait:
         imitate_expert(learner)
     if not options.resume:

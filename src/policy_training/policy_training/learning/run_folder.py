@@ -1,14 +1,16 @@
-"""What a training run leaves behind: config, curves, checkpoints, TensorBoard events, policy."""
+"""Files of a training run: config, curves, checkpoints, TensorBoard events, policy."""
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import torch
 from torch.utils.tensorboard import SummaryWriter
 from wattwalk_core.errors import InputError
+from wattwalk_core.tensors import read_state
 
 from policy_training.config import TrainingConfig
 
@@ -99,16 +101,25 @@ def read_curves(run: Path) -> list[dict[str, float]]:
     return rows
 
 
-def read_checkpoint(run: Path) -> dict[str, Any]:
-    """Last checkpoint of a run; InputError if there is none or it is damaged."""
-    path = run / CHECKPOINT
+@contextmanager
+def fitting_checkpoint() -> Iterator[None]:
+    """Turn the errors that a checkpoint of another network causes into an InputError."""
     try:
-        state = torch.load(path, map_location='cpu', weights_only=True)
-    except OSError as error:
-        raise InputError(f'cannot read {path} ({error.strerror}); has the run begun?') from error
-    except Exception as error:  # torch names no narrower class for a damaged file
-        line = ' '.join(str(error).split())[:120]
-        raise InputError(f'{path} is damaged: {line}') from error
-    if not isinstance(state, dict) or 'actor_state_dict' not in state:
-        raise InputError(f'{path} is no checkpoint of this program')
+        yield
+    except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:
+        raise InputError(
+            f'the checkpoint does not fit this config ({type(error).__name__}: {error})'
+        ) from error
+
+
+def read_checkpoint(run: Path) -> dict[str, Any]:
+    """Return the last checkpoint of a run; InputError if there is none or it is damaged."""
+    path = run / CHECKPOINT
+    state = read_state(path, 'checkpoint')
+    parts = ('actor_state_dict', 'critic_state_dict', 'optimizer_state_dict')
+    if not isinstance(state, dict) or not (
+        all(isinstance(state.get(part), dict) for part in parts)
+        and all(type(state.get(count)) is int for count in ('iteration', 'steps'))
+    ):
+        raise InputError(f'checkpoint {path} is none of this program')
     return state

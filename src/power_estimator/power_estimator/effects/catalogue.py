@@ -1,13 +1,15 @@
 """All effects by name: those shipped, and those of a user's own file."""
 
-import importlib.util
 import inspect
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import quoted
+from wattwalk_core.yaml_file import read_text
 
 from power_estimator.effects.effect import Effect, Excitation, Floats, Shape, Term
 from power_estimator.effects.library.cogging import Cogging
@@ -165,31 +167,41 @@ def _effects_in(path: Path) -> list[Effect]:
 
 
 def _run(path: Path) -> ModuleType:
-    if not path.is_file():
-        raise InputError(f'{path}: no such file of effects')
-    spec = importlib.util.spec_from_file_location(f'user_effects_{path.stem}', path)
-    if spec is None or spec.loader is None:
-        raise InputError(f'{path}: not a Python file')
-    module = importlib.util.module_from_spec(spec)
+    source = read_text(path, 'effects')
+    module = ModuleType(f'user_effects_{path.stem}')
+    module.__file__ = str(path)
     try:
-        spec.loader.exec_module(module)
-    except Exception as error:  # a user's code may raise anything
+        exec(compile(source, str(path), 'exec'), vars(module))
+    except (Exception, SystemExit) as error:  # a user's code may raise anything
         raise InputError(f'{path}: {type(error).__name__}: {error}') from error
     return module
 
 
 def _checked(kind: type[Effect], path: Path) -> Effect:
     where = f'{path}: class {kind.__name__}'
+    try:
+        _check_attributes(kind, where)
+        return kind()
+    except InputError:
+        raise
+    except Exception as error:  # a user's class may hold anything
+        raise InputError(f'{where}: {type(error).__name__}: {error}') from error
+
+
+def _check_attributes(kind: type[Effect], where: str) -> None:
     for attribute in ('name', 'physics', 'formula', 'terms'):
         if not getattr(kind, attribute, None):
             raise InputError(f'{where} has no {attribute!r}')
+    if not isinstance(kind.name, str) or not re.fullmatch(r'\w{1,64}', kind.name):
+        raise InputError(f'{where}: name is letters, digits and "_", not {quoted(kind.name)}')
     if inspect.isabstract(kind):
         raise InputError(f'{where} has no method regressors(self, signals, **shape)')
     if not getattr(kind, 'excitation', None):
         kind.excitation = Excitation('not given by its author')
     for term in kind.terms:
         if not isinstance(term, Term) or not term.unit or not term.lower <= term.upper:
-            raise InputError(f'{where}: terms are Term(symbol, unit, lower, upper); got {term!r}')
+            raise InputError(
+                f'{where}: terms are Term(symbol, unit, lower, upper); got {quoted(term)}'
+            )
     if kind.acts_on not in ('power', 'torque', 'speed'):
         raise InputError(f"{where}: acts_on is 'power', 'torque' or 'speed', not {kind.acts_on!r}")
-    return kind()

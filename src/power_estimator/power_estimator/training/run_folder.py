@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load, save
+from safetensors.numpy import save
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
+from wattwalk_core.quoting import quoted
+from wattwalk_core.tensors import SIZE, read_tensors
+from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 from power_estimator.network.checkpoint import FILE, Checkpoint
 
@@ -50,17 +51,16 @@ class NetworkRunFolder:
         """Go on with a run; InputError if it was started on something else."""
         for file, now in ((CONFIG, config), (RECORDINGS, recordings)):
             try:
-                before = yaml.safe_load((self.path / file).read_text(encoding='utf-8'))
-            except (OSError, yaml.YAMLError, UnicodeDecodeError):
-                raise InputError(
-                    f'{self.path} is no run to resume: {file} is missing or damaged'
-                ) from None
+                before = read_yaml(self.path / file, 'run')
+            except InputError as error:
+                raise InputError(f'{self.path} is no run to resume: {error}') from None
             if isinstance(before, dict) and isinstance(now, Mapping):
                 changed = [k for k in now if before.get(k) != now[k]]
                 if changed:
                     key = changed[0]
                     raise InputError(
-                        f'{self.path} was started with {key} = {before.get(key)}, not {now[key]}; '
+                        f'{self.path} was started with {key} = {quoted(before.get(key))}, not '
+                        f'{quoted(now[key])}; '
                         f'resume it as it was or start another'
                     )
             elif before != json.loads(json.dumps(now)):
@@ -74,14 +74,14 @@ class NetworkRunFolder:
         write_whole(self._state / f'{job}.safetensors', content)
 
     def load_state(self, job: str) -> dict[str, NDArray[Any]] | None:
-        """What the job kept, None if it has not begun; InputError if the file is damaged."""
+        """Return what the job kept, None if it has not begun; InputError for a damaged file."""
         file = self._state / f'{job}.safetensors'
-        if not file.is_file():
+        if not file.exists():
             return None
         try:
-            return dict(load(file.read_bytes()))
-        except (SafetensorError, OSError) as error:
-            raise InputError(f'{file} is damaged ({error}); remove it to redo its fold') from None
+            return read_tensors(file, 'state', 2 * SIZE).tensors
+        except InputError as error:
+            raise InputError(f'{error}; remove it to redo its fold') from None
 
     def save_model(self, fold: int, checkpoint: Checkpoint) -> None:
         """Write the networks of a fold."""
@@ -102,6 +102,4 @@ class NetworkRunFolder:
             self._folds.rmdir()
 
     def _yaml(self, file: str, content: Any) -> None:
-        plain = json.loads(json.dumps(content))
-        text = yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
-        write_whole(self.path / file, text)
+        write_whole(self.path / file, dump_yaml(json.loads(json.dumps(content))))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
+from wattwalk_core.yaml_file import read_text
 
 from power_estimator.drive_types import DriveType, assign
 from power_estimator.evaluation.comparison import rows_of
@@ -102,10 +103,10 @@ class Result:
     def load(cls, file: Path, point: SweepPoint) -> 'Result':
         """From `content`; InputError names a damaged file."""
         try:
-            found = json.loads(file.read_text(encoding='utf-8'))
+            found = json.loads(read_text(file, 'point'))
             scores = {k: (float(v['r2']), float(v['r2_std'])) for k, v in found['types'].items()}
             return cls(point, scores, float(found['us_per_sample']), float(found['epochs']))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        except (InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             raise InputError(f'{file} is damaged; remove it to redo the point') from None
 
 
