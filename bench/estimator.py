@@ -54,7 +54,8 @@ def row(label: str, reached: str, target: str, ratio: float | None = None) -> No
 def bench_training(epochs: int) -> None:
     """One fold of 30 min of one drive type, on one thread."""
     import torch
-    from power_estimator.training.trainer import Tracks, Trainer, TrainerConfig
+    from power_estimator.training.trainer import Tracks, Trainer
+    from power_estimator.training.trainer_config import TrainerConfig
 
     torch.set_num_threads(1)
     random = np.random.default_rng(1)
@@ -174,7 +175,7 @@ def bench_node(checkpoint: Checkpoint, seconds: float) -> None:
     os.environ.setdefault('ROS_DOMAIN_ID', '93')
     with tempfile.TemporaryDirectory() as folder:
         checkpoint.save(Path(folder) / 'model.safetensors')
-        code = 'from power_estimator.live.node import main; raise SystemExit(main())'
+        code = 'from power_estimator.commands.estimate import main; raise SystemExit(main())'
         command = [sys.executable, '-c', code, '--ros-args', '-p', f'model:=ppn:{folder}']
         node = ChildProcess(command, Path(folder) / 'node.log')
         rclpy.init()

@@ -31,7 +31,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'estimate = power_estimator.live.node:main',
+            'estimate = power_estimator.commands.estimate:main',
             'train = power_estimator.commands.train:main',
             'benchmark = power_estimator.commands.benchmark:main',
             'replay = power_estimator.commands.replay:main',

@@ -11,7 +11,7 @@ from power_estimator.drive_types import infer_types
 from power_estimator.network.checkpoint import Checkpoint, NetworkConfig
 from power_estimator.training.cross_validation import CrossValidation
 from power_estimator.training.protocol import Protocol
-from power_estimator.training.trainer import TrainerConfig
+from power_estimator.training.trainer_config import TrainerConfig
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.messages import cdr
 from power_recordings.writing.writer import BagWriter

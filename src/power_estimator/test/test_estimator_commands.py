@@ -8,6 +8,7 @@ from power_estimator.commands import replay as replay_command
 from power_estimator.commands import train as train_command
 from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.proxies import PROXIES
+from power_estimator.training.cross_validation import CrossValidation
 from power_recordings.reading.reader import Recording
 
 QUICK = ['--folds', '2', '--epochs', '4', '--hidden', '12', '--workers', '1']
@@ -67,7 +68,7 @@ def test_training_on_some_drives_only(bag, tmp_path):
 def test_a_stopped_training_is_resumed_to_the_same_network(bag, trained, tmp_path, monkeypatch):
     output = tmp_path / 'run'
     command = [str(bag), '-o', str(output), *QUICK]
-    epoch = train_command.CrossValidation.trainer
+    epoch = CrossValidation.trainer
     begun = []
 
     def interrupt_the_third(self, job):
@@ -76,7 +77,7 @@ def test_a_stopped_training_is_resumed_to_the_same_network(bag, trained, tmp_pat
             raise KeyboardInterrupt
         return epoch(self, job)
 
-    monkeypatch.setattr(train_command.CrossValidation, 'trainer', interrupt_the_third)
+    monkeypatch.setattr(CrossValidation, 'trainer', interrupt_the_third)
     assert train_command.main(command) == 130
     monkeypatch.undo()
     assert not (output / 'model.safetensors').exists()

@@ -11,7 +11,7 @@ from power_estimator.loader import load_model
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import TrainingSet
 from power_estimator.training.sweep import Sweep, SweepPoint, points
-from power_estimator.training.trainer import TrainerConfig
+from power_estimator.training.trainer_config import TrainerConfig
 from wattwalk_core.errors import InputError
 
 SWEEP = ['--hidden', '4', '--history', '0.05', '--epochs', '2', '--drives', 'LF_HAA']

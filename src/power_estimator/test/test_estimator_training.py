@@ -12,7 +12,8 @@ from power_estimator.proxies import PROXIES
 from power_estimator.training.cross_validation import CrossValidation
 from power_estimator.training.protocol import Part, Protocol
 from power_estimator.training.run_folder import NetworkRunFolder
-from power_estimator.training.trainer import Tracks, TrainerConfig, plan
+from power_estimator.training.trainer import Tracks, plan
+from power_estimator.training.trainer_config import TrainerConfig
 from wattwalk_core.errors import InputError
 
 SMALL = NetworkConfig(hidden=12)

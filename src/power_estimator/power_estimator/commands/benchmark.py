@@ -1,17 +1,12 @@
 """`ros2 run power_estimator benchmark`: models side by side on recordings."""
 
 import argparse
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
 from wattwalk_core.command import command
-from wattwalk_core.errors import InputError
-from wattwalk_core.files import write_whole
+from wattwalk_core.console import PICTURES, check_suffix, progress, write_json
 
-from power_estimator.evaluation import benchmark, figure
-from power_estimator.evaluation.tables import print_table, terminal
 from power_estimator.proxies import PROXIES
 
 
@@ -19,12 +14,15 @@ from power_estimator.proxies import PROXIES
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(args)
-    if options.picture and options.picture.suffix not in ('.png', '.svg', '.pdf'):
-        raise InputError(f'--picture {str(options.picture)!r}: end it in .png, .svg or .pdf')
-    with Console(stderr=True).status('reading, aligning and estimating'):
+    check_suffix(options.picture, '--picture', PICTURES)
+
+    from power_estimator.evaluation import benchmark, figure
+    from power_estimator.evaluation.tables import print_table, terminal
+
+    with progress('reading, aligning and estimating'):
         found = benchmark.run(options.bags, options.models, options.drives)
     if options.json:
-        write_whole(options.json, json.dumps(found.table, indent=1, allow_nan=False) + '\n')
+        write_json(options.json, found.table)
     title = f'{found.seconds:.0f} s ' + (
         'held out when the network was trained'
         if found.held_out
@@ -41,7 +39,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='benchmark',
+        prog='ros2 run power_estimator benchmark',
         description='Compare power models on recordings: R², errors in W and in energy. Networks '
         'are judged on what they were not trained on. Proxies are ' + ', '.join(PROXIES) + '.',
         epilog='example: ros2 run power_estimator benchmark bags/walk --models ppn:runs/first '

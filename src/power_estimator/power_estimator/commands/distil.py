@@ -6,34 +6,40 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
 from wattwalk_core.command import command
 
-from power_estimator import recordings
-from power_estimator.evaluation.comparison import table
-from power_estimator.evaluation.cost import policy_step_cost
-from power_estimator.evaluation.tables import TrainingBars, terminal
-from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.training.cross_validation import Job
-from power_estimator.training.distillation import (
-    STUDENT,
-    TEACHER,
-    Distillation,
-    Judgement,
-    in_order_of,
-)
 from power_estimator.training.run_folder import CURVES, TABLE, NetworkRunFolder
-from power_estimator.training.trainer import Trainer, TrainerConfig
+from power_estimator.training.trainer_config import TrainerConfig
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from power_estimator.training.cross_validation import Job
+    from power_estimator.training.distillation import Judgement
+    from power_estimator.training.trainer import Trainer
 
 
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(args)
+
+    from rich.console import Console
+
+    from power_estimator import recordings
+    from power_estimator.evaluation.comparison import table
+    from power_estimator.evaluation.cost import policy_step_cost
+    from power_estimator.evaluation.tables import TrainingBars, terminal
+    from power_estimator.network.ppn import PowerPredictionNetwork
+    from power_estimator.training.distillation import (
+        STUDENT,
+        TEACHER,
+        Distillation,
+        in_order_of,
+    )
+
     progress = Console(stderr=True)
     teacher = PowerPredictionNetwork.load(options.teacher)
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
@@ -55,7 +61,7 @@ def main(args: Sequence[str] | None = None) -> int:
             progress, [job.name for job in validation.jobs], training.epochs
         ) as bars:
 
-            def show(job: Job, trainer: Trainer) -> None:
+            def show(job: 'Job', trainer: 'Trainer') -> None:
                 last = trainer.history[-1]
                 bars.show(job.name, last.number, last.loss, last.r2, trainer.done)
 
@@ -96,12 +102,17 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _print(
-    console: Console,
-    found: Judgement,
+    console: 'Console',
+    found: 'Judgement',
     cost: Mapping[str, Mapping[str, float]],
     sizes: Mapping[str, int],
     drives: int,
 ) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    from power_estimator.training.distillation import STUDENT
+
     kinds = list(found.imitation)
     title = f'R² on held-out data; µs per robot of {drives} drives and policy step'
     view = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
@@ -131,7 +142,7 @@ def _print(
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='distil',
+        prog='ros2 run power_estimator distil',
         description='Train a small network on the outputs of a trained one, and set both side by '
         'side: R² against the measured power, and what a policy step of 20 ms costs with many '
         'robots at once. The result is a run folder like any other.',

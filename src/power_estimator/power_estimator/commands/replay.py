@@ -4,23 +4,25 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from power_recordings.card import Card
-from power_recordings.messages.cdr import POWER_ESTIMATE
-from power_recordings.reading.reader import Recording
-from power_recordings.writing.writer import BagWriter
-from rich.console import Console
-from rich.progress import track
 from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
-
-from power_estimator.live.replay import estimates, messages
-from power_estimator.loader import load_model
 
 
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(args)
+
+    from power_recordings.card import Card
+    from power_recordings.messages.cdr import POWER_ESTIMATE
+    from power_recordings.reading.reader import Recording
+    from power_recordings.writing.writer import BagWriter
+    from rich.console import Console
+    from rich.progress import track
+
+    from power_estimator.live.replay import estimates, messages
+    from power_estimator.loader import load_model
+
     console = Console(stderr=True)
     model = load_model(options.model)
     recording = Recording.open(options.bag)
@@ -50,7 +52,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='replay',
+        prog='ros2 run power_estimator replay',
         description='Estimate the power of every drive in a recording, as the live node would.',
         epilog='example: ros2 run power_estimator replay bags/walk --model ppn:runs/first '
         '-o bags/walk_estimate',

@@ -4,21 +4,19 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
 from wattwalk_core.command import command
 
-from power_estimator import recordings
-from power_estimator.drive_types import infer_types, parse_types
-from power_estimator.evaluation.tables import TrainingBars, terminal
-from power_estimator.training.cross_validation import Job
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
-from power_estimator.training.sweep import CHOSEN, Result, Sweep, SweepPoint, points
-from power_estimator.training.sweep_figure import draw_sweep
-from power_estimator.training.trainer import Trainer, TrainerConfig
+from power_estimator.training.trainer_config import TrainerConfig
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from power_estimator.training.cross_validation import Job
+    from power_estimator.training.sweep import Result, SweepPoint
+    from power_estimator.training.trainer import Trainer
 
 PICTURE = 'sweep.png'
 HIDDEN = (8, 16, 32, 64, 100, 150)
@@ -29,6 +27,15 @@ HISTORY = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(args)
+
+    from rich.console import Console
+
+    from power_estimator import recordings
+    from power_estimator.drive_types import infer_types, parse_types
+    from power_estimator.evaluation.tables import TrainingBars, terminal
+    from power_estimator.training.sweep import Sweep, points
+    from power_estimator.training.sweep_figure import draw_sweep
+
     progress = Console(stderr=True)
     wanted = points(options.hidden, options.history)
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
@@ -51,7 +58,7 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         with TrainingBars(progress, jobs, training.epochs) as bars:
 
-            def show(point: SweepPoint, job: Job, trainer: Trainer) -> None:
+            def show(point: 'SweepPoint', job: 'Job', trainer: 'Trainer') -> None:
                 last = trainer.history[-1]
                 name = f'{point.name} {job.name}'
                 bars.show(name, last.number, last.loss, last.r2, trainer.done)
@@ -68,7 +75,12 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _print(console: Console, results: Sequence[Result]) -> None:
+def _print(console: 'Console', results: Sequence['Result']) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    from power_estimator.training.sweep import CHOSEN
+
     kinds = list(dict.fromkeys(kind for result in results for kind in result.r2))
     view = Table(title='R² on held-out data', title_justify='left', box=SIMPLE_HEAD)
     for name in ('units', 'history', *(f'{kind} R²' for kind in kinds), 'µs/sample'):
@@ -86,14 +98,14 @@ def _print(console: Console, results: Sequence[Result]) -> None:
     console.print(view)
 
 
-def _score(result: Result, kind: str) -> str:
+def _score(result: 'Result', kind: str) -> str:
     mean, spread = result.r2.get(kind, (float('nan'), 0.0))
     return f'{mean:.3f} ±{spread:.3f}' if spread else f'{mean:.3f}'
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='sweep',
+        prog='ros2 run power_estimator sweep',
         description='Train networks of several sizes (with carried state) and, at 100 units, of '
         'several histories (windowed), judge them on the same held-out data, and draw where more '
         'no longer helps. Costs are µs per sample of twelve drives on this machine.',

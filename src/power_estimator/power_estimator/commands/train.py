@@ -6,21 +6,17 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from wattwalk_core.command import command
 
-from power_estimator import recordings
-from power_estimator.drive_types import infer_types, parse_types
-from power_estimator.evaluation import figure
-from power_estimator.evaluation.comparison import table
-from power_estimator.evaluation.tables import TrainingBars, print_table, terminal
 from power_estimator.network.checkpoint import NetworkConfig
-from power_estimator.training.cross_validation import CrossValidation
 from power_estimator.training.protocol import Protocol
 from power_estimator.training.run_folder import CURVES, TABLE, NetworkRunFolder
-from power_estimator.training.trainer import TrainerConfig
+from power_estimator.training.trainer_config import TrainerConfig
+
+if TYPE_CHECKING:
+    from power_estimator.training.cross_validation import CrossValidation
 
 TRACES = 'traces.png'
 BARS = 'r2.png'
@@ -30,10 +26,17 @@ BARS = 'r2.png'
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(args)
-    console, progress = terminal(), Console(stderr=True)
     config = NetworkConfig(hidden=options.hidden, history=round(options.history * 200))
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
     protocol = Protocol(options.segments, options.folds, config.history)
+
+    from rich.console import Console
+
+    from power_estimator.evaluation import figure
+    from power_estimator.evaluation.comparison import table
+    from power_estimator.evaluation.tables import TrainingBars, print_table, terminal
+
+    console, progress = terminal(), Console(stderr=True)
     with progress.status('reading and aligning'):
         validation = _prepare(options, config, training, protocol)
     for note in validation.data.notes:
@@ -97,7 +100,11 @@ def _prepare(
     config: NetworkConfig,
     training: TrainerConfig,
     protocol: Protocol,
-) -> CrossValidation:
+) -> 'CrossValidation':
+    from power_estimator import recordings
+    from power_estimator.drive_types import infer_types, parse_types
+    from power_estimator.training.cross_validation import CrossValidation
+
     given = recordings.training_set(options.bags, options.drives)
     return CrossValidation(
         given.data,
@@ -124,7 +131,7 @@ def _next(run: Path, bags: Sequence[Path]) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='train',
+        prog='ros2 run power_estimator train',
         description='Train a Power Prediction Network per drive type on recordings and judge it '
         'and the usual proxies on held-out parts of them.',
         epilog='example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',

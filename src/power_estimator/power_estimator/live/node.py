@@ -1,37 +1,26 @@
 """The live estimate: joint states and commands in, power of every drive out at 50 Hz."""
 
-import argparse
-import sys
 import time
 from array import array
-from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
-from wattwalk_core.command import command
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
-from wattwalk_core.nodes.running import run_node
 
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
+from power_estimator.commands.estimate import main as main
 from power_estimator.live.estimator import Estimate, LiveConfig
 from power_estimator.live.score import measured_power
 from power_estimator.live.session import LiveSession, Vector
 from power_estimator.loader import load_model
 
 _RELIABLE = ReliabilityPolicy.RELIABLE
-_EXAMPLE = """
-example, with a network trained before:
-  ros2 run power_estimator estimate --ros-args -p model:=ppn:runs/first
-example, against the measurement, shown on diagnostics:
-  ros2 run power_estimator estimate --ros-args -p model:=ppn:runs/first -p compare:=true
-"""
 
 
 class PowerEstimator(Node):
@@ -132,18 +121,3 @@ class PowerEstimator(Node):
 
 def _ns(stamp: Time) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until Ctrl-C; 2 for bad parameters or a model that cannot be loaded."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_estimator estimate',
-        description='Estimates the electrical power of every drive at 50 Hz from joint_states '
-        'and joint_commands.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    arguments = sys.argv[1:] if args is None else list(args)
-    parser.parse_args(remove_ros_args(arguments))
-    return run_node(PowerEstimator, arguments)

@@ -42,7 +42,8 @@ from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import PROXIES, Proxy
 from power_estimator.training.protocol import Part, Protocol, runs
 from power_estimator.training.run_folder import NetworkRunFolder
-from power_estimator.training.trainer import Tracks, Trainer, TrainerConfig
+from power_estimator.training.trainer import Tracks, Trainer
+from power_estimator.training.trainer_config import TrainerConfig
 
 Floats = NDArray[np.float32]
 

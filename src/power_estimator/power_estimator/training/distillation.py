@@ -22,7 +22,8 @@ from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import TrainingSet, describe, held_out
 from power_estimator.training.cross_validation import CrossValidation, Job
 from power_estimator.training.protocol import Part, Protocol
-from power_estimator.training.trainer import Trainer, TrainerConfig
+from power_estimator.training.trainer import Trainer
+from power_estimator.training.trainer_config import TrainerConfig
 
 TEACHER, STUDENT = 'teacher', 'student'
 

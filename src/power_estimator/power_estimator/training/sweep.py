@@ -23,7 +23,8 @@ from power_estimator.recordings import TrainingSet
 from power_estimator.training.cross_validation import CrossValidation, Job
 from power_estimator.training.protocol import Part, Protocol
 from power_estimator.training.run_folder import NetworkRunFolder
-from power_estimator.training.trainer import Trainer, TrainerConfig
+from power_estimator.training.trainer import Trainer
+from power_estimator.training.trainer_config import TrainerConfig
 
 Floats = NDArray[np.float32]
 RESULT = 'point.json'

@@ -4,39 +4,19 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from wattwalk_core.errors import InputError
-from wattwalk_core.schema import Quantity, check_quantities
 
 from power_estimator.evaluation import scores
 from power_estimator.network.features import FEATURES, Scaling
 from power_estimator.network.lstm import Weights
+from power_estimator.training.trainer_config import TrainerConfig
 
 Floats = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class TrainerConfig:
-    """Settings of the training; the defaults were chosen on walking data (docs/ppn.md)."""
-
-    epochs: Annotated[int, Quantity(1, 10_000)] = 20
-    batch: Annotated[int, Quantity(1, 4096)] = 16  # sequences side by side
-    chunk: Annotated[int, Quantity(20, 10_000, 'samples')] = 50  # between updates
-    learning_rate: Annotated[float, Quantity(1e-6, 1.0)] = 5e-3
-    final_learning_rate: Annotated[float, Quantity(0.0, 1.0)] = 1e-4
-    reset_probability: Annotated[float, Quantity(0.0, 1.0)] = 0.05  # per sequence and chunk
-    mirror: bool = True  # a drive that turns the other way under the opposite load draws the same
-    patience: Annotated[int, Quantity(1, 10_000)] = 8  # epochs without a better validation
-    gradient_norm: Annotated[float, Quantity(1e-6, 1e6)] = 1.0
-    seed: Annotated[int, Quantity(0, 2**31 - 1)] = 0
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True)
