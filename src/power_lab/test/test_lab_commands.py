@@ -327,7 +327,7 @@ def test_the_bench_takes_the_robot_of_a_challenge_without_opening_the_seal(tmp_p
         (('format: motion/1', 'format: song/1'), "expected 'motion/1', there is 'song/1'"),
         (('mode: rest', 'mode: dance'), "mode: expected 'rest', 'velocity'"),
         (('seconds: 3', 'seconds: -3'), 'seconds: expected 0.001 to 36000 s, there is -3'),
-        (('speed: 2.0', 'speed: fast'), "segments[1].speed: expected -1000 to 1000 rad/s, there is 'fast'"),
+        (('speed: 2.0', 'speed: fast'), "speed: expected -1000 to 1000 rad/s, there is 'fast'"),
         (('speed: 2.0', 'spin: 2.0'), 'segments[1]: unknown key'),
         (('segments:', 'parts:'), "unknown key 'parts'"),
         (('LF_KFE', 'LF_TAIL'), "no drive 'LF_TAIL'"),
