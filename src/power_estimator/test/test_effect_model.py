@@ -95,30 +95,48 @@ def coefficient(content, **changes):
     ('change', 'words'),
     [
         (lambda c: c['effects'].update(magic=None), "unknown effect 'magic'"),
-        (lambda c: c.update(effects=[]), 'effects must list'),
+        (lambda c: c.update(effects=[]), 'effects lists none'),
         (lambda c: c.update(effects={'idle': {'colour': 2}}), "no shape 'colour'"),
-        (lambda c: c.update(magic=1), "unknown entry 'magic'"),
-        (lambda c: c.update(format='other/3'), "format is 'other/3'"),
-        (lambda c: c['drives'].update(KFE=3), "'KFE' must be a mapping"),
-        (lambda c: c['drives']['KFE'].pop('coefficients'), 'has no coefficients'),
+        (lambda c: c.update(magic=1), "unknown key 'magic'"),
+        (
+            lambda c: c.update(format='other/3'),
+            "expected 'power_model/1', there is 'other/3'",
+        ),
+        (lambda c: c['drives'].update(KFE=3), 'drives.KFE: expected keys with values, there is 3'),
+        (lambda c: c['drives']['KFE'].pop('coefficients'), "'coefficients' is missing"),
         (lambda c: c['drives']['KFE']['coefficients'].pop('idle'), "coefficients of 'idle'"),
         (
             lambda c: c['drives']['KFE']['coefficients'].update(spring=[{'value': 1}]),
             "'spring', which is not active",
         ),
         (lambda c: coefficient(c, value=-0.02), 'physics allows 0 … 1'),
-        (lambda c: coefficient(c, value=float('nan')), 'not a number'),
-        (lambda c: coefficient(c, value='much'), "'much' is not a number"),
+        (lambda c: coefficient(c, value=float('nan')), 'copper_loss[0].value: expected'),
+        (
+            lambda c: coefficient(c, value='much'),
+            "[0].value: expected -1e+12 to 1e+12, there is 'much'",
+        ),
         (lambda c: coefficient(c, unit='mW'), "given in 'mW'; it must be in 'W/(N·m)²'"),
         (lambda c: coefficient(c, interval=[2.0, 1.0]), 'runs backwards'),
-        (lambda c: coefficient(c, interval=[1.0]), 'interval must be two numbers'),
+        (lambda c: coefficient(c, interval=[1.0]), 'interval: expected more values'),
         (
             lambda c: c['drives']['KFE']['coefficients'].update(idle=[8.0, 9.0]),
             'idle has 1 coefficient',
         ),
-        (lambda c: c['drives']['KFE'].update(patterns='KFE'), 'patterns must be a list'),
-        (lambda c: c['drives']['KFE'].update(voltage=None), 'voltage = None is not a number'),
-        (lambda c: c.update(history='long'), 'history must be a list'),
+        (
+            lambda c: c['drives']['KFE'].update(patterns='KFE'),
+            'patterns: expected a list',
+        ),
+        (
+            lambda c: c['drives']['KFE'].update(voltage=None),
+            '10000 V, there is None',
+        ),
+        (lambda c: c['drives']['KFE'].update(voltage=-48), 'voltage: expected 0.1 to 10000 V'),
+        (lambda c: c['drives']['KFE'].update(velocity_lag=-0.1), 'velocity_lag: expected 0 to 1'),
+        (lambda c: c['drives']['KFE']['measurement'].update(idle=1.0), "measurement has 'idle'"),
+        (lambda c: c.update(effects=[['shaft']]), "effects lists names, there is ['shaft']"),
+        (lambda c: c.update(drives=5), 'drives: expected keys with values, there is 5'),
+        (lambda c: c.update(history=[{'rmse_w': 3}]), 'history: rmse_w: expected keys'),
+        (lambda c: c.update(history='long'), "history: expected a list, there is 'long'"),
     ],
 )
 def test_a_nonsense_model_file_is_refused_with_the_entry(tmp_path, change, words):
@@ -138,5 +156,5 @@ def test_a_file_that_is_no_model_is_refused(tmp_path, text):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match='cannot be read'):
+    with pytest.raises(InputError, match='cannot read'):
         read_model(tmp_path / 'none.yaml', CATALOGUE)

@@ -90,6 +90,13 @@ def test_a_value_of_a_megabyte_is_quoted_short():
     assert len(str(raised.value)) < 200
 
 
+def test_a_list_that_is_too_short_or_long_is_refused_with_its_length():
+    with pytest.raises(InputError, match=r'^x: expected more values, there are 1'):
+        parse(tuple[float, float], [1.0], 'x')
+    with pytest.raises(InputError, match=r'^x: expected at most 2 values, there are 3'):
+        parse(tuple[float, float], [1.0, 2.0, 3.0], 'x')
+
+
 @schema
 class Gait:
     RENAMED: ClassVar = {'hurry': 'cadence'}

@@ -234,6 +234,8 @@ def _describe(kind: Any, error: 'ErrorDetails') -> str:
     path, name = error['loc'], error['type']
     if name in ('missing', 'unexpected_keyword_argument', 'extra_forbidden'):
         place, key = _place(path[:-1]), path[-1]
+        if name == 'missing' and isinstance(key, int):
+            return f'{place}expected more values, there are {len(error["input"])}'
         if name == 'missing':
             there = printable(', '.join(error['input'] or ('nothing',)))
             return f'{place}{quoted(key)} is missing; there is {there}'

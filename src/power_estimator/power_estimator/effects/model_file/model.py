@@ -138,7 +138,8 @@ class EffectModel:
             row: list[float] = []
             for active in structure.free:
                 if active.effect.kind == 'measurement':
-                    row.append(group.measurement[active.name].value)
+                    known = group.measurement.get(active.name)
+                    row.append(known.value if known else 0.0)
                 else:
                     row += [value.value for value in group.coefficients[active.name]]
             rows.append(row)

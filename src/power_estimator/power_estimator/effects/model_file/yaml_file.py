@@ -1,14 +1,15 @@
 """Model files: YAML of active effects with fitted coefficients, checked on reading."""
 
-import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Final, Literal
 
-import yaml
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
+from wattwalk_core.quoting import quoted
+from wattwalk_core.schema import Length, Name, Quantity, parse, schema
+from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 from power_estimator.drive_types import DriveType
 from power_estimator.effects import Catalogue, Effect, Term
@@ -21,10 +22,57 @@ from power_estimator.effects.model_file.model import (
 )
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
 
-FORMAT = 'power_model/1'
-_KEYS = {'format', 'name', 'base', 'effects', 'drives', 'fitted_on', 'history'}
+FORMAT: Final = 'power_model/1'
 _SLACK = 1e-5  # of a value that is written with six digits
 _FACTORS = tuple(field.name for field in fields(DriveScale))
+_Number = Annotated[float, Quantity(-1e12, 1e12)]
+_Factor = Annotated[float, Quantity(1e-9, 1e9)]
+
+
+@schema
+class _ValueContent:
+    value: _Number
+    interval: tuple[_Number, _Number] | None = None
+    symbol: str = ''
+    unit: str | None = None
+    at_bound: Literal['', 'lower', 'upper'] = ''
+
+    def __post_init__(self) -> None:
+        if self.interval is not None and self.interval[0] > self.interval[1]:
+            low, high = self.interval
+            raise InputError(f'interval {low:g} … {high:g} runs backwards')
+
+
+@schema
+class _GroupContent:
+    coefficients: dict[str, tuple[_ValueContent, ...]]
+    patterns: Annotated[tuple[Name, ...], Length(1)] | None = None
+    measurement: dict[str, _ValueContent] | None = None
+    velocity_lag: Annotated[float, Quantity(0.0, 1.0, 's')] = 0.0
+    voltage: Annotated[float, Quantity(0.1, 1e4, 'V')] = NOMINAL_VOLTAGE
+    copper: Annotated[float, Quantity(0.0, 1e6, 'W/(N·m)²')] = 0.0
+    scale: dict[str, _Factor] | None = None
+    torque_constant: _Factor | None = None
+
+
+@schema
+class _ModelContent:
+    effects: dict[str, dict[str, Annotated[float, Quantity(-1e9, 1e9)]] | None]
+    format: Literal['power_model/1'] = FORMAT
+    name: Name | None = None
+    base: Name | None = None
+    drives: dict[str, _GroupContent] | None = None
+    fitted_on: tuple[dict[str, Name], ...] | None = None
+    history: tuple[dict[str, Any], ...] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.effects:
+            raise InputError('effects lists none; name what is active')
+        for entry in self.history or ():
+            for key in ('added', 'effects', 'rmse_w', 'rmse_before_w'):
+                kind = dict[str, _Number] if key.startswith('rmse') else tuple[Name, ...]
+                if entry.get(key) is not None:
+                    parse(kind, entry[key], f'history: {key}')
 
 
 def write_model(model: EffectModel, path: Path) -> None:
@@ -43,14 +91,14 @@ def write_model(model: EffectModel, path: Path) -> None:
         content['fitted_on'] = [dict(entry) for entry in model.fitted_on]
     if model.history:
         content['history'] = [dict(entry) for entry in model.history]
-    text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=98)
-    write_whole(path, text)
+    write_whole(path, dump_yaml(content))
 
 
 def _group_content(group: DriveGroup, structure: Structure) -> dict[str, Any]:
     content: dict[str, Any] = {
         'patterns': list(group.type.patterns),
-        'velocity_lag': _number_out(group.velocity_lag),
+        # Below 0 the estimate of a lag is noise, or it is the position that comes late.
+        'velocity_lag': _number_out(max(group.velocity_lag, 0.0)),
         'voltage': _number_out(group.voltage),
     }
     if group.copper:
@@ -88,146 +136,108 @@ def _number_out(value: float) -> float:
 
 
 def read_model(path: Path, catalogue: Catalogue) -> EffectModel:
-    """Read and check; InputError says which entry is wrong and why."""
-    content = _content(path)
-    where = str(path)
-    unknown = set(content) - _KEYS
-    if unknown:
-        raise InputError(f'{where}: unknown entry {sorted(unknown)[0]!r}')
-    if content.get('format', FORMAT) != FORMAT:
-        raise InputError(f'{where}: format is {content["format"]!r}; this reads {FORMAT!r}')
-    structure = _structure(content.get('effects'), catalogue, where)
-    name = content.get('name', path.stem)
-    base = content.get('base')
-    if not isinstance(name, str) or not (base is None or isinstance(base, str)):
-        raise InputError(f'{where}: name and base must be text, not {name!r} and {base!r}')
+    """Read a model file; InputError names the entry that is wrong and says why."""
+    where = f'model {path}'
+    content = parse(_ModelContent, _in_full(read_yaml(path, 'model'), where), where)
+    structure = _structure(content, catalogue, where)
     return EffectModel(
-        name=name,
+        name=content.name or path.stem,
         structure=structure,
-        groups=_groups(content.get('drives'), structure, catalogue, where),
-        base=base,
-        fitted_on=tuple(_entries(content, 'fitted_on', where)),
-        history=tuple(_entries(content, 'history', where)),
+        groups=tuple(
+            _group(name, group, structure, catalogue, f'{where}: {name}')
+            for name, group in (content.drives or {}).items()
+        ),
+        base=content.base,
+        fitted_on=content.fitted_on or (),
+        history=content.history or (),
     )
 
 
-def _content(path: Path) -> Mapping[str, Any]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise InputError(f'{path}: cannot be read ({error.strerror})') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f'{path}: not YAML ({str(error).splitlines()[0]})') from error
-    if not isinstance(content, Mapping):
-        raise InputError(f'{path}: not a power model; it needs an entry effects')
+def _in_full(content: Any, where: str) -> Any:
+    """Content with short forms written out: effects as a list, values as numbers alone."""
+    if not isinstance(content, dict):
+        return content
+    effects = content.get('effects')
+    if isinstance(effects, list):
+        for name in effects:
+            if not isinstance(name, str):
+                raise InputError(f'{where}: effects lists names, there is {quoted(name)}')
+        content['effects'] = dict.fromkeys(effects)
+    drives = content.get('drives')
+    for group in drives.values() if isinstance(drives, dict) else ():
+        for key in ('coefficients', 'measurement') if isinstance(group, dict) else ():
+            if isinstance(group.get(key), dict):
+                group[key] = {name: _value_in_full(given) for name, given in group[key].items()}
     return content
 
 
-def _structure(effects: object, catalogue: Catalogue, where: str) -> Structure:
-    if isinstance(effects, list):
-        effects = dict.fromkeys(effects)
-    if not isinstance(effects, Mapping) or not effects:
-        raise InputError(f'{where}: effects must list what is active, not {effects!r}')
+def _value_in_full(given: Any) -> Any:
+    if isinstance(given, list):
+        return [_value_in_full(each) for each in given]
+    return {'value': given} if isinstance(given, int | float) else given
+
+
+def _structure(content: _ModelContent, catalogue: Catalogue, where: str) -> Structure:
     actives = []
-    for name, shape in effects.items():
-        effect = catalogue.get_known(str(name), where)
-        if effect.kind != 'physics':
-            continue
-        actives.append(Active.of(effect, _shape(effect, shape, where)))
+    for name, shape in content.effects.items():
+        effect = catalogue.get_known(name, where)
+        default = dict(effect.shapes[0])
+        for key in shape or {}:
+            if key not in default:
+                known = ', '.join(default) or 'none'
+                raise InputError(f'{where}: {name!r} has no shape {quoted(key)}; known: {known}')
+        if effect.kind == 'physics':
+            actives.append(Active.of(effect, {**default, **(shape or {})}))
     return Structure(tuple(actives))
 
 
-def _shape(effect: Effect, shape: object, where: str) -> dict[str, float]:
-    default = dict(effect.shapes[0])
-    if shape is None:
-        return default
-    if not isinstance(shape, Mapping):
-        raise InputError(f'{where}: shape of {effect.name!r} must be a mapping, not {shape!r}')
-    for key, value in shape.items():
-        if key not in default:
-            known = ', '.join(default) or 'none'
-            raise InputError(f'{where}: {effect.name!r} has no shape {key!r}; known: {known}')
-        default[str(key)] = _finite(value, f'{where}: {effect.name} {key}')
-    return default
-
-
-def _groups(
-    drives: object, structure: Structure, catalogue: Catalogue, where: str
-) -> tuple[DriveGroup, ...]:
-    if drives is None:
-        return ()
-    if not isinstance(drives, Mapping):
-        raise InputError(f'{where}: drives must map drive types to coefficients, not {drives!r}')
-    groups = []
-    for name, content in drives.items():
-        if not isinstance(content, Mapping):
-            raise InputError(f'{where}: drives {name!r} must be a mapping, not {content!r}')
-        groups.append(_group(str(name), content, structure, catalogue, f'{where}: {name}'))
-    return tuple(groups)
-
-
 def _group(
-    name: str, content: Mapping[str, Any], structure: Structure, catalogue: Catalogue, where: str
+    name: str, content: _GroupContent, structure: Structure, catalogue: Catalogue, where: str
 ) -> DriveGroup:
-    patterns = content.get('patterns', [f'*_{name}', name])
-    if not isinstance(patterns, list) or not all(isinstance(p, str) for p in patterns):
-        raise InputError(f'{where}: patterns must be a list of names, not {patterns!r}')
-    given = content.get('coefficients')
-    if not isinstance(given, Mapping):
-        raise InputError(f'{where}: has no coefficients')
-    active = {entry.name for entry in structure.free}
+    given, active = content.coefficients, {entry.name for entry in structure.free}
     for effect in given:
-        catalogue.get_known(str(effect), where)
+        catalogue.get_known(effect, where)
         if effect not in active:
             raise InputError(f'{where}: coefficients of {effect!r}, which is not active')
-    factors = _scale(content.get('scale'), where)
+    factors = REFERENCE
+    if content.scale is not None:
+        if set(content.scale) != set(_FACTORS):
+            raise InputError(
+                f'{where}: scale must give {", ".join(_FACTORS)}, not {quoted(content.scale)}'
+            )
+        factors = tuple(content.scale[factor] for factor in _FACTORS)
     scale = DriveScale.stack([factors])
-    constant = content.get('torque_constant')
     coefficients = {}
     for entry in structure.free:
         if entry.name not in given:
             raise InputError(f'{where}: has no coefficients of {entry.name!r}; fit the model')
         coefficients[entry.name] = _values(entry.effect, given[entry.name], scale, where)
-    measurement = content.get('measurement') or {}
-    if not isinstance(measurement, Mapping):
-        raise InputError(f'{where}: measurement must be a mapping, not {measurement!r}')
-    checked = {}
-    for term, value in measurement.items():
-        catalogue.get_known(str(term), where)
-        checked[str(term)] = _values(catalogue[str(term)], [value], scale, where)[0]
+    measurement = {}
+    for term, value in (content.measurement or {}).items():
+        effect = catalogue.get_known(term, where)
+        if effect.kind != 'measurement':
+            raise InputError(f'{where}: measurement has {term!r}, which is none of its errors')
+        measurement[term] = _values(effect, (value,), scale, where)[0]
     return DriveGroup(
-        type=DriveType(name, tuple(patterns)),
+        type=DriveType(name, content.patterns or (f'*_{name}', name)),
         coefficients=coefficients,
-        measurement=checked,
-        velocity_lag=_finite(content.get('velocity_lag', 0.0), f'{where}: velocity_lag'),
-        voltage=_finite(content.get('voltage', NOMINAL_VOLTAGE), f'{where}: voltage'),
-        copper=_finite(content.get('copper', 0.0), f'{where}: copper'),
+        measurement=measurement,
+        velocity_lag=content.velocity_lag,
+        voltage=content.voltage,
+        copper=content.copper,
         scale=factors,
-        torque_constant=None
-        if constant is None
-        else _finite(constant, f'{where}: torque_constant'),
+        torque_constant=content.torque_constant,
     )
 
 
-def _scale(given: object, where: str) -> tuple[float, ...]:
-    if given is None:
-        return REFERENCE
-    if not isinstance(given, Mapping) or set(given) != set(_FACTORS):
-        raise InputError(f'{where}: scale must give {", ".join(_FACTORS)}, not {given!r}')
-    factors = tuple(_finite(given[name], f'{where}: scale {name}') for name in _FACTORS)
-    if min(factors) <= 0.0:
-        raise InputError(f'{where}: scale = {min(factors):g}; factors are above 0')
-    return factors
-
-
 def _values(
-    effect: Effect, given: object, scale: DriveScale, where: str
+    effect: Effect, given: Sequence[_ValueContent], scale: DriveScale, where: str
 ) -> tuple[FittedValue, ...]:
     count = len(effect.terms)
-    if not isinstance(given, list) or len(given) != count:
+    if len(given) != count:
         raise InputError(
-            f'{where}: {effect.name} has {count} coefficient{"s" if count > 1 else ""}, '
-            f'not {given!r}'
+            f'{where}: {effect.name} has {count} coefficient{"s" if count > 1 else ""}, there '
+            f'are {len(given)}'
         )
     return tuple(
         _value(value, term, factor, f'{where}: {effect.name} {term.symbol}')
@@ -237,38 +247,11 @@ def _values(
     )
 
 
-def _value(given: object, term: Term, factor: float, where: str) -> FittedValue:
-    if not isinstance(given, Mapping):
-        given = {'value': given}
-    unit = given.get('unit', term.unit)
-    if unit != term.unit:
-        raise InputError(f'{where} is given in {unit!r}; it must be in {term.unit!r}')
-    value = _finite(given.get('value'), where)
-    lower, upper = term.lower * factor, term.upper * factor
+def _value(given: _ValueContent, term: Term, factor: float, where: str) -> FittedValue:
+    value, lower, upper = given.value, term.lower * factor, term.upper * factor
+    if given.unit not in (None, term.unit):
+        raise InputError(f'{where} is given in {quoted(given.unit)}; it must be in {term.unit!r}')
     slack = _SLACK * abs(value)
     if not lower - slack <= value <= upper + slack:
         raise InputError(f'{where} = {value:g}: physics allows {lower:g} … {upper:g} {term.unit}')
-    interval = given.get('interval', [value, value])
-    if not isinstance(interval, list) or len(interval) != 2:
-        raise InputError(f'{where}: interval must be two numbers, not {interval!r}')
-    low, high = (_finite(bound, f'{where} interval') for bound in interval)
-    if low > high:
-        raise InputError(f'{where}: interval {low:g} … {high:g} runs backwards')
-    at_bound = given.get('at_bound', '')
-    if at_bound not in ('', 'lower', 'upper'):
-        raise InputError(f'{where}: at_bound is lower or upper, not {at_bound!r}')
-    return FittedValue(value, (low, high), at_bound)
-
-
-def _finite(value: object, where: str) -> float:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not math.isfinite(value):  # type: ignore[arg-type]
-        raise InputError(f'{where} = {value!r} is not a number')
-    return float(value)  # type: ignore[arg-type]
-
-
-def _entries(content: Mapping[str, Any], key: str, where: str) -> list[Mapping[str, Any]]:
-    entries = content.get(key) or []
-    if not isinstance(entries, list) or not all(isinstance(e, Mapping) for e in entries):
-        raise InputError(f'{where}: {key} must be a list of mappings')
-    return entries
+    return FittedValue(value, given.interval or (value, value), given.at_bound)
