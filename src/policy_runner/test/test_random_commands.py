@@ -3,7 +3,7 @@ import re
 import numpy as np
 import pytest
 from policy_runner.nodes.run_options import InputError, parse
-from policy_runner.nodes.velocity_commands import CommandRange, RandomCommands, SteadyCommand
+from policy_runner.policies.velocity_commands import CommandRange, RandomCommands, SteadyCommand
 
 TIMES = np.arange(0.0, 600.0, 0.05)
 

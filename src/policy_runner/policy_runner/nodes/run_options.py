@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
-from policy_runner.nodes.velocity_commands import RandomCommands, SteadyCommand
 from policy_runner.policies.by_name import POLICIES
+from policy_runner.policies.velocity_commands import RandomCommands, SteadyCommand
 
 __all__ = ['InputError', 'Options', 'command', 'parse']
 

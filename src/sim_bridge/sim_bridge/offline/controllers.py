@@ -1,4 +1,4 @@
-"""Who commands the joints in an offline run."""
+"""Controllers of offline runs."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -6,10 +6,9 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from policy_runner.nodes.velocity_commands import RandomCommands, SteadyCommand
 from policy_runner.policies.by_name import POLICIES, Policy, load_policy
 from policy_runner.policies.inputs import Inputs
-from policy_runner.policies.trot import TROTS
+from policy_runner.policies.velocity_commands import RandomCommands, SteadyCommand
 from wattwalk_core.anymal import DEFAULT_POSE
 from wattwalk_core.errors import InputError
 
@@ -20,42 +19,40 @@ from sim_bridge.sensors.sensors import into_base
 Floats = NDArray[np.float64]
 _DOWN = np.array([0.0, 0.0, -1.0])
 CONTROLLERS = (*POLICIES, 'stand')
-"""Names of the controllers there are; the folder of a learned policy is one, too."""
+"""Names of controllers; the folder of a learned policy names one, too."""
 
 
 class Controller(Protocol):
-    """Commands every `period` steps of 0.5 ms; velocity is that of the base asked for, or None."""
+    """
+    Source of joint commands, one every `period` steps of 0.5 ms.
+
+    velocity: that commanded for the base, m/s, m/s and rad/s [3], or None.
+    """
 
     name: str
     period: int
     velocity: Floats | None
 
     def command(self, simulation: Simulation) -> JointCommand:
-        """What to hold from now on."""
+        """Return the command to hold from now on."""
         ...
 
     def reset(self) -> None:
-        """Start anew, after a fall."""
+        """Reset, after a fall."""
         ...
 
 
 class PolicyWalk:
     """
-    A policy of the runner, fed with the true state, walking by commands over time.
+    A policy with the true state as input, at its own rate as in `policy_runner run`.
 
-    The robot stands already, so the policy takes over at once.
+    It takes over at once, since the robot stands already.
     """
 
-    def __init__(
-        self,
-        name: str,
-        policy: Policy,
-        commands: Callable[[float], Floats],
-        rate: float | None = None,
-    ) -> None:
-        """commands: vx, vy in m/s, yaw rate in rad/s [3] over time, s. rate: Hz; else policy's."""
+    def __init__(self, name: str, policy: Policy, commands: Callable[[float], Floats]) -> None:
+        """commands: vx, vy in m/s, yaw rate in rad/s [3] over time, s."""
         self.name = name
-        self.period = round(1.0 / (rate or policy.rate) / STEP)
+        self.period = round(1.0 / policy.rate / STEP)
         self.velocity: Floats | None = np.zeros(3)
         self._commands = commands
         self._policy = policy
@@ -63,7 +60,7 @@ class PolicyWalk:
         policy.take_over()
 
     def command(self, simulation: Simulation) -> JointCommand:
-        """Targets for the joints from the robot's state, rad."""
+        """Return joint targets for the robot's state, rad."""
         base = simulation.base[None]
         gravity, velocity = into_base(base[:, 3:7], np.vstack((_DOWN, base[:, 7:10])))
         inputs, time = self._inputs, simulation.time
@@ -74,23 +71,23 @@ class PolicyWalk:
         return JointCommand(position=targets)
 
     def reset(self) -> None:
-        """Take over again, after a fall."""
+        """Reset, after a fall."""
         self._policy.take_over()
 
 
 class StandController:
-    """Holds the default pose."""
+    """Controller that holds the default pose."""
 
     name = 'stand'
     period = 20
     velocity: Floats | None = None
 
     def command(self, simulation: Simulation) -> JointCommand:
-        """The default pose, rad."""
+        """Return the default pose, rad."""
         return JointCommand(position=DEFAULT_POSE)
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        """Do nothing."""
 
 
 def make_controller(
@@ -112,5 +109,4 @@ def make_controller(
         raise InputError(
             f'no controller {name!r}; there are {", ".join(CONTROLLERS)}, or give a policy folder'
         )
-    policy = load_policy(name, trust_code=trust_code)
-    return PolicyWalk(name, policy, commands, 100.0 if name in TROTS else None)
+    return PolicyWalk(name, load_policy(name, trust_code=trust_code), commands)
