@@ -111,7 +111,7 @@ def test_equal_calls_give_equal_bytes(tmp_path: Path) -> None:
 def test_chunks_and_summary_are_those_of_the_mcap_library(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     with (tmp_path / 'a').open('wb') as a, (tmp_path / 'b').open('wb') as b:
-        ours = ChunkedWriter(a, 5000, parallel=True)
+        ours = ChunkedWriter(a, 5000)
         library = Writer(b, 5000, CompressionType.ZSTD)
         ours.start('ros2', 'test')
         library.start('ros2', 'test')
@@ -143,7 +143,7 @@ def test_blocks_give_the_same_file_as_their_messages_one_by_one(
     options: dict[str, Any] = {'flush_period': period, 'parallel': parallel}
     with (
         BagWriter(tmp_path / 'a' / 'walk', **options) as blocks,
-        BagWriter(tmp_path / 'b' / 'walk', flush_period=period) as single,
+        BagWriter(tmp_path / 'b' / 'walk', **options) as single,
     ):
         for bag in (blocks, single):
             bag.add_topic('joint_states', cdr.JOINT_STATE)

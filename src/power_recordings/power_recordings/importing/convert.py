@@ -274,8 +274,11 @@ class _Log:
             self._shift = max(0, self._after + PAUSE - int(raw[raw >= 0].min()))
             clock.shift = self._shift
         keep, stamps = clock.order(raw)
+        values = block.values
+        if len(keep) < len(block):
+            values = {address: column[keep] for address, column in values.items()}
         for group in self._groups.values():
-            group.add(block.stream, stamps, {a: v[keep] for a, v in block.values.items()})
+            group.add(block.stream, stamps, values)
         return {topic: group.take(final=False) for topic, group in self._groups.items()}
 
     def finish(self) -> Written:

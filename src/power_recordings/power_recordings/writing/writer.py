@@ -103,7 +103,7 @@ class BagWriter:
     its log times span `flush_period` seconds (or it has 1 MiB), or on `flush`; a killed process
     loses no more than that. The disk is synced at `close` only: a power cut may lose what the
     operating system has not written yet. The same calls give the same bytes. With `parallel`,
-    chunks are compressed in a thread, and up to four of them wait for it.
+    chunks are compressed in a thread, less but faster, and up to four of them wait for it.
 
     If the disk fills, space that was reserved in the folder takes the last chunk and the index,
     the bag is closed, and RecordingError is raised; nothing given to `write` is lost. If that

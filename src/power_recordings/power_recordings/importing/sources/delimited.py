@@ -16,11 +16,13 @@ from power_recordings.importing.sources.heads import Head, find_head, is_number
 from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
 
 if TYPE_CHECKING:
-    from pyarrow import RecordBatch
+    from pyarrow import RecordBatch, Table
 
 _HEAD: Final = 256 << 10  # bytes that are looked at to find the dialect
 _LONGEST_LINE: Final = 16 << 20
-_BLOCK: Final = 8 << 20
+_BLOCK: Final = 1 << 20  # bytes; fits the cache
+_BATCHES: Final = 8  # of such blocks that are converted at once
+_LINES: Final = 8  # in a block, at least
 _DELIMITERS: Final = (',', ';', '\t', '|', ' ')
 _COMMENTS: Final = ('#', '%', '//')
 _NOTHING: Final = ['', 'nan', 'NaN', 'NAN', 'null', 'NULL', 'None', 'NA', 'N/A', 'n/a', '-', 'OL']
@@ -37,6 +39,7 @@ class TableDialect:
     decimal: str
     head: Head
     skip: int  # bytes before the first row of values
+    longest: int  # bytes of a line
 
 
 def open_file(path: Path, messages: Path | None = None) -> 'DelimitedFile':
@@ -90,7 +93,7 @@ class DelimitedFile:
 
     def _batches(
         self, kinds: Mapping[str, Any], progress: Progress, skipped: list[int]
-    ) -> Iterator['RecordBatch']:
+    ) -> Iterator['Table']:
         """Yield columns of Arrow types `kinds`; add the rows that do not fit to `skipped`."""
         import pyarrow as pa
         from pyarrow import csv as arrow_csv
@@ -104,7 +107,7 @@ class DelimitedFile:
                 pa.PythonFile(_Rows(file, self.dialect), 'r'),
                 arrow_csv.ReadOptions(
                     column_names=list(self.dialect.head.names),
-                    block_size=_BLOCK,
+                    block_size=max(_BLOCK, _LINES * self.dialect.longest),
                     encoding=self.dialect.encoding,
                 ),
                 arrow_csv.ParseOptions(
@@ -118,38 +121,46 @@ class DelimitedFile:
                     strings_can_be_null=False,
                 ),
             )
+            waiting: list[RecordBatch] = []
             for batch in reader:
-                progress(file.tell())
-                yield batch
+                waiting.append(batch)
+                if len(waiting) == _BATCHES:
+                    progress(file.tell())
+                    yield pa.Table.from_batches(waiting)
+                    waiting = []
+            if waiting:
+                yield pa.Table.from_batches(waiting)
 
-    def _numbers(self, batch: 'RecordBatch') -> dict[str, np.ndarray]:
+    def _numbers(self, table: 'Table') -> dict[str, np.ndarray]:
+        import pyarrow as pa
+
         return {
-            name: _column(batch.column(i), self.dialect.decimal)
-            for i, name in enumerate(batch.schema.names)
+            name: column.to_numpy()
+            if pa.types.is_floating(column.type)
+            else _column(column, self.dialect.decimal)
+            for name, column in zip(table.column_names, table.columns, strict=True)
         }
 
 
 def _column(texts: Any, decimal: str) -> np.ndarray:
-    """Numbers, or texts as float64, or as they are where most are no numbers, as dates are."""
+    """Texts as float64, or as they are where most are no numbers, as dates are."""
     import pyarrow as pa
     from pyarrow import compute as pc
 
-    if pa.types.is_floating(texts.type):
-        return np.asarray(texts.to_numpy(zero_copy_only=False))
     texts = pc.utf8_trim_whitespace(texts)
     if decimal == ',':
         texts = pc.replace_substring(texts, ',', '.')
     texts = pc.if_else(pc.is_in(texts, pa.array(_NOTHING)), pa.scalar(None, pa.string()), texts)
     try:
-        return np.asarray(pc.cast(texts, pa.float64()).to_numpy(zero_copy_only=False))
+        return np.asarray(pc.cast(texts, pa.float64()).to_numpy())
     except pa.ArrowInvalid:
         pass
     number = pc.match_substring_regex(texts, r'^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$')
     share = pc.mean(pc.cast(pc.fill_null(number, True), pa.float64())).as_py()
     if share is None or share < 0.5:
-        return np.asarray(texts.to_numpy(zero_copy_only=False))
+        return np.asarray(texts.to_numpy())
     texts = pc.if_else(number, texts, pa.scalar(None, pa.string()))
-    return np.asarray(pc.cast(texts, pa.float64()).to_numpy(zero_copy_only=False))
+    return np.asarray(pc.cast(texts, pa.float64()).to_numpy())
 
 
 class _Rows(io.RawIOBase):
@@ -191,6 +202,7 @@ def sniff(path: Path) -> TableDialect:
     plain = [i for i, line in enumerate(lines) if line.strip() and i not in set(comments)]
     begin = plain[0] if plain else 0
     best: TableDialect | None = None
+    longest = max(map(len, raw_lines), default=0)
     for delimiter in _DELIMITERS:
         rows = [_split(line, delimiter) for line in lines[begin : begin + 200]]
         above = [_split(lines[i].lstrip().lstrip('#%/'), delimiter) for i in comments if i < begin]
@@ -201,7 +213,7 @@ def sniff(path: Path) -> TableDialect:
             values = [f for row in rows[head.first_row : head.first_row + 50] for f in row]
             comma = delimiter != ',' and any(',' in f and is_number(f) for f in values)
             skip = len(whole) - sum(map(len, raw_lines[begin + head.first_row :]))
-            best = TableDialect(encoding, delimiter, ',' if comma else '.', head, skip)
+            best = TableDialect(encoding, delimiter, ',' if comma else '.', head, skip, longest)
     if best is None:
         raise InputError(f'{path}: no rows of numbers found; expected delimited text with a head')
     if len(best.head.names) > MOST_COLUMNS:
