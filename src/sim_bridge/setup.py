@@ -24,10 +24,10 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'sim = sim_bridge.live.node:main',
+            'sim = sim_bridge.commands.sim:main',
             'bench = sim_bridge.commands.bench:main',
             'record = sim_bridge.commands.record:main',
-            'supply_instrument = sim_bridge.instruments.supply_node:main',
+            'supply_instrument = sim_bridge.commands.supply_instrument:main',
             'ethercat_segment = sim_bridge.commands.ethercat_segment:main',
         ],
     },

@@ -59,7 +59,7 @@ def test_a_push_is_answered_with_its_velocity(sim, node_process):
 @pytest.mark.parametrize(
     ('name', 'value', 'quoted'),
     [
-        ('plant', 'nowhere.yaml', r"cannot read plant 'nowhere.yaml'"),
+        ('plant', 'nowhere.yaml', r"no plant 'nowhere.yaml'"),
         ('interface', 'telepathy', r"interface is 'telepathy'"),
         ('terrain', 'moon', r"terrain is 'moon'"),
         ('world', 'sea', r"world is 'sea'"),

@@ -1,26 +1,23 @@
 """`ros2 run sim_bridge bench`: a bag of one drive in a motion on a stand."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drive_bench.motion.library import MOTIONS, listing
 from drive_bench.motion.load import Load
-from drive_bench.motion.segment_path import Mounting
 from drive_bench.motion.segments import UNITS
-from rclpy.utilities import remove_ros_args
 from wattwalk_core.anymal import JOINT_NAMES
-from wattwalk_core.command import command
+from wattwalk_core.command import command, own_arguments
 from wattwalk_core.errors import InputError
 
 from sim_bridge.commands.sim import load_plant
-from sim_bridge.instruments.analyser import Analyser, AnalyserParameters, check_output
-from sim_bridge.offline.motions import MotionController, bench_motion
-from sim_bridge.offline.run import OfflineRun, write_bench_bag
-from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.world import Stand, stand_world
-from sim_bridge.sensors.meter import DeviceClock
+
+if TYPE_CHECKING:
+    from sim_bridge.instruments.analyser import Analyser
+    from sim_bridge.plant.parameters import Plant
+    from sim_bridge.plant.world import Stand
 
 _GRAVITY = 9.81  # m/s²
 _EPILOG = f"""motions:
@@ -39,7 +36,7 @@ examples:
 def parse(args: Sequence[str]) -> argparse.Namespace:
     """Options of the command; ROS arguments must be gone from args."""
     parser = argparse.ArgumentParser(
-        prog='bench',
+        prog='ros2 run sim_bridge bench',
         description='Record one simulated drive on a stand, as fast as the machine can.',
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -68,9 +65,13 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-def _analyser(options: argparse.Namespace, plant: Plant) -> Analyser | None:
+def _analyser(options: argparse.Namespace, plant: 'Plant') -> 'Analyser | None':
     if options.analyser is None:
         return None
+
+    from sim_bridge.instruments.analyser import Analyser, AnalyserParameters, check_output
+    from sim_bridge.sensors.meter import DeviceClock
+
     check_output(options.analyser)
     parameters = AnalyserParameters(
         rate=options.analyser_rate,
@@ -80,7 +81,9 @@ def _analyser(options: argparse.Namespace, plant: Plant) -> Analyser | None:
     return Analyser(parameters, DeviceClock.of(plant.meter), seed=options.seed)
 
 
-def _stand(options: argparse.Namespace) -> Stand:
+def _stand(options: argparse.Namespace) -> 'Stand':
+    from sim_bridge.plant.world import Stand
+
     if options.load is None:
         return Stand(options.inertia, options.mass, options.length)
     if options.mass:
@@ -92,8 +95,14 @@ def _stand(options: argparse.Namespace) -> Stand:
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Write the bag that the arguments ask for."""
-    given = list(sys.argv if args is None else ['bench', *args])
-    options = parse(remove_ros_args(given)[1:])
+    options = parse(own_arguments(args))
+
+    from drive_bench.motion.segment_path import Mounting
+
+    from sim_bridge.offline.motions import MotionController, bench_motion
+    from sim_bridge.offline.run import OfflineRun, write_bench_bag
+    from sim_bridge.plant.world import stand_world
+
     plant, stand = load_plant(options.plant, options.unit), _stand(options)
     pull = _GRAVITY * stand.mass * stand.length
     wanted = bench_motion(
@@ -129,7 +138,7 @@ def main(args: Sequence[str] | None = None) -> int:
     if analyser is not None:
         print(f'wrote {options.analyser}: {analyser.save(options.analyser)} rows')
         print(
-            f'next: ros2 run power_daq calibrate {options.output} '
+            f'next: ros2 run power_calibration calibrate {options.output} '
             f'--reference {options.analyser} -o calibration.yaml --report calibration.html'
         )
     return 0

@@ -1,12 +1,10 @@
 """`ros2 run sim_bridge ethercat_segment`: a coupler and EL3102 terminals on an interface."""
 
 import argparse
-import sys
 import time
 from collections.abc import Callable, Sequence
 
-from rclpy.utilities import remove_ros_args
-from wattwalk_core.command import command
+from wattwalk_core.command import command, own_arguments
 from wattwalk_core.errors import InputError
 
 from sim_bridge.instruments.ethercat.terminals import EK1100, EL3102, Volts
@@ -50,8 +48,7 @@ def _constant(volts: Volts) -> Callable[[], Volts]:
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Serve until Ctrl-C; 2 for an interface that cannot be used."""
-    given = list(sys.argv if args is None else ['ethercat_segment', *args])
-    options = parse(remove_ros_args(given)[1:])
+    options = parse(own_arguments(args))
     if len(options.volts) % 2:
         raise InputError(f'--volts has {len(options.volts)} numbers; give two for each terminal')
     pairs = list(zip(options.volts[::2], options.volts[1::2], strict=True))

@@ -1,19 +1,16 @@
 """`ros2 run sim_bridge record`: the recordings that a power model is trained and judged on."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from power_recordings.card import FILE, Card
-from rclpy.utilities import remove_ros_args
 from wattwalk_core.anymal import JOINT_NAMES
-from wattwalk_core.command import command
+from wattwalk_core.command import command, own_arguments
 from wattwalk_core.errors import InputError
 
 from sim_bridge.commands.sim import load_plant
-from sim_bridge.offline.run import run_offline
 
 _SEED = 21
 _SHORTEST, _LONGEST = 1.0, 36_000.0  # s
@@ -88,6 +85,9 @@ def record(plan: RecordingPlan, folder: Path, seconds: float, plant: str = 'anym
                 )
         if 'plan' in found:
             return False
+
+    from sim_bridge.offline.run import run_offline
+
     folder.mkdir(parents=True, exist_ok=True)
     run_offline(
         bag,
@@ -113,7 +113,7 @@ def _content(plan: RecordingPlan) -> dict[str, object]:
 def parse(args: Sequence[str]) -> argparse.Namespace:
     """Options of the command; ROS arguments must be gone from args."""
     parser = argparse.ArgumentParser(
-        prog='record',
+        prog='ros2 run sim_bridge record',
         description='Make a set of recordings of the simulated robot, to train and judge on.',
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -130,8 +130,7 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Make the recordings that are not there yet."""
-    given = list(sys.argv if args is None else ['record', *args])
-    options = parse(remove_ros_args(given)[1:])
+    options = parse(own_arguments(args))
     seconds = SECONDS[options.set] if options.seconds is None else options.seconds
     wanted = plans(options.set, options.seed)
     for number, plan in enumerate(wanted, 1):

@@ -1,14 +1,16 @@
-"""Command line of `ros2 run sim_bridge sim`."""
+"""`ros2 run sim_bridge sim`: the simulated robot in real time, or to a bag."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from policy_runner.policies.by_name import POLICIES
+from wattwalk_core.command import command, own_arguments
 from wattwalk_core.errors import InputError
 
-from sim_bridge.offline.controllers import CONTROLLERS
-from sim_bridge.offline.run import TERRAINS, run_offline
 from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.terrain import TERRAINS
 
 _EPILOG = """\
 Without --offline this is the node `sim_bridge`: the plant in real time behind a CAN bus. Its
@@ -27,7 +29,7 @@ examples:
 def parse(args: Sequence[str]) -> argparse.Namespace:
     """Options of the command; ROS arguments must be gone from args."""
     parser = argparse.ArgumentParser(
-        prog='sim',
+        prog='ros2 run sim_bridge sim',
         description='The simulated robot, its drives and their power meter.',
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -42,7 +44,7 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
     add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
     add('--unit', type=int, metavar='N', help='draw the spread of another unit of the robot')
     add('--terrain', choices=TERRAINS, default='flat')
-    add('--controller', default='trot', help=f'{", ".join(CONTROLLERS)}, or a policy folder')
+    add('--controller', default='trot', help=f'{", ".join(POLICIES)}, stand, or a policy folder')
     add('--trust-code', action='store_true', help='run TorchScript files, which are code')
     add('--velocity', metavar='VX,VY,YAW', help='hold it (m/s, m/s, rad/s) instead of random ones')
     add('--pushes', action='store_true', help='push the robot every few seconds')
@@ -57,21 +59,46 @@ def load_plant(source: str, unit: int | None) -> Plant:
     return plant if unit is None else plant.unit(unit)
 
 
-def offline(options: argparse.Namespace) -> int:
-    """Write the bag that the options ask for."""
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until Ctrl-C, or with --offline write a bag; 2 for bad input."""
+    arguments = sys.argv[1:] if args is None else list(args)
+    options = parse(own_arguments(arguments))
+    if options.offline:
+        return _offline(options)
+
+    import gc
+
+    from wattwalk_core.nodes.running import run_node
+
+    from sim_bridge.live.node import SimNode
+
+    def make() -> SimNode:
+        node = SimNode()
+        gc.freeze()
+        return node
+
+    return run_node(make, arguments)
+
+
+def _offline(options: argparse.Namespace) -> int:
     if options.output is None:
         raise InputError('--offline needs -o BAG, the folder of the bag to write')
     drives = None if options.drives is None else tuple(options.drives.split(','))
+    velocity, plant = _velocity(options.velocity), load_plant(options.plant, options.unit)
+
+    from sim_bridge.offline.run import run_offline
+
     path = run_offline(
         options.output,
         duration=options.duration,
         seed=options.seed,
-        plant=load_plant(options.plant, options.unit),
+        plant=plant,
         controller=options.controller,
         terrain=options.terrain,
         pushes=options.pushes,
         drives=drives,
-        velocity=_velocity(options.velocity),
+        velocity=velocity,
         trust_code=options.trust_code,
         overwrite=options.overwrite,
         progress=True,

@@ -1,18 +1,13 @@
 """Node `supply_instrument`: a simulated bench supply on a TCP socket, as an EA PSB 9000 speaks."""
 
-import argparse
-import sys
 import time
-from collections.abc import Sequence
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import BatteryState
-from wattwalk_core.command import command
 from wattwalk_core.nodes.parameters import DeviceParameters
-from wattwalk_core.nodes.running import run_node
 
+from sim_bridge.commands.supply_instrument import main as main
 from sim_bridge.instruments.scpi import (
     RATED_CURRENT,
     RATED_VOLTAGE,
@@ -22,15 +17,6 @@ from sim_bridge.instruments.scpi import (
 )
 
 _STALE = 0.5
-_EXAMPLE = """
-example, a constant load:
-  ros2 run sim_bridge supply_instrument --ros-args -p voltage:=48.0 -p current:=3.0
-  ros2 run power_daq supply --ros-args -p host:=127.0.0.1
-example, what the simulated robot draws (its own supply goes to another topic):
-  ros2 run sim_bridge sim --ros-args -r supply:=simulated_supply
-  ros2 run sim_bridge supply_instrument
-  ros2 run power_daq supply --ros-args -p host:=127.0.0.1
-"""
 
 
 class SupplyInstrumentNode(Node):
@@ -67,18 +53,3 @@ class SupplyInstrumentNode(Node):
     def stop(self) -> None:
         """Close the socket."""
         self._instrument.close()
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until Ctrl-C; 2 for bad parameters or a port that is taken."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run sim_bridge supply_instrument',
-        description='A simulated bench supply that speaks SCPI over TCP, to try power_daq supply '
-        'without hardware.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    arguments = sys.argv[1:] if args is None else list(args)
-    parser.parse_args(remove_ros_args(arguments))
-    return run_node(SupplyInstrumentNode, arguments)

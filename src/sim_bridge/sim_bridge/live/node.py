@@ -1,9 +1,7 @@
 """Node `sim_bridge`: the simulated robot in real time behind the CAN bus of the hardware."""
 
-import gc
 import sys
 import time
-from collections.abc import Sequence
 from threading import Event, Thread
 
 import numpy as np
@@ -13,14 +11,11 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from wattwalk_core.command import command
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
-from wattwalk_core.nodes.running import run_node
 
-from sim_bridge.commands import sim as sim_command
+from sim_bridge.commands.sim import main as main
 from sim_bridge.live.frames import FrameEncoder, SimulatedBus
 from sim_bridge.live.joint_commands import joint_command
 from sim_bridge.live.node_parameters import NodeParameters
@@ -151,19 +146,3 @@ class SimNode(Node):
             'device_clock_drift_ppm': self._device_clock.drift,
         }
         self._reporter.publish(Report(level, text, figures))
-
-
-def _make() -> SimNode:
-    node = SimNode()
-    gc.freeze()
-    return node
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node, or with --offline write a bag."""
-    given = list(sys.argv if args is None else ['sim', *args])
-    options = sim_command.parse(remove_ros_args(given)[1:])
-    if options.offline:
-        return sim_command.offline(options)
-    return run_node(_make, given)

@@ -19,11 +19,9 @@ from sim_bridge.offline.session import Event, Pushes, Session
 from sim_bridge.offline.telemetry import Telemetry, Wire
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import PlantBlock, Simulation
-from sim_bridge.plant.terrain import FLAT, rough
+from sim_bridge.plant.terrain import FLAT, TERRAINS, rough
 from sim_bridge.plant.world import World, walking_world
 from sim_bridge.sensors.blocks import Instruments
-
-TERRAINS = ('flat', 'rough')
 
 
 class OfflineRun:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+TERRAINS = ('flat', 'rough')
 _LEVEL_RADIUS = 1.0  # m around the start without noise
 _RIM = 4.0  # m over which the heights run out to the plane around the field
 _WAVES = 4
