@@ -59,6 +59,13 @@ class Card:
         """Type of each measured drive, by its name."""
         return {name: drive_type(name) for name in self.drives}
 
+    @property
+    def derived_velocity(self) -> tuple[str, ...]:
+        """Drives whose velocity an import took from the rate of their position."""
+        imported = self.other.get('imported')
+        found = imported.get('velocity') if isinstance(imported, Mapping) else None
+        return tuple(map(str, found)) if isinstance(found, Mapping) else ()
+
     @classmethod
     def load(cls, path: Path) -> Self:
         """

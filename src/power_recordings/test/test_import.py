@@ -1,11 +1,13 @@
 import importlib.util
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from power_recordings.commands.import_logs import main
 from power_recordings.importing import sources
+from power_recordings.importing.derived import PositionRates
 from power_recordings.importing.map_file import load_map, names, parse_map
 from power_recordings.importing.units import conversion
 from power_recordings.quality.check import check_recording
@@ -331,6 +333,38 @@ def test_bags_of_ros_1_are_read(tmp_path):
     recording = Recording.open(out)
     np.testing.assert_allclose(recording.joint_states().effort, 2.0)
     np.testing.assert_allclose(recording.supply().power, 48.0)
+
+
+def test_a_velocity_that_was_not_recorded_is_the_rate_of_the_position_and_said_to_be(
+    tmp_path, capsys
+):
+    rows = table(40_000, 1000.0)
+    mapping = MAP.replace('    velocity: {from: vel, unit: rpm}\n', '')
+    assert run(csv(tmp_path / 'log.csv', rows), mapping, tmp_path / 'bag') == 0
+    assert 'velocity is the rate of the position, not measured: KNEE' in capsys.readouterr().out
+    recording = Recording.open(tmp_path / 'bag')
+    velocity = recording.joint_states().velocity[:, 0]
+    truth = 0.25 * (2 * np.pi) ** 2 * np.cos(2 * np.pi * rows[:, 0] / 1e3)
+    np.testing.assert_allclose(velocity[10:-10], truth[10:-10], atol=0.01)
+    assert np.isnan(velocity[[0, 9, -10, -1]]).all()
+    assert recording.card.derived_velocity == ('KNEE',)
+
+
+def test_rates_of_position_do_not_depend_on_how_rows_come():
+    rng = np.random.default_rng(0)
+    stamps = np.cumsum(rng.integers(1_900_000, 2_100_000, 1000))
+    stamps[500:] += 10**9  # a gap
+    turning = np.mod(0.05 * np.arange(1000), 2 * np.pi)  # wraps
+    rows = np.stack([rng.normal(size=1000), turning], axis=1)
+    whole, parts = PositionRates([1]), PositionRates([1])
+    stamps_1, at_once = whole.extend(stamps, rows, final=True)
+    edges = [0, 1, 2, 9, 400, 403, 1000]
+    pieces = [parts.extend(stamps[a:b], rows[a:b], final=b == 1000) for a, b in pairwise(edges)]
+    np.testing.assert_array_equal(np.concatenate([s for s, _ in pieces]), stamps_1)
+    late = np.arange(1000) > 20  # the first few rows alone tell the period less well
+    np.testing.assert_array_equal(np.concatenate([r for _, r in pieces])[late], at_once[late])
+    assert np.isnan(at_once[497:503, 2]).all()
+    np.testing.assert_allclose(at_once[100:400, 2], 25, rtol=0.06)  # 0.05 rad in 2 ms
 
 
 @pytest.mark.parametrize(

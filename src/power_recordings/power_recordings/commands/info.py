@@ -54,6 +54,7 @@ def print_quality(recording: 'Recording', quality: 'Quality') -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
+    from wattwalk_core.quoting import printable
 
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, _WIDTH)
@@ -85,6 +86,11 @@ def print_quality(recording: 'Recording', quality: 'Quality') -> None:
             f'{100 * drive.cells:.0f} %',
         )
     console.print(table)
+    if card.derived_velocity:
+        drives = printable(', '.join(card.derived_velocity))
+        console.print(
+            f'  note: velocity is the rate of the position, not measured: {escape(drives)}'
+        )
     for problem in recording.problems:
         console.print(f'  note: {escape(problem)}')
     for finding in quality.findings:

@@ -1,6 +1,7 @@
 """From logs to a recording: read, convert, merge, write."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
 from power_recordings.card import Card
+from power_recordings.importing.derived import PositionRates
 from power_recordings.importing.map_file import JOINT, ImportMap, TimeMap
 from power_recordings.importing.merge import Merger
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
@@ -48,6 +50,8 @@ class _Group:
     streams: list[str] = field(default_factory=list)
     merger: Merger | None = None
     order: list[int] = field(default_factory=list)
+    derived: tuple[str, ...] = ()  # drives whose velocity is the rate of their position
+    rates: PositionRates | None = None
 
     def __post_init__(self) -> None:
         columns = [c.column for _, c in self.channels if c.column is not None]
@@ -59,6 +63,9 @@ class _Group:
         self.order = [i for members in by_stream for i in members]
         if columns:
             self.merger = Merger([len(members) for members in by_stream])
+        if self.derived:
+            places = [(d, c.quantity) for d, c in (self.channels[i] for i in self.order)]
+            self.rates = PositionRates([places.index((d, 'position')) for d in self.derived])
 
     def members(self, stream: str) -> list[int]:
         """Return the indices of the channels of a stream."""
@@ -78,10 +85,14 @@ class _Group:
         if self.merger is None:
             return np.zeros(0, np.int64), {}
         stamps, rows = self.merger.take(final=final)
+        if self.rates is not None:
+            stamps, rows = self.rates.extend(stamps, rows, final=final)
         found = {
             (self.channels[i][0], self.channels[i][1].quantity): rows[:, column]
             for column, i in enumerate(self.order)
         }
+        for k, drive in enumerate(self.derived):
+            found[drive, 'velocity'] = rows[:, len(self.order) + k]
         for drive, channel in self.channels:
             if channel.column is None:
                 value = channel.conversion(np.array([channel.value]))[0]
@@ -226,9 +237,8 @@ def import_logs(
             writer = _Writer(bag, plans[0])
             for source, plan in zip(sources, plans, strict=True):
                 log = _Log(source, plan, mapping, end)
-                for block in source.read(
-                    plan.addresses(), lambda n, base=done: progress(base + n)
-                ):
+                rows = source.read(plan.addresses(), lambda n, base=done: progress(base + n))
+                for block in _ahead(rows):
                     writer.write_all(log.add(block))
                 writer.write_all(log.finish())
                 notes += log.notes
@@ -238,6 +248,15 @@ def import_logs(
         _card(mapping, plans[0], writer.measured, sources, where, notes).save(path)
     counts = {topic: count for topic, count in writer.counts.items() if count}
     return Imported(out, counts, sum(bag.counts.values()), tuple(notes))
+
+
+def _ahead(blocks: Iterator[LogBlock]) -> Iterator[LogBlock]:
+    """Yield blocks, each of which a thread reads while the one before is used."""
+    with ThreadPoolExecutor(1, 'read') as pool:
+        coming = pool.submit(next, blocks, None)
+        while (block := coming.result()) is not None:
+            coming = pool.submit(next, blocks, None)
+            yield block
 
 
 class _Log:
@@ -327,7 +346,11 @@ def groups_of(plan: ImportPlan) -> dict[str, _Group]:
             elif measured:
                 parts['drive_supply'].append((drive, channel))
     parts['supply'] = [('', channel) for channel in plan.supply.values()]
-    return {name: _Group(channels) for name, channels in parts.items() if channels}
+    return {
+        name: _Group(channels, derived=plan.derived if name == 'joint_states' else ())
+        for name, channels in parts.items()
+        if channels
+    }
 
 
 def _card(
@@ -346,6 +369,8 @@ def _card(
         'torque_unit': dict(plan.torque_unit),
         'imported': {'from': [source.path.name for source in sources], 'map': where},
     }
+    if plan.derived:
+        content['imported']['velocity'] = dict.fromkeys(plan.derived, 'rate of position')
     if notes:
         content['imported']['notes'] = list(notes)
     return Card.of(content)

@@ -44,6 +44,17 @@ class ImportPlan:
     time: LogColumn | None
     stamp: str
 
+    @property
+    def derived(self) -> tuple[str, ...]:
+        """Drives whose velocity is to be the rate of their position."""
+        return tuple(
+            name
+            for name, channels in self.drives.items()
+            if 'velocity' not in channels
+            and (position := channels.get('position'))
+            and position.column is not None
+        )
+
     def addresses(self) -> tuple[str, ...]:
         """Return the addresses of all columns to be read."""
         parts = [*self.drives.values(), self.supply]

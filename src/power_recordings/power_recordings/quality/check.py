@@ -219,7 +219,9 @@ class _Checker:
         position: NDArray[np.float64],
         velocity: NDArray[np.float64],
     ) -> float:
-        found = physics.velocity_slope(time, position, velocity) if len(time) else None
+        if not len(time) or name in self._recording.card.derived_velocity:
+            return np.nan
+        found = physics.velocity_slope(time, position, velocity)
         if found is None or abs(found.correlation) < _LEAST_CORRELATION:
             return np.nan
         if not _SLOPE[0] < found.slope < _SLOPE[1]:
