@@ -33,14 +33,15 @@ def read_bytes(path: Path, what: str, limit: int) -> bytes:
     pipe, a device) or larger.
     """
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
             raise InputError(f'{what} {path}: not a regular file')
         with path.open('rb') as file:
-            data = file.read(limit + 1)
+            data = file.read(limit + 1 if status.st_size <= limit else 0)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f'cannot read {what} {path}: {reason}') from error
-    if len(data) > limit:
+    if max(len(data), status.st_size) > limit:
         raise InputError(f'{what} {path}: larger than {limit >> 10} KiB')
     return data
 

@@ -1,11 +1,13 @@
 """Policies by name or by folder, behind one interface."""
 
+import os
 from pathlib import Path
 from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import quoted
 
 from policy_runner.policies.folder import CARD
 from policy_runner.policies.inputs import Inputs
@@ -89,13 +91,13 @@ def load_policy(source: str, *, trust_code: bool = False) -> Policy:
     if source in POLICIES:
         return LearnedPolicy.load(SHIPPED / source)
     path = Path(source)
-    if path.is_dir():
+    if os.path.isdir(path):
         return LearnedPolicy.load(path)
-    if path.is_file():
+    if os.path.isfile(path):
         from policy_runner.policies.torchscript import SUFFIXES, load_torchscript
 
         if path.suffix in SUFFIXES:
             return load_torchscript(path, trust_code=trust_code)
     raise InputError(
-        f'no policy {source!r}; there are {", ".join(POLICIES)}, or give a policy folder'
+        f'no policy {quoted(source)}; there are {", ".join(POLICIES)}, or give a policy folder'
     )

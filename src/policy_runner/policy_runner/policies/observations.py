@@ -39,6 +39,9 @@ Joints are in the policy's order.
 """
 
 
+_LARGEST: Final = 1e6
+
+
 @schema
 class Term:
     """One term of an observation; scale is one number, or one per value."""
@@ -54,6 +57,8 @@ class Term:
                 f'scale of observation {self.name} is {self.scale}; give one number, '
                 f'or {self.size}'
             )
+        if np.abs(self.scale).max() > _LARGEST:
+            raise InputError(f'scale of observation {self.name} is {self.scale}; at most 1e6')
 
     @property
     def size(self) -> int:

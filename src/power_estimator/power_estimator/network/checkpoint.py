@@ -1,5 +1,6 @@
 """Trained networks on disk: one safetensors file with a YAML card inside, never a pickle."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -23,6 +24,7 @@ Format = Literal['power_prediction_network/1']
 
 _Number = Annotated[float, Quantity(-1e9, 1e9)]
 _Scale = Annotated[float, Quantity(1e-6, 1e9)]
+_Time = Annotated[float, Quantity(-1e12, 1e12, 's')]
 
 
 @schema
@@ -61,7 +63,7 @@ class TrainingRecording:
     name: Name
     sha256: Name
     card: dict[str, Any] = field(default_factory=dict)
-    held_out: dict[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    held_out: dict[str, tuple[tuple[_Time, _Time], ...]] = field(default_factory=dict)
 
 
 @schema
@@ -127,8 +129,8 @@ class Checkpoint:
     @classmethod
     def load(cls, path: Path) -> 'Checkpoint':
         """Read FILE or RUN/model.safetensors; InputError names the file and what is wrong."""
-        file = path / FILE if path.is_dir() else path
-        if not file.exists():
+        file = path / FILE if os.path.isdir(path) else path
+        if not os.path.lexists(file):
             raise InputError(f'{file}: there is no such file; train writes it when it is done')
         content = read_tensors(file, 'network')
         try:

@@ -15,7 +15,7 @@ SIZE = 2 * len(FEATURES)
 _QUANTILE = 0.9998
 _SLACK = 1.5  # on the distance's square at that quantile; a fifth more in amplitude
 _FEWEST = 20 * SIZE  # blocks
-_Number = Annotated[float, Quantity(-1e30, 1e30)]
+_Number = Annotated[float, Quantity(-1e18, 1e18)]
 
 
 @schema

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.quoting import quoted
-from wattwalk_core.schema import Length, Name, Quantity, parse, schema
+from wattwalk_core.schema import Length, Name, Printable, Quantity, parse, schema
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 from power_estimator.drive_types import DriveType
@@ -33,7 +33,7 @@ _Factor = Annotated[float, Quantity(1e-9, 1e9)]
 class _ValueContent:
     value: _Number
     interval: tuple[_Number, _Number] | None = None
-    symbol: str = ''
+    symbol: Annotated[str, Printable(0)] = ''
     unit: str | None = None
     at_bound: Literal['', 'lower', 'upper'] = ''
 
