@@ -21,7 +21,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'run = policy_runner.nodes.run:main',
+            'run = policy_runner.commands.run:main',
         ],
     },
 )

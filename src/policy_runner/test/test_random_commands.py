@@ -2,8 +2,9 @@ import re
 
 import numpy as np
 import pytest
-from policy_runner.nodes.run_options import InputError, parse
+from policy_runner.commands.run import parse
 from policy_runner.policies.velocity_commands import CommandRange, RandomCommands, SteadyCommand
+from wattwalk_core.errors import InputError
 
 TIMES = np.arange(0.0, 600.0, 0.05)
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray
-from policy_runner.nodes.parameters import real_parameter
 from policy_runner.supervisor.safety import SafetyConfig
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -13,6 +12,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
+from wattwalk_core.nodes.parameters import DeviceParameters
 
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import limits_of
@@ -44,10 +44,9 @@ class MotionNode(Node):
         if not self._drives:
             raise InputError(f'{options.motion} names no drive; give --drive NAME')
         limits_of(self._drives, options.limits)
-        rate = real_parameter(self, 'rate', MotionPolicy.rate, 50.0, 400.0, 'Hz of joint_commands')
-        stale = real_parameter(
-            self, 'stale_after', 0.06, 0.01, 1.0, 's; older joint_states: damping'
-        )
+        given = DeviceParameters(self)
+        rate = given.real('rate', MotionPolicy.rate, 'Hz of joint_commands', 50.0, 400.0)
+        stale = given.real('stale_after', 0.06, 's; older joint_states: damping', 0.01, 1.0)
         self._config = SafetyConfig(stale_after=stale)
         self._start_requested = options.start
         self._run: MotionRun | None = None

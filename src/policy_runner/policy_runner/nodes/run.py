@@ -9,15 +9,15 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
-from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
-from wattwalk_core.nodes.running import run_node
+from wattwalk_core.nodes.parameters import DeviceParameters
 
-from policy_runner.nodes.parameters import real_parameter
-from policy_runner.nodes.run_options import InputError, Options, command, parse
+from policy_runner.commands.run import main as main
+from policy_runner.nodes.run_options import Options
 from policy_runner.nodes.topic_inputs import Listener
 from policy_runner.policies.by_name import Policy, load_policy
 from policy_runner.supervisor.loop_timing import LoopTiming
@@ -43,13 +43,14 @@ class PolicyRunner(Node):
             self.declare_parameter('trust_code', options.trust_code, trusted).value
         )
         policy = load_policy(self._policy, trust_code=self._trust_code)
-        asked = self._parameter('rate', policy.rate, 10.0, 400.0, 'Hz at which it is asked')
+        given = DeviceParameters(self)
+        asked = given.real('rate', policy.rate, 'Hz at which it is asked', 10.0, 400.0)
         self._rate = None if asked == policy.rate else asked
         safety = SafetyConfig()
-        stale = self._parameter(
-            'stale_after', safety.stale_after, 0.01, 1.0, 's; older joint_states or imu: damping'
+        stale = given.real(
+            'stale_after', safety.stale_after, 's; older joint_states or imu: damping', 0.01, 1.0
         )
-        tilt = self._parameter('tilt', safety.tilt, 0.1, 1.5, 'rad; more from level: damping')
+        tilt = given.real('tilt', safety.tilt, 'rad; more from level: damping', 0.1, 1.5)
         self._start_wanted = options.start
         source = options.source()
         self._supervisor = Supervisor(
@@ -103,11 +104,6 @@ class PolicyRunner(Node):
         """Send a last damping command, if any was sent before."""
         if self._supervisor.state is not State.IDLE:
             self._send(Output(None))
-
-    def _parameter(
-        self, name: str, default: float, low: float, high: float, description: str
-    ) -> float:
-        return real_parameter(self, name, default, low, high, description)
 
     def _now(self) -> float:
         return float(self._time.now().nanoseconds) * 1e-9
@@ -173,10 +169,3 @@ class PolicyRunner(Node):
         sound = fault is None or fault.kind is FaultKind.STOP
         level = Level.OK if sound else Level.ERROR
         self._reporter.publish(Report(level, self._supervisor.reason, figures))
-
-
-@command
-def main(arguments: Sequence[str]) -> int:
-    """Run the node until it is interrupted; the drives are damped when it ends."""
-    options = parse(remove_ros_args(list(arguments)))
-    return run_node(lambda: PolicyRunner(options), arguments)

@@ -1,24 +1,18 @@
-"""The command line of the policy runner."""
+"""Options of the policy runner."""
 
-import argparse
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
-from policy_runner.policies.by_name import POLICIES
 from policy_runner.policies.velocity_commands import RandomCommands, SteadyCommand
-
-__all__ = ['InputError', 'Options', 'command', 'parse']
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the user asked for; InputError for what cannot be."""
+    """Options of the runner; InputError for values that cannot be."""
 
     policy: str = 'trot'
     start: bool = False
@@ -47,56 +41,3 @@ class Options:
             return None if self.velocity is None else SteadyCommand.parse(self.velocity)
         except ValueError as error:
             raise InputError(f'--velocity: {error}') from None
-
-
-def parse(arguments: Sequence[str]) -> Options:
-    """Read the arguments, ROS ones removed; SystemExit 2 for unknown ones."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run policy_runner run',
-        description='Run a walking policy on the robot, safely. It waits for the service start.',
-        epilog='example: ros2 run policy_runner run --policy pmp --start --velocity=0.6,0,0',
-    )
-    parser.add_argument(
-        '--policy', default='trot', help=f'{", ".join(POLICIES)}, a folder or a TorchScript file'
-    )
-    parser.add_argument(
-        '--start', action='store_true', help='stand up as soon as the robot is heard'
-    )
-    parser.add_argument(
-        '--restart-after',
-        type=float,
-        default=0.0,
-        metavar='S',
-        help='after a fault, start again once inputs were sound for S s; 0: never',
-    )
-    parser.add_argument(
-        '--random-commands', action='store_true', help='walk about instead of following cmd_vel'
-    )
-    parser.add_argument(
-        '--velocity',
-        metavar='VX,VY,YAW',
-        help='hold it (m/s, m/s, rad/s) instead of following cmd_vel',
-    )
-    parser.add_argument('--seed', type=int, default=0, help='of the random commands')
-    parser.add_argument(
-        '--trust-code',
-        action='store_true',
-        help='run TorchScript files: they are code, which may do anything; folders are not',
-    )
-    return Options(**vars(parser.parse_args(list(arguments))))
-
-
-def command(
-    body: Callable[[Sequence[str]], int | None],
-) -> Callable[[Sequence[str] | None], int]:
-    """Turn a function of the arguments into an entry point: 2 and one line for InputError."""
-
-    @wraps(body)
-    def main(args: Sequence[str] | None = None) -> int:
-        try:
-            return body(sys.argv[1:] if args is None else args) or 0
-        except InputError as error:
-            print(f'policy_runner: {error}', file=sys.stderr)
-            return 2
-
-    return main

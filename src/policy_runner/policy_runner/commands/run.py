@@ -1,0 +1,60 @@
+"""`ros2 run policy_runner run`: a walking policy on the robot, safely."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from wattwalk_core.command import command, own_arguments
+
+from policy_runner.nodes.run_options import Options
+from policy_runner.policies.by_name import POLICIES
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted; the drives are damped when it ends."""
+    arguments = sys.argv[1:] if args is None else list(args)
+    options = parse(own_arguments(arguments))
+
+    from wattwalk_core.nodes.running import run_node
+
+    from policy_runner.nodes.run import PolicyRunner
+
+    return run_node(lambda: PolicyRunner(options), arguments)
+
+
+def parse(arguments: Sequence[str]) -> Options:
+    """Read the arguments, ROS ones removed; SystemExit 2 for unknown ones."""
+    parser = argparse.ArgumentParser(
+        prog='ros2 run policy_runner run',
+        description='Run a walking policy on the robot, safely. It waits for the service start.',
+        epilog='example: ros2 run policy_runner run --policy pmp --start --velocity=0.6,0,0',
+    )
+    parser.add_argument(
+        '--policy', default='trot', help=f'{", ".join(POLICIES)}, a folder or a TorchScript file'
+    )
+    parser.add_argument(
+        '--start', action='store_true', help='stand up as soon as the robot is heard'
+    )
+    parser.add_argument(
+        '--restart-after',
+        type=float,
+        default=0.0,
+        metavar='S',
+        help='after a fault, start again once inputs were sound for S s; 0: never',
+    )
+    parser.add_argument(
+        '--random-commands', action='store_true', help='walk about instead of following cmd_vel'
+    )
+    parser.add_argument(
+        '--velocity',
+        metavar='VX,VY,YAW',
+        help='hold it (m/s, m/s, rad/s) instead of following cmd_vel',
+    )
+    parser.add_argument('--seed', type=int, default=0, help='of the random commands')
+    parser.add_argument(
+        '--trust-code',
+        action='store_true',
+        help='run TorchScript files: they are code, which may do anything; folders are not',
+    )
+    return Options(**vars(parser.parse_args(list(arguments))))
