@@ -39,7 +39,7 @@ DRIVE = 'LF_KFE'
 
 
 @dataclass(frozen=True)
-class Truth:
+class CalibrationTruth:
     """What the estimates should be; offset in s, drift in ppm, bandwidth in Hz."""
 
     voltage_gain: float
@@ -86,7 +86,7 @@ def bandwidth(meter: MeterParameters) -> float:
 
 def trial(
     blocks: Sequence[PlantBlock], seed: int, rate: float = 20_000.0
-) -> tuple[AnalyserComparison, Truth]:
+) -> tuple[AnalyserComparison, CalibrationTruth]:
     """One meter against one analyser."""
     random = np.random.default_rng([seed, 7])
     plant = Plant.load('anymal_c').unit(seed + 1)
@@ -113,7 +113,7 @@ def trial(
     at = (found.fit.clock.centre + log.start - shift) / (1.0 + 1e-6 * drift)
     start = (measured.start_ns - START_NS) / 1e9
     gain = float(parameters['current_gain'][0])
-    return found, Truth(
+    return found, CalibrationTruth(
         voltage_gain=1.0 / float(parameters['voltage_gain'][0]),
         current_gain=1.0 / gain,
         current_offset=-float(parameters['current_offset'][0]) / gain,
@@ -148,7 +148,7 @@ def _recording(
 
 
 def estimates(
-    found: AnalyserComparison, truth: Truth
+    found: AnalyserComparison, truth: CalibrationTruth
 ) -> dict[str, tuple[IntervalEstimate, float, float, str]]:
     """By name: the estimate, the truth, what to multiply both by, and the unit of that."""
     channels = found.channels

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import policy_folders
 import pytest
+import torch
 import yaml
 from policy_runner.policies.by_name import load_policy
 from policy_runner.policies.inputs import Inputs
@@ -169,7 +170,6 @@ def test_without_a_measured_velocity_it_is_estimated_from_the_legs(inputs):
 
 
 def test_torchscript_with_a_contract_beside_it_runs_as_the_folder_does(tmp_path, inputs):
-    torch = pytest.importorskip('torch')
     folder = policy_folders.save(tmp_path / 'p', scale=0.3)
     policy = load_policy(str(folder))
     weights = policy_folders.tensors(policy_folders.contract(), 0.3)
@@ -201,7 +201,6 @@ def test_torchscript_with_a_contract_beside_it_runs_as_the_folder_does(tmp_path,
 
 @pytest.mark.parametrize('contract', [True, False])
 def test_a_file_that_is_no_torchscript_is_refused(tmp_path, contract):
-    pytest.importorskip('torch')
     (tmp_path / 'x.pt').write_bytes(b'PK not really')
     if contract:
         folder = policy_folders.save(tmp_path / 'p')
@@ -211,7 +210,6 @@ def test_a_file_that_is_no_torchscript_is_refused(tmp_path, contract):
 
 
 def test_torchscript_is_not_even_opened_without_trust_in_its_code(tmp_path):
-    torch = pytest.importorskip('torch')
 
     class Trap(torch.nn.Module):
         def __init__(self, path: str):

@@ -1,16 +1,15 @@
+import mujoco
 import numpy as np
 import pytest
 from policy_runner.policies import kinematics
+from sim_bridge.plant.anymal_model import build_spec
 
 from wattwalk_core import anymal
-
-mujoco = pytest.importorskip('mujoco')
-robot = pytest.importorskip('sim_bridge.plant.robot')
 
 
 @pytest.fixture(scope='module')
 def model():
-    return robot.build_model()
+    return build_spec().compile()
 
 
 def poses(count, seed=1):
@@ -70,7 +69,7 @@ def test_places_out_of_reach_give_a_straight_leg_and_no_nan():
 
 
 def test_leg_weight_is_carried_by_the_torque_that_gravity_asks_for(model):
-    light = robot.build_model()
+    light = build_spec().compile()
     light.body_mass[1] = 1e6
     for position in poses(10):
         data = placed(light, position)

@@ -1,5 +1,6 @@
 """Policies behind the supervisor, on the simulated robot."""
 
+import mujoco
 import numpy as np
 import policy_folders
 import pytest
@@ -7,18 +8,16 @@ from policy_runner.policies.base_velocity import BaseVelocity
 from policy_runner.policies.by_name import load_policy
 from policy_runner.policies.trot import TROTS, ScriptedTrot
 from policy_runner.supervisor.safety import FaultKind
-from policy_runner.supervisor.supervisor import Output, State, Supervisor
+from policy_runner.supervisor.supervisor import State, Supervisor, SupervisorOutput
+from sim_bridge.plant.anymal_model import build_spec
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
-
-mujoco = pytest.importorskip('mujoco')
-robot = pytest.importorskip('sim_bridge.plant.robot')
 
 
 class Robot:
     """Ideal drives with friction; a supervisor is asked every 5 ms, as by the node."""
 
     def __init__(self, policy):
-        self.model = robot.build_model()
+        self.model = build_spec().compile()
         self.model.dof_damping[6:] = 5.0
         self.model.dof_frictionloss[6:] = 2.0
         self.data = mujoco.MjData(self.model)
@@ -153,7 +152,7 @@ def test_the_velocity_of_the_base_is_known_from_legs_and_imu(feels, limit):
         targets = trot.step(
             data.time, command, data.qpos[7:], machine.down(), spin, machine.velocity()
         )
-        machine.move(Output(targets))
+        machine.move(SupervisorOutput(targets))
         felt = data.sensor('imu_acceleration').data.copy()
         estimate = estimator.update(
             data.time,

@@ -1,12 +1,11 @@
+import mujoco
 import numpy as np
 import pytest
 from policy_runner.policies.trot import TROTS, ScriptedTrot
+from sim_bridge.plant.anymal_model import TIMESTEP, build_spec
+from sim_bridge.plant.terrain import FLAT, rough
 
 from wattwalk_core import anymal
-
-mujoco = pytest.importorskip('mujoco')
-robot = pytest.importorskip('sim_bridge.plant.robot')
-terrain = pytest.importorskip('sim_bridge.plant.terrain')
 
 STEPS = 10
 
@@ -14,8 +13,8 @@ STEPS = 10
 class Walk:
     """A robot with ideal drives whose gears have friction, under the scripted trot."""
 
-    def __init__(self, name='trot', ground=terrain.FLAT, seed=0, odometry=True):
-        self.model = robot.build_model(ground)
+    def __init__(self, name='trot', ground=FLAT, seed=0, odometry=True):
+        self.model = build_spec(ground).compile()
         self.model.dof_damping[6:] = 5.0
         self.model.dof_frictionloss[6:] = 2.0
         self.data = mujoco.MjData(self.model)
@@ -30,7 +29,7 @@ class Walk:
         data, rows = self.data, []
         if push is not None:
             data.qvel[:2] += push
-        for _ in range(round(seconds / (STEPS * robot.TIMESTEP))):
+        for _ in range(round(seconds / (STEPS * TIMESTEP))):
             rotation = data.xmat[1].reshape(3, 3)
             velocity = rotation.T @ data.qvel[:3]
             targets = self.trot.step(
@@ -100,7 +99,7 @@ def test_a_push_of_08_metres_a_second_is_caught_by_stepping(direction):
 
 @pytest.mark.parametrize('name', TROTS)
 def test_every_gait_walks_over_rough_ground(name):
-    walk = Walk(name, terrain.rough(7))
+    walk = Walk(name, rough(7))
     walk.run((0.4, 0.0, 0.0), 3.0)
     walk.run((0.3, 0.1, 0.4), 4.0, push=[0.3, -0.4])
     assert np.linalg.norm(walk.data.qpos[:2]) > 0.8

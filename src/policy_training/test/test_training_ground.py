@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 from policy_training.environment.ground import Ground, Relief, add_planes
-from sim_bridge.plant.robot import build_model, build_spec
+from sim_bridge.plant.anymal_model import build_spec
 from sim_bridge.plant.terrain import FLAT, Terrain
 from wattwalk_core.anymal import FOOT_NAMES, FOOT_RADIUS
 
@@ -16,7 +16,7 @@ def places(count, seed=0):
 
 
 def test_heights_are_those_of_mujocos_height_field_on_both_triangles_of_a_cell():
-    model = build_model(ROUGH)
+    model = build_spec(ROUGH).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     field = np.array([1, 0, 0, 0, 0, 0], np.uint8)

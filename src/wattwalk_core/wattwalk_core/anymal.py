@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 LEGS: Final = ('LF', 'RF', 'LH', 'RH')
-JOINT_NAMES: Final = tuple(f'{leg}_{joint}' for leg in LEGS for joint in ('HAA', 'HFE', 'KFE'))
+JOINT_TYPES: Final = ('HAA', 'HFE', 'KFE')
+JOINT_NAMES: Final = tuple(f'{leg}_{joint}' for leg in LEGS for joint in JOINT_TYPES)
 """Order of the 12 joints everywhere."""
 FOOT_NAMES: Final = tuple(f'{leg}_FOOT' for leg in LEGS)
 FRONT: Final = np.array([1.0, 1.0, -1.0, -1.0])
@@ -36,6 +37,7 @@ SHANK_IN_THIGH: Final = np.array([0.0, 0.1003, -0.285])  # m
 FOOT_IN_SHANK: Final = np.array([0.0880, 0.0131, -0.3155])  # m, centre of the foot's sphere
 FOOT_RADIUS: Final = 0.03  # m
 
+ROBOT_MASS: Final = 52.135  # kg, of all links
 BASE_MASS: Final = 26.373  # kg
 HIP_MASS: Final = 2.781  # kg
 THIGH_MASS: Final = 3.071  # kg

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from wattwalk_core.errors import InputError
+from wattwalk_core.physics import GRAVITY
 
-GRAVITY: Final = 9.81  # m/s²
 _LOAD: Final = re.compile(r'(?P<mass>[\d.]+) ?kg ?@ ?(?P<length>[\d.]+) ?m')
 
 

@@ -1,4 +1,4 @@
-"""The path of one joint through a segment that has a shape."""
+"""Path of one joint through a segment that has a shape."""
 
 import math
 
@@ -6,17 +6,17 @@ import numpy as np
 
 from drive_bench.motion.segment_path import Mounting, Ramps, SegmentPath, Target, half_cosine
 from drive_bench.motion.segments import Segment
-from drive_bench.motion.waves import Levels, Oscillation
+from drive_bench.motion.waves import LevelSequence, Oscillation
 
 _STEP = 1e-3  # s, of the integral of speed
 
 
 class WavePath(SegmentPath):
     """
-    The targets of a segment with a shape; in position mode after the way to its middle.
+    Targets of a segment with a shape; in position mode after the way to its middle.
 
-    Levels of position are led to by half cosines, those of speed and torque by ramps; squares of
-    position and torque jump. Where a torque takes the joint, nobody knows beforehand.
+    Half cosines join levels of position, ramps those of speed and torque; squares of position and
+    torque jump. Under torque commands the position is unknown beforehand.
     """
 
     def __init__(self, segment: Segment, start: float, mounting: Mounting, ramps: Ramps) -> None:
@@ -25,12 +25,12 @@ class WavePath(SegmentPath):
             self.way_seconds, self.seconds = 0.0, segment.seconds
         abrupt = math.isinf(ramps.acceleration)
         self._wave: Oscillation | None = None
-        self._levels: Levels | None = None
+        self._levels: LevelSequence | None = None
         if segment.shape in ('sine', 'chirp'):
             lowest = segment.lowest if segment.shape == 'chirp' else 0.0
             self._wave = Oscillation(segment.frequency, segment.seconds, lowest, abrupt)
         else:
-            self._levels = Levels(segment.shape, segment.frequency)
+            self._levels = LevelSequence(segment.shape, segment.frequency)
             self.change_seconds = self._change(self._levels.widest)
         self._travel = np.zeros(1)
         if segment.mode == 'velocity':

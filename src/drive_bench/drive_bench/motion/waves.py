@@ -37,8 +37,8 @@ class Oscillation:
         return share * sin(2.0 * pi * turns)
 
 
-class Levels:
-    """Levels of -1 to 1, each held for `rung` seconds: square, ladder or hold."""
+class LevelSequence:
+    """LevelSequence of -1 to 1, each held for `rung` seconds: square, ladder or hold."""
 
     def __init__(self, shape: str, frequency: float) -> None:
         self.levels = {'square': (1.0, -1.0), 'ladder': _LADDER, 'hold': (1.0,)}[shape]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig, TargetLimiter
-from policy_runner.supervisor.supervisor import Output, State, Supervisor
+from policy_runner.supervisor.supervisor import State, Supervisor, SupervisorOutput
 from wattwalk_core.errors import InputError
 
 from drive_bench.motion.file import MotionFile
@@ -226,7 +226,7 @@ class MotionRun:
         if self.active and self.policy.active and self.policy.left == 0.0:
             self._done = True
             self._supervisor.stop(now)
-            output = Output(None)
+            output = SupervisorOutput(None)
         if output is None:
             return None
         if output.targets is None:

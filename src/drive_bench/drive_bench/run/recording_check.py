@@ -23,7 +23,7 @@ _SMOOTH = 5  # samples of speed over which acceleration is taken
 
 
 @dataclass(frozen=True)
-class Row:
+class CheckRow:
     """One thing that was looked at; what is amiss is empty where all is well."""
 
     name: str
@@ -33,10 +33,10 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Check:
+class RecordingCheck:
     """Rows of a table, and figures by name for cards and files; None where nothing is known."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[CheckRow, ...]
     figures: dict[str, float | None]
 
     @property
@@ -53,7 +53,7 @@ class Check:
 
 def check(
     bag: Path, motion: MotionFile, drive: str, limits: JointLimits, complete: bool = True
-) -> Check:
+) -> RecordingCheck:
     """
     Read a bag back and compare one drive's recording with its motion.
 
@@ -64,7 +64,7 @@ def check(
         supply, joints = recording.drive_supply(), recording.joint_states()
         place, meter = joints.names.index(drive), supply.names.index(drive)
     except (InputError, ValueError) as error:
-        return Check((Row('recording', 'readable', 'no', str(error)),), {})
+        return RecordingCheck((CheckRow('recording', 'readable', 'no', str(error)),), {})
     rows, figures = _counts(recording, supply, joints)
     moving = _while_moving(recording, joints)
     more, reached = _coverage(motion, joints, place, moving, limits, complete)
@@ -75,12 +75,12 @@ def check(
         name: value if math.isfinite(value) else None
         for name, value in (figures | reached).items()
     }
-    return Check(tuple(rows + more), known)
+    return RecordingCheck(tuple(rows + more), known)
 
 
 def _counts(
     recording: Recording, supply: DriveSamples, joints: JointSamples
-) -> tuple[list[Row], dict[str, float]]:
+) -> tuple[list[CheckRow], dict[str, float]]:
     apart = np.diff(joints.stamp_ns)
     usual = float(np.median(apart)) if len(apart) else math.inf
     missing = int(np.rint(apart / usual - 1.0).clip(min=0).sum()) if len(apart) else 0
@@ -88,9 +88,9 @@ def _counts(
     rows = [
         _loss('drive_supply', len(supply), supply.lost),
         _loss('joint_states', len(joints), missing),
-        Row('joint_commands', 'recorded', f'{commands}', '' if commands else 'none recorded'),
+        CheckRow('joint_commands', 'recorded', f'{commands}', '' if commands else 'none recorded'),
     ]
-    rows += [Row('bag', 'whole', 'as far as it goes', text) for text in recording.problems]
+    rows += [CheckRow('bag', 'whole', 'as far as it goes', text) for text in recording.problems]
     return rows, {
         'supply_samples': len(supply),
         'supply_lost': supply.lost,
@@ -99,8 +99,8 @@ def _counts(
     }
 
 
-def _loss(name: str, count: int, lost: int) -> Row:
-    return Row(name, 'none lost', f'{count} samples', f'{lost} lost' if lost else '')
+def _loss(name: str, count: int, lost: int) -> CheckRow:
+    return CheckRow(name, 'none lost', f'{count} samples', f'{lost} lost' if lost else '')
 
 
 def _while_moving(recording: Recording, joints: JointSamples) -> slice:
@@ -118,7 +118,7 @@ def _coverage(
     moving: slice,
     limits: JointLimits,
     complete: bool,
-) -> tuple[list[Row], dict[str, float]]:
+) -> tuple[list[CheckRow], dict[str, float]]:
     position, speed, torque = (
         np.asarray(values[moving, place], np.float64)
         for values in (joints.position, joints.velocity, joints.effort)
@@ -126,7 +126,7 @@ def _coverage(
     read = np.isfinite(position) & np.isfinite(speed)
     unread = int(np.count_nonzero(~read))
     if np.count_nonzero(read) < 2 * _SMOOTH:
-        return [Row('motion', 'recorded', 'nothing', 'too few readings to tell')], {
+        return [CheckRow('motion', 'recorded', 'nothing', 'too few readings to tell')], {
             'unread': unread
         }
     seconds = np.median(np.diff(joints.stamp_ns[moving])) * 1e-9
@@ -145,13 +145,13 @@ def _coverage(
     rows = []
     if unread:
         text = f'{unread} without position or speed'
-        rows.append(Row('readings', 'all finite', text, text))
+        rows.append(CheckRow('readings', 'all finite', text, text))
     for name, unit in (('speed', 'rad/s'), ('torque', 'N·m'), ('acceleration', 'rad/s²')):
         wanted, got = asked[name], reached[name]
         short = complete and not saturates and got < _FELL_SHORT * wanted < math.inf
         note = 'more than the drive can follow, as meant' if saturates and got < wanted else ''
         rows.append(
-            Row(
+            CheckRow(
                 name,
                 f'{wanted:.3g} {unit}' if 0.0 < wanted < math.inf else '–',
                 (f'{got:.3g} {unit}' if math.isfinite(got) else 'unknown')
@@ -162,7 +162,7 @@ def _coverage(
     low, high = float(position[read].min()), float(position[read].max())
     beyond = max(limits.low - low, high - limits.high)
     rows.append(
-        Row(
+        CheckRow(
             'position',
             f'{limits.low:.3g}..{limits.high:.3g} rad',
             f'{low:.3g}..{high:.3g} rad',
@@ -180,41 +180,41 @@ def _coverage(
     return rows, {**figures, 'torque_clipped_percent': clipped, 'speed_over_percent': fast}
 
 
-def _share(name: str, limit: float, unit: str, percent: float, meant: bool) -> Row:
+def _share(name: str, limit: float, unit: str, percent: float, meant: bool) -> CheckRow:
     if math.isnan(percent):
-        return Row(name, f'never ({limit:g} {unit})', 'unknown')
+        return CheckRow(name, f'never ({limit:g} {unit})', 'unknown')
     text = f'{percent:.1f} % of the time'
-    return Row(name, f'never ({limit:g} {unit})', text, text if percent and not meant else '')
+    return CheckRow(name, f'never ({limit:g} {unit})', text, text if percent and not meant else '')
 
 
 def _electrical(
     motion: MotionFile, supply: DriveSamples, meter: int, complete: bool
-) -> tuple[list[Row], dict[str, float]]:
+) -> tuple[list[CheckRow], dict[str, float]]:
     measured = np.asarray(supply.power[:, meter], np.float64)
     sound = supply.status[:, meter] == 0
     good = sound & np.isfinite(measured)
     flagged, unread = (int(np.count_nonzero(each)) for each in (~sound, sound & ~good))
     told = f'{flagged} flagged' + (f', {unread} without a value' if unread else '')
-    meter_row = Row('meter', 'no flags', told, told if flagged or unread else '')
+    meter_row = CheckRow('meter', 'no flags', told, told if flagged or unread else '')
     figures = {'power_mean': math.nan, 'power_peak': math.nan}
     if good.any():
         power, voltage = measured[good], supply.voltage[good, meter]
         power_text = f'{power.mean():.1f} W, {power.min():.0f} to {power.max():.0f} W'
         rows = [
-            Row('power', '–', power_text, '' if power.any() else 'zero throughout'),
-            Row('voltage', '–', f'{voltage.min():.1f} to {voltage.max():.1f} V'),
+            CheckRow('power', '–', power_text, '' if power.any() else 'zero throughout'),
+            CheckRow('voltage', '–', f'{voltage.min():.1f} to {voltage.max():.1f} V'),
             meter_row,
         ]
         figures = {'power_mean': float(power.mean()), 'power_peak': float(power.max())}
     else:
-        rows = [Row('power', '–', 'unknown', 'no good sample'), meter_row]
+        rows = [CheckRow('power', '–', 'unknown', 'no good sample'), meter_row]
     warmth = supply.temperature[:, meter]
     known = warmth[np.isfinite(warmth)]
     if len(known):
         rise = float(known.max() - known[0])
         wanted = max(segment.until_warmer for segment in motion.segments)
         rows.append(
-            Row(
+            CheckRow(
                 'winding',
                 f'{wanted:g} K warmer' if wanted else '–',
                 f'{known[0]:.1f} to {known.max():.1f} °C, {known[-1]:.1f} °C at the end',
@@ -242,7 +242,7 @@ def _sharpest(segment: Segment) -> float:
     return 0.0
 
 
-def table(rows: Sequence[Row]) -> str:
+def table(rows: Sequence[CheckRow]) -> str:
     """The rows as text, aligned."""
     cells = [('', 'asked', 'reached', '')]
     cells += [

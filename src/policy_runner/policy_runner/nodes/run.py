@@ -22,7 +22,7 @@ from policy_runner.nodes.topic_inputs import Listener
 from policy_runner.policies.by_name import Policy, load_policy
 from policy_runner.supervisor.loop_timing import LoopTiming
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig
-from policy_runner.supervisor.supervisor import Output, State, Supervisor
+from policy_runner.supervisor.supervisor import State, Supervisor, SupervisorOutput
 
 _COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -103,7 +103,7 @@ class PolicyRunner(Node):
     def stop(self) -> None:
         """Send a last damping command, if any was sent before."""
         if self._supervisor.state is not State.IDLE:
-            self._send(Output(None))
+            self._send(SupervisorOutput(None))
 
     def _now(self) -> float:
         return float(self._time.now().nanoseconds) * 1e-9
@@ -128,7 +128,7 @@ class PolicyRunner(Node):
             self._timing.end(self._now())
         self._announce()
 
-    def _send(self, output: Output) -> None:
+    def _send(self, output: SupervisorOutput) -> None:
         message = JointState()
         message.header.stamp = self.get_clock().now().to_msg()
         message.name = list(JOINT_NAMES)

@@ -5,8 +5,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_RADIUS
+from wattwalk_core.physics import GRAVITY
 
-from policy_runner.policies.kinematics import GRAVITY, forward
+from policy_runner.policies.kinematics import forward
 
 Floats = NDArray[np.float64]
 

@@ -19,10 +19,9 @@ from wattwalk_core.anymal import (
     THIGH_IN_HIP,
     THIGH_MASS,
 )
+from wattwalk_core.physics import GRAVITY
 
 Floats = NDArray[np.float64]
-
-GRAVITY: Final = 9.81  # m/s²
 
 _HIP: Final = np.column_stack([HIP_IN_BASE[0] * FRONT, HIP_IN_BASE[1] * LEFT, np.zeros(4)])
 _AHEAD: Final = THIGH_IN_HIP[0] * FRONT

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.anymal import JOINT_NAMES, POSITION_GAIN, VELOCITY_GAIN
 from wattwalk_core.errors import InputError
 
 from policy_runner.policies.base_velocity import BaseVelocity
@@ -18,8 +18,6 @@ from policy_runner.policies.perceptron import Perceptron
 Floats = NDArray[np.float64]
 Network = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
-DRIVE_GAINS: Final = (80.0, 2.0)
-"""Stiffness in N·m/rad and damping in N·m·s/rad that the drives have in position mode."""
 _STAND_UP: Final = 1.5  # s
 _LONGEST_STEP: Final = 0.1  # s by which command and gait phase advance in one step
 _EARLY: Final = 0.25  # share of a period by which a step may come early
@@ -37,10 +35,10 @@ class LearnedPolicy:
         """network: observation [size] to action [12]. InputError for gains the drives lack."""
         for joint in contract.joints:
             gains = [contract.gains[joint].stiffness, contract.gains[joint].damping]
-            if not np.allclose(gains, DRIVE_GAINS, rtol=0.01):
+            if not np.allclose(gains, (POSITION_GAIN, VELOCITY_GAIN), rtol=0.01):
                 raise InputError(
                     f'policy {contract.name!r} was made for gains {gains} of {joint}; '
-                    f'the drives have {list(DRIVE_GAINS)}'
+                    f'the drives have {[POSITION_GAIN, VELOCITY_GAIN]}'
                 )
         self.contract = contract
         self.rate = contract.rate

@@ -43,7 +43,7 @@ _LARGEST: Final = 1e6
 
 
 @schema
-class Term:
+class ObservationTerm:
     """One term of an observation; scale is one number, or one per value."""
 
     name: str
@@ -78,7 +78,7 @@ class Observation:
 
     RENAMED: ClassVar = {'hurry': 'cadence_adaptation', 'command_slew': 'command_rate_limit'}
 
-    terms: tuple[Term, ...]
+    terms: tuple[ObservationTerm, ...]
     clip: Annotated[float, Quantity(1e-3, 1e6)] = 100.0
     stride_frequency: Annotated[float, Quantity(0.2, 5.0, 'Hz')] = 1.9
     cadence_adaptation: tuple[float, ...] = ()
@@ -131,18 +131,18 @@ class Observation:
 
 STANDARD: Final = Observation(
     (
-        Term('base_velocity', 2.0),
-        Term('angular_velocity', 0.25),
-        Term('gravity'),
-        Term('command', (2.0, 2.0, 0.25)),
-        Term('joint_position'),
-        Term('joint_velocity', 0.05),
-        Term('last_action'),
+        ObservationTerm('base_velocity', 2.0),
+        ObservationTerm('angular_velocity', 0.25),
+        ObservationTerm('gravity'),
+        ObservationTerm('command', (2.0, 2.0, 0.25)),
+        ObservationTerm('joint_position'),
+        ObservationTerm('joint_velocity', 0.05),
+        ObservationTerm('last_action'),
     )
 )
 """The 48 values of legged_gym's flat ANYmal, the observation of the paper's baseline [14]."""
 CLOCKED: Final = Observation(
-    (*STANDARD.terms, Term('gait_clock')),
+    (*STANDARD.terms, ObservationTerm('gait_clock')),
     cadence_adaptation=CADENCE_ADAPTATION,
     command_rate_limit=COMMAND_RATE_LIMIT,
 )

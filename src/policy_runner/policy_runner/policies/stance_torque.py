@@ -4,14 +4,14 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from wattwalk_core.anymal import FOOT_RADIUS
+from wattwalk_core.anymal import FOOT_RADIUS, ROBOT_MASS
+from wattwalk_core.physics import GRAVITY
 
-from policy_runner.policies.kinematics import GRAVITY, LegState
+from policy_runner.policies.kinematics import LegState
 from policy_runner.policies.trot_gait import Feedback
 
 Floats = NDArray[np.float64]
 
-ROBOT_MASS: Final = 52.135  # kg
 _FOOT_FORCE_LIMIT: Final = 500.0  # N, normal, of one foot
 _PUSH_LIMIT: Final = 120.0  # N, horizontal, of all feet
 

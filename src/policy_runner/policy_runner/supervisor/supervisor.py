@@ -31,7 +31,7 @@ class State(Enum):
 
 
 @dataclass(frozen=True)
-class Output:
+class SupervisorOutput:
     """What to send to the drives: targets, rad [D], or damping if there are none."""
 
     targets: Floats | None
@@ -123,7 +123,7 @@ class Supervisor:
         self._policy = policy
         return True, 'the policy is changed'
 
-    def update(self, now: float) -> Output | None:
+    def update(self, now: float) -> SupervisorOutput | None:
         """
         Take one step at time now, s; None while there is nothing to send.
 
@@ -144,7 +144,7 @@ class Supervisor:
             self._damp(fault, now)
         elif self.state is State.DAMPING:
             self._consider_restart(fault, now)
-        return Output(None) if self.state is State.DAMPING else None
+        return SupervisorOutput(None) if self.state is State.DAMPING else None
 
     def command(self, now: float) -> Floats:
         """Velocity command in force: vx, vy in m/s, yaw rate in rad/s [3]."""
@@ -168,7 +168,7 @@ class Supervisor:
             'velocity command': ' '.join(f'{value:.2f}' for value in self.command(now)),
         }
 
-    def _run(self, now: float) -> Output:
+    def _run(self, now: float) -> SupervisorOutput:
         if self.state is State.STANDING_UP and now - self._since >= self._policy.ramp:
             self.state = State.RUNNING
             self._since = now
@@ -179,13 +179,13 @@ class Supervisor:
         fault = self._monitor.targets(targets)
         if fault is not None:
             self._damp(fault, now)
-            return Output(None)
+            return SupervisorOutput(None)
         dt = max(now - self._last, 0.0)
         limited = self._limiter(targets, dt)
         if self.state is State.RUNNING:
             self._walked += dt
         self._last = now
-        return Output(limited)
+        return SupervisorOutput(limited)
 
     def _act(self, now: float, velocity: Floats | None) -> Floats:
         handover = self._handover

@@ -9,6 +9,7 @@ from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.observations import Observation
 from power_estimator.batch.power import BatchPower
 from wattwalk_core.anymal import DEFAULT_POSE
+from wattwalk_core.physics import GRAVITY
 
 from policy_training.config import TrainingConfig
 from policy_training.environment.power_term import predict_step
@@ -19,7 +20,6 @@ from policy_training.environment.velocity_commands import Commands
 Floats = NDArray[np.float64]
 
 ACTION_CLIP: Final = 100.0
-_GRAVITY: Final = 9.81  # m/s²
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class WalkingEnvironment:
         The observation without noise, load on each foot in units of half the weight, its time in
         the air, s, and the command before rate limiting, m/s, m/s and rad/s.
         """
-        load = self.motion.foot_force / (0.5 * _GRAVITY * self.robots.mass[:, None])
+        load = self.motion.foot_force / (0.5 * GRAVITY * self.robots.mass[:, None])
         return np.concatenate(
             [self._clean(), load, self._feet.air, self.commands.values], axis=1, dtype=np.float32
         )

@@ -7,8 +7,8 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 from policy_runner.policies.trot import TARGET_LIMITS
+from sim_bridge.plant.anymal_model import build_spec
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.robot import build_spec
 from sim_bridge.plant.terrain import Terrain
 from sim_bridge.sensors.sensors import into_base
 from wattwalk_core.anymal import DEFAULT_POSE, FOOT_NAMES, LEGS, STANDING_HEIGHT

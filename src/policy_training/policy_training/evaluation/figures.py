@@ -8,11 +8,12 @@ from typing import Any, Final
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
+from wattwalk_core.anymal import JOINT_TYPES
 from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
 from policy_training.evaluation.gait_cycle import Cycle
 
-PARTS: Final = ('electronics', 'idle', 'HAA', 'HFE', 'KFE')
+PARTS: Final = ('electronics', 'idle', *JOINT_TYPES)
 _PART_COLORS: Final = ('#8a949e', '#bcc4cc', '#56b4e9', '#009e73', '#d55e00')
 _LINES: Final = (COLORS['base'], COLORS['better'], COLORS['third'], '#cc79a7', '#e69f00')
 _SIGNALS: Final = {

@@ -15,21 +15,20 @@ from sim_bridge.offline.memory import gather
 from sim_bridge.offline.run import OfflineRun
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.simulation import Simulation
+from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.plant.terrain import FLAT, rough
 from sim_bridge.plant.world import stand_world, walking_world
+from wattwalk_core.anymal import JOINT_NAMES, ROBOT_MASS
 from wattwalk_core.errors import InputError
 
 from policy_training.evaluation.tasks import TASKS, Task
 
 Floats = NDArray[np.float64]
 
-JOINT_TYPES: Final = ('HAA', 'HFE', 'KFE')
 RAW_RATE: Final = 400.0  # Hz
 _SMOOTHING: Final = 1.0  # s, over which velocity is averaged to see whether it is steady
 _STEADY: Final = np.array([0.1, 0.1, 0.15])  # m/s, m/s, rad/s around the median
 _AFTER: Final = 1.5  # s for which a command must have held
-_MASS: Final = 52.135  # kg, of ANYmal C
 
 
 @dataclass(frozen=True)
@@ -109,19 +108,17 @@ def recorded_walk(path: Path, policy: str) -> Walk:
     vx, vy, yaw = (float(value) for value in rows[np.argmax(counts)])
     known = {task.command: task.name for task in TASKS}
     task = Task(known.get((vx, vy, yaw), f'{vx:g},{vy:g},{yaw:g}'), (vx, vy, yaw))
-    return walk_of(recording, policy, task, falls=_falls(recording), mass=_MASS)
+    return walk_of(recording, policy, task, falls=_falls(recording), mass=ROBOT_MASS)
 
 
 def idle_power(plant: Plant, duration: float = 0.5) -> float:
     """What the twelve drives draw together while nothing moves, W, by the meter's terminals."""
     total = 0.0
-    for kind in JOINT_TYPES:
-        for leg in ('LF', 'RF', 'LH', 'RH'):
-            simulation = Simulation(plant, stand_world(f'{leg}_{kind}'))
-            simulation.hold(JointCommand())
-            steps = round(duration / 0.0005)
-            blocks = [simulation.advance(400) for _ in range(max(steps // 400, 1))]
-            total += float(np.mean([block.power.mean() for block in blocks]))
+    for joint in JOINT_NAMES:
+        simulation = Simulation(plant, stand_world(joint))
+        simulation.hold(JointCommand())
+        blocks = [simulation.advance(400) for _ in range(max(round(duration / STEP) // 400, 1))]
+        total += float(np.mean([block.power.mean() for block in blocks]))
     return total
 
 

@@ -7,11 +7,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.model import PowerModel
+from wattwalk_core.anymal import JOINT_TYPES
+from wattwalk_core.physics import GRAVITY
 
 from policy_training.evaluation.gait_cycle import fast_share, gait_of
-from policy_training.evaluation.measured_walk import JOINT_TYPES, RAW_RATE, Walk
+from policy_training.evaluation.measured_walk import RAW_RATE, Walk
 
-GRAVITY: Final = 9.81  # m/s²
 _WALKING: Final = 0.05  # m/s, slower has no cost of transport
 
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from sim_bridge.plant.parameters import Plant
     from sim_bridge.plant.world import Stand
 
-_GRAVITY = 9.81  # m/s²
 _EPILOG = f"""motions:
 {listing()}
 
@@ -104,7 +103,7 @@ def main(args: Sequence[str] | None = None) -> int:
     from sim_bridge.plant.world import stand_world
 
     plant, stand = load_plant(options.plant, options.unit), _stand(options)
-    pull = _GRAVITY * stand.mass * stand.length
+    pull = Load(stand.mass, stand.length).pull
     wanted = bench_motion(
         options.motion,
         options.mode,

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from power_recordings.card import FILE, Card
-from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.anymal import JOINT_NAMES, JOINT_TYPES
 from wattwalk_core.command import command, own_arguments
 from wattwalk_core.errors import InputError
 
@@ -47,10 +47,9 @@ class RecordingPlan:
 def plans(which: str, seed: int = _SEED) -> tuple[RecordingPlan, ...]:
     """The recordings of the set `paper` or `robustness`; seed counts up from recording to it."""
     if which == 'paper':
-        types = ('HAA', 'HFE', 'KFE')
         return tuple(
             RecordingPlan(kind, seed + i, (f'LF_{kind}',), terrain='rough', pushes=True)
-            for i, kind in enumerate(types)
+            for i, kind in enumerate(JOINT_TYPES)
         )
     if which == 'robustness':
         return (

@@ -1,4 +1,4 @@
-"""What the drives move: the walking robot, or one drive on a stand."""
+"""Worlds that the drives move: the walking robot, or one drive on a stand."""
 
 from dataclasses import dataclass
 from math import pi
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_NAMES, JOINT_NAMES
 from wattwalk_core.errors import InputError
 
-from sim_bridge.plant.robot import TIMESTEP, FootForce, build_model, total_mass
+from sim_bridge.plant.anymal_model import TIMESTEP, FootForce, build_spec
 from sim_bridge.plant.terrain import FLAT, Terrain
 
 Floats = NDArray[np.float64]
@@ -30,18 +30,18 @@ class World:
 
     @property
     def floating(self) -> bool:
-        """Whether there is a base that moves freely."""
+        """True with a base that moves freely."""
         return self.feet is not None
 
     @property
     def mass(self) -> float:
-        """Of everything that moves, kg."""
-        return total_mass(self.model)
+        """Mass of all bodies, kg."""
+        return float(self.model.body_mass.sum())
 
 
 def walking_world(terrain: Terrain = FLAT) -> World:
     """ANYmal C, standing on a terrain; joints in the order of JOINT_NAMES."""
-    model = build_model(terrain)
+    model = build_spec(terrain).compile()
     start: Floats = np.array(model.key('default').qpos, dtype=np.float64)
     return World(model, JOINT_NAMES, start, FootForce(model))
 
@@ -49,7 +49,7 @@ def walking_world(terrain: Terrain = FLAT) -> World:
 @dataclass(frozen=True)
 class Stand:
     """
-    What one drive on a bench turns: a disc (inertia, kg·m²) and a pendulum (mass kg, length m).
+    Load of one drive on a bench: a disc (inertia, kg·m²) and a pendulum (mass kg, length m).
 
     InputError for a negative mass, length or inertia, or less than 1e-4 kg·m² in all.
     """
@@ -89,7 +89,7 @@ def stand_world(joint: str, stand: Stand | None = None) -> World:
 
 
 def fallen(world: World, data: mujoco.MjData) -> str | None:
-    """Why the robot no longer stands, in a few words, or None while it does."""
+    """Return the reason why the robot has fallen, in a few words, or None."""
     if not world.floating:
         return None
     upright = 1.0 - 2.0 * (data.qpos[4] ** 2 + data.qpos[5] ** 2)

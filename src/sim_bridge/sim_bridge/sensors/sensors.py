@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.physics import GRAVITY
 
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import JOINT_PERIOD, STEP, PlantBlock
@@ -15,7 +16,6 @@ Floats = NDArray[np.float64]
 Steps = NDArray[np.int64]
 TEMPERATURE_PERIOD: Final = 200  # steps: 10 Hz
 SUPPLY_PERIOD: Final = 20  # steps: 100 Hz
-GRAVITY: Final = 9.81  # m/s²
 _NOTHING = np.zeros(0)
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 _IMU_BANDWIDTH: Final = 150.0  # Hz

@@ -60,7 +60,7 @@ class EK1100(SlaveController):
 
 
 @dataclass
-class Faults:
+class TerminalFaults:
     """What can be wrong with a terminal, for tests."""
 
     frozen: bool = False
@@ -92,10 +92,10 @@ class EL3102(SlaveController):
         volts: Callable[[], Volts],
         product: int = _EL3102,
         revision: int = _REVISION,
-        faults: Faults | None = None,
+        faults: TerminalFaults | None = None,
     ) -> None:
         self._volts = volts
-        self.faults = faults or Faults()
+        self.faults = faults or TerminalFaults()
         self._toggle = 0
         self.objects: dict[tuple[int, int], bytes] = {}
         self._writable: set[tuple[int, int]] = set()

@@ -27,31 +27,7 @@ TIMESTEP: Final = 0.0005  # s
 ARMATURE: Final = 0.0675  # kg·m², mean of the drives fitted in arXiv 2509.06342
 FRICTION: Final = 1.0  # of feet and limbs on the ground, sliding
 
-_NET_FORCE: Final = 3  # how a contact sensor sums: all contacts, in the world's frame
-
-
-def build_model(
-    terrain: Terrain = FLAT,
-    *,
-    armature: float = ARMATURE,
-    payload: float = 0.0,
-    friction: float = FRICTION,
-    timestep: float = TIMESTEP,
-    contact_sensors: bool = False,
-) -> mujoco.MjModel:
-    """
-    Compile `build_spec`.
-
-    Raises ValueError where it does.
-    """
-    return build_spec(
-        terrain,
-        armature=armature,
-        payload=payload,
-        friction=friction,
-        timestep=timestep,
-        contact_sensors=contact_sensors,
-    ).compile()
+_NET_FORCE: Final = 3  # reduction of a contact sensor: sum of all contacts, world frame
 
 
 def build_spec(
@@ -64,13 +40,13 @@ def build_spec(
     contact_sensors: bool = False,
 ) -> mujoco.MjSpec:
     """
-    ANYmal C standing on a terrain, with a torque actuator per joint in JOINT_NAMES' order.
+    Return ANYmal C standing on a terrain, with a torque actuator per joint in JOINT_NAMES' order.
 
     armature: inertia of rotor and gears at the joint, kg·m². payload: kg added at the base's
     origin. friction: sliding, between robot and ground. Actuators neither limit nor dampen; the
     keyframe `default` stands in DEFAULT_POSE. Qpos [19] is base position, quaternion, joints.
-    contact_sensors: add, by name of the geom, a sensor of what touches the ground: the force on
-    each foot, N [3], and the number of contacts of base, hips, thighs and shanks.
+    contact_sensors: add sensors by name of the geom: the contact force on each foot, N [3], and
+    the number of contacts of base, hips, thighs and shanks.
     ValueError for a negative armature or timestep, or a payload below −10 kg.
     """
     if armature < 0.0 or timestep <= 0.0 or payload < -10.0 or friction < 0.0:
@@ -102,7 +78,7 @@ def build_spec(
 
 
 class FootForce:
-    """Reads the normal force on each foot out of a simulation."""
+    """Reader of the normal force on each foot of a simulation."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._foot = np.full(model.ngeom, len(FOOT_NAMES))
@@ -110,7 +86,7 @@ class FootForce:
             self._foot[model.geom(name).id] = index
 
     def __call__(self, data: mujoco.MjData) -> NDArray[np.float64]:
-        """Forces that the ground exerts along the contact normals, N [4], of the last step."""
+        """Return the ground's forces along the contact normals, N [4], of the last step."""
         contact = data.contact
         address = contact.efc_address
         acting = address >= 0
@@ -119,11 +95,6 @@ class FootForce:
         foot = self._foot[contact.geom[acting]].min(axis=1)
         normal = data.efc_force[address[acting]]
         return np.bincount(foot, weights=normal, minlength=5)[:4].astype(np.float64)
-
-
-def total_mass(model: mujoco.MjModel) -> float:
-    """Mass of everything that moves, kg."""
-    return float(model.body_mass.sum())
 
 
 def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
