@@ -1,8 +1,8 @@
 import numpy as np
 import torch
-from policy_training.commands.train import make_learner
 from policy_training.environment.vec_env import Mirror
 from policy_training.learning.imitation import imitate
+from policy_training.learning.training import make_learner
 
 TROT = {
     'imitation.gait': 'trot',

@@ -1,7 +1,7 @@
 import pytest
 import torch
-from policy_training.commands.train import make_learner
 from policy_training.learning.learner import _clip_advantages
+from policy_training.learning.training import make_learner
 
 
 @pytest.mark.parametrize('share', [0.0, 0.4])

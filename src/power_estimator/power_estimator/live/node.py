@@ -14,7 +14,6 @@ from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
-from power_estimator.commands.estimate import main as main
 from power_estimator.live.estimator import Estimate, LiveConfig
 from power_estimator.live.score import measured_power
 from power_estimator.live.session import LiveSession, Vector

@@ -7,7 +7,6 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
 from wattwalk_core.nodes.parameters import DeviceParameters
 
-from sim_bridge.commands.supply_instrument import main as main
 from sim_bridge.instruments.scpi import (
     RATED_CURRENT,
     RATED_VOLTAGE,

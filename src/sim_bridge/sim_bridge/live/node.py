@@ -15,7 +15,6 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 
-from sim_bridge.commands.sim import main as main
 from sim_bridge.live.frames import FrameEncoder, SimulatedBus
 from sim_bridge.live.joint_commands import joint_command
 from sim_bridge.live.node_parameters import NodeParameters

@@ -1,0 +1,93 @@
+"""Training from a config to the exported policy, with progress on stderr."""
+
+import torch
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+import policy_training
+from policy_training.config import TrainingConfig
+from policy_training.environment.environment import WalkingEnvironment
+from policy_training.environment.power_term import load_power
+from policy_training.learning.export import export_policy
+from policy_training.learning.learner import Learner, Round
+from policy_training.learning.run_folder import RunFolder
+
+
+def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
+    """Return a learner with the environment and the power model of a config."""
+    torch.set_num_threads(max(1, config.physics.threads or torch.get_num_threads()))
+    power = None
+    if config.power.model:
+        power = load_power(config.power.model, config.physics.environments)
+    return Learner(config, WalkingEnvironment(config, power=power), device)
+
+
+def imitate_expert(learner: Learner) -> None:
+    """Learn the config's scripted gait, with progress on stderr."""
+    console = Console(stderr=True)
+    with Progress(console=console) as bar:
+        task = bar.add_task(f'imitation of {learner.config.imitation.gait}', total=1.0)
+        error = learner.imitate_expert(lambda share: bar.update(task, completed=share))
+    console.print(f'RMS error of the actions: {error:.2f}')
+
+
+def train(
+    learner: Learner,
+    folder: RunFolder,
+    *,
+    seconds: float | None = None,
+    console: Console | None = None,
+) -> None:
+    """Train to the end of the config, or for some seconds; then export the policy."""
+    config = learner.config
+    terminal = Console(stderr=True) if console is None else console
+    bar = Progress(
+        TextColumn('{task.description}'),
+        BarColumn(),
+        TextColumn('{task.completed:.1f} of {task.total:.1f} M steps'),
+        TimeRemainingColumn(),
+        console=terminal,
+    )
+
+    def report(done: Round) -> None:
+        folder.add(done.iteration, done.steps, done.values)
+        bar.update(task, completed=done.steps / 1e6, description=_headline(config, done))
+        if done.iteration % config.checkpoint_every == 0:
+            folder.save(learner.checkpoint())
+
+    with bar:
+        task = bar.add_task(config.name, total=config.steps / 1e6)
+        try:
+            learner.run(config.iterations, report, seconds=seconds)
+        except KeyboardInterrupt:
+            terminal.print(f'stopped; --resume -o {folder.path} goes on')
+            raise
+        finally:
+            folder.save(learner.checkpoint())
+            folder.close()
+    rows = folder.curves()
+    export_policy(
+        folder.policy,
+        learner.actor_layers(),
+        config,
+        learner.environment.observation,
+        {
+            'software': f'policy_training {policy_training.__version__}',
+            'steps': learner.environment.steps,
+            'seed': config.seed,
+            'power_model': config.power.model,
+            'power_weight': config.power.weight,
+            'torque_weight': config.rewards.torques,
+            'last_round': rows[-1] if rows else {},
+        },
+    )
+    terminal.print(f'wrote {folder.policy}')
+
+
+def _headline(config: TrainingConfig, done: Round) -> str:
+    v = done.values
+    watts = f', {v["power/watts"]:.0f} W' if 'power/watts' in v else ''
+    return (
+        f'{config.name}: off by {v["error/velocity"]:.2f} m/s, {v["error/yaw"]:.2f} rad/s'
+        f'{watts}, {v["rate/all"] / 1e3:.1f} k steps/s'
+    )
