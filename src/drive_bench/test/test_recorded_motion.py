@@ -161,15 +161,16 @@ def test_an_emergency_stop_damps_and_the_bag_is_kept_as_incomplete(drive, bench,
     assert 'is kept, incomplete: emergency stop' in node.output
 
 
-def test_ctrl_c_damps_first_and_then_closes_the_bag(drive, bench, tmp_path):
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_damps_first_and_then_closes_the_bag(drive, bench, tmp_path, number):
     node = bench(LONG)
     moving(drive, node)
-    node.interrupt()
+    node.send_signal(number)
     assert node.wait(PATIENCE) == 130
     assert_damped(drive)
     assert card_in(tmp_path)['complete'] is False
     recording = Recording.open(tmp_path / 'bag')
-    assert recording.problems == (), 'the bag has its index'
+    assert recording.problems == (), 'the bag has its index and metadata.yaml'
     assert len(drive.commands[-1].position) == 0
 
 

@@ -1,3 +1,5 @@
+import signal
+
 import numpy as np
 import policy_folders
 import pytest
@@ -165,11 +167,13 @@ def test_a_bad_policy_folder_ends_with_one_line_and_code_2(node_process, tmp_pat
     assert 'Traceback' not in node.output
 
 
-def test_ctrl_c_leaves_the_drives_damped(robot, node_process):
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_the_drives_damped(robot, node_process, number):
     node = node_process('policy_runner', 'run', '--start', *PATIENT)
     wait_until(lambda: 'running' in robot.reasons, 'running')
-    node.interrupt()
+    node.send_signal(number)
     assert node.wait() == 0
+    assert 'Traceback' not in node.output
     wait_until(lambda: len(robot.commands[-1].position) == 0, 'a last damping command')
 
 

@@ -1,3 +1,4 @@
+import signal
 from itertools import pairwise
 
 import mujoco
@@ -18,6 +19,7 @@ from sim_bridge.plant.world import walking_world
 from sim_bridge.sensors.blocks import Instruments
 from wattwalk_core.anymal import FOOT_NAMES, JOINT_NAMES
 from wattwalk_core.errors import InputError
+from wattwalk_core.processes import find_program, wait_until
 
 TYPES = {
     '/drive_supply': 'drive_power_msgs/msg/DriveSupply',
@@ -46,6 +48,34 @@ def test_a_bag_has_the_live_systems_topics_types_and_rates(walk):
     assert counts['/joint_states'] == counts['/imu'] == counts['/foot_force'] == 1200
     assert counts['/supply'] == counts['/odom'] == 300
     assert counts['/diagnostics'] in (2, 3)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_closes_the_bag_with_its_metadata_and_card(node_process, tmp_path, number):
+    bag = tmp_path / 'walk'
+    run = ('sim_bridge', 'sim', '--offline', '--duration', '3600', '-o', str(bag))
+    process = node_process(*run)
+    process.ended_by_interrupt = (130,)
+    assert wait_until((bag / 'walk_0.mcap').exists)
+    process.send_signal(number)
+    assert process.wait() == 128 + number
+    assert process.last_line.startswith(f'sim: ended by {number.name} after ')
+    assert 'Traceback' not in process.output
+    assert (bag / 'metadata.yaml').exists()
+    recording = Recording.open(bag)
+    assert recording.problems == ()
+    seconds = len(recording.supply()) / 100
+    assert recording.card.other['complete'] is False
+    assert recording.card.other['ended'] == f'{number.name} after {seconds:g} s'
+
+
+def test_a_full_disk_leaves_no_folder(node_process, tmp_path):
+    sim = f'{find_program("ros2")} run sim_bridge sim --offline --duration 1'
+    process = node_process.command('bash', '-c', f'ulimit -f 1024; exec {sim} -o {tmp_path}/walk')
+    assert process.wait() == 2
+    assert 'may not grow further' in process.last_line
+    assert 'Traceback' not in process.output
+    assert not list(tmp_path.iterdir())
 
 
 def test_samples_are_complete_in_order_and_on_the_devices_clock(walk):

@@ -1,3 +1,5 @@
+import signal
+import subprocess
 import sys
 
 import pytest
@@ -28,6 +30,42 @@ def test_bad_input_ends_with_one_line_and_exit_code_2(capsys):
 
     assert refuse(['a']) == 2
     assert capsys.readouterr().err.endswith(": ['a'] are bad\n")
+
+
+WAITING = """
+import sys, time
+from wattwalk_core.command import command
+
+@command
+def main(args):
+    try:
+        print('ready', flush=True)
+        while True:
+            time.sleep(0.1)
+    except BaseException as error:
+        if 'import' in args:
+            raise ImportError('initialization failed') from error
+        raise
+    finally:
+        print('closed', flush=True)
+
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('arguments', [(), ('import',)])
+def test_a_signal_ends_a_command_after_its_finally_clauses_with_the_usual_code(number, arguments):
+    process = subprocess.Popen(
+        [sys.executable, '-c', WAITING, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline() == 'ready\n'
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (128 + number, 'closed\n', '')
 
 
 def test_control_characters_of_bad_input_do_not_reach_the_terminal():

@@ -1,10 +1,12 @@
 """Entry points of commands: one line on stderr and exit code 2 on bad input."""
 
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
 
 from wattwalk_core.errors import InputError
+from wattwalk_core.interruption import Interrupted, RaisedSignals
 
 
 def command(
@@ -13,18 +15,31 @@ def command(
     """
     Turn a function of the argument list into an entry point that returns an exit code.
 
-    InputError ends with its message on stderr and code 2, Ctrl-C with code 130.
+    InputError ends with its message on stderr and code 2, SIGINT (Ctrl-C) with code 130 and
+    SIGTERM with code 143, both after `finally` clauses.
     """
+
+    def say(message: object) -> None:
+        print(f'{sys.argv[0].rsplit("/", 1)[-1]}: {message}', file=sys.stderr)
 
     @wraps(body)
     def main(args: Sequence[str] | None = None) -> int:
-        try:
-            return body(args) or 0
-        except InputError as error:
-            print(f'{sys.argv[0].rsplit("/", 1)[-1]}: {error}', file=sys.stderr)
-            return 2
-        except KeyboardInterrupt:
-            return 130
+        with RaisedSignals() as signals:
+            try:
+                return body(args) or 0
+            except InputError as error:
+                say(error)
+                return 2
+            except KeyboardInterrupt as end:
+                number = end.number if isinstance(end, Interrupted) else signal.SIGINT
+                if str(end):
+                    say(end)
+            except Exception:
+                # Extension modules that a signal interrupts at their import raise ImportError.
+                if signals.received is None:
+                    raise
+                number = signals.received
+        return 128 + number
 
     return main
 

@@ -4,7 +4,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -141,6 +141,8 @@ class BagWriter:
             self.path.mkdir(parents=True)
             self._output = _Output(self.file)
         except OSError as error:
+            with suppress(OSError):
+                self.path.rmdir()
             raise RecordingError(f'cannot record to {self.path}: {advice(error)}') from error
         self._mcap.start('ros2', _LIBRARY)
         self._save()

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 from power_daq.bus.description import BusDescription
@@ -10,6 +11,7 @@ from power_recordings.reading.reader import Recording
 from power_recordings.writing.writer import BagWriter
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from wattwalk_core.errors import InputError
+from wattwalk_core.interruption import DeferredSignals, Interrupted
 
 import sim_bridge
 from sim_bridge.offline.bag_topics import BagTopics
@@ -71,6 +73,11 @@ class OfflineRun:
         self._session = Session(
             simulation, instruments, controller, Pushes(seed) if pushes else None, watch
         )
+
+    @property
+    def elapsed(self) -> float:
+        """Simulated time, s."""
+        return self._session.simulation.time
 
     def __iter__(self) -> Iterator[Telemetry]:
         """Telemetry in stretches of half a second."""
@@ -190,7 +197,11 @@ def write_bag(
     overwrite: bool = False,
     progress: bool = False,
 ) -> tuple[Event, ...]:
-    """Write a run and its card; returns falls and pushes, which are also in `diagnostics`."""
+    """
+    Write a run and its card; return falls and pushes, which are also in `diagnostics`.
+
+    SIGINT and SIGTERM end it with a closed bag whose card says so; then Interrupted is raised.
+    """
     events: list[Event] = []
     bar = Progress(
         TextColumn('{task.description}'),
@@ -199,6 +210,7 @@ def write_bag(
         TimeRemainingColumn(),
     )
     with (
+        DeferredSignals() as signals,
         BagWriter(output, overwrite=overwrite) as bag,
         bar if progress else nullcontext(),
     ):
@@ -211,7 +223,15 @@ def write_bag(
             for event in telemetry.events:
                 if progress and event.kind == 'fall':
                     bar.console.print(event.text)
+            if signals.received is not None:
+                break
+    number = signals.received
+    if number is not None:
+        ended = f'{number.name} after {run.elapsed:g} s'
+        card = replace(card, other={**card.other, 'complete': False, 'ended': ended})
     card.save(output)
+    if number is not None:
+        raise Interrupted(number, f'ended by {ended}; {output} is closed, incomplete')
     return tuple(events)
 
 
