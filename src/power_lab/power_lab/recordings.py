@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import describe, held_out
 from power_recordings.alignment.align import load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
-from power_recordings.card import FILE, Card
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
@@ -28,13 +28,16 @@ class Loaded:
     """Aligned recordings with what identifies them."""
 
     data: AlignedDataset
-    paths: tuple[Path, ...]
+    recordings: tuple[Recording, ...]
     identities: tuple[Mapping[str, str], ...]  # name and sha256
     controllers: tuple[str, ...]  # by recording, '' where unknown
 
+    @cached_property
     def smooth(self) -> AlignedDataset:
         """The same recordings as networks and proxies take them: 200 Hz, smoothed."""
-        return load_aligned(self.paths, rate=_SMOOTH_RATE, drives=self.data.names)
+        return load_aligned(
+            self.recordings, rate=_SMOOTH_RATE, drives=self.data.names, need_power=False
+        )
 
 
 def load(paths: Sequence[Path], drives: Sequence[str] = ()) -> Loaded:
@@ -47,28 +50,28 @@ def load(paths: Sequence[Path], drives: Sequence[str] = ()) -> Loaded:
         if not Path(path).exists():
             raise InputError(f'{path}: no such recording')
     recordings = [Recording.open(Path(path)) for path in paths]
-    data = load_aligned(recordings, rate=RATE, smooth=False, drives=_in_common(recordings))
+    data = load_aligned(
+        recordings, rate=RATE, smooth=False, drives=_in_common(recordings), need_power=False
+    )
     measured = data.measured_drives()
+    if not measured and np.isfinite(data.supply).any():
+        measured = data.names
     if not measured:
         raise InputError(
-            f'{", ".join(map(str, paths))}: no drive has electrical data (topic drive_supply)'
+            f'{", ".join(map(str, paths))}: no drive has electrical data (topic drive_supply), '
+            'nor has the robot (topic supply)'
         )
     missing = [name for name in drives if name not in measured]
     if missing:
         raise InputError(
             f'drive {missing[0]!r} was not measured; measured are {", ".join(measured)}'
         )
-    identities = []
-    controllers = []
-    for path in paths:
-        known = describe(Path(path))
-        identities.append({'name': known.name, 'sha256': known.sha256})
-        folder = Path(path) if Path(path).is_dir() else Path(path).parent
-        card = Card.load(folder) if (folder / FILE).exists() else Card()
-        controllers.append(card.controller)
-    chosen = list(drives) or list(measured)
+    known = [describe(recording.path) for recording in recordings]
     return Loaded(
-        data.drives(chosen), tuple(map(Path, paths)), tuple(identities), tuple(controllers)
+        data.drives(list(drives) or list(measured)),
+        tuple(recordings),
+        tuple({'name': one.name, 'sha256': one.sha256} for one in known),
+        tuple(str(one.card.get('controller', '')) for one in known),
     )
 
 
@@ -110,9 +113,9 @@ class Unseen:
     partly: bool  # whether it was trained on some of the samples
 
 
-def power_unseen(loaded: Loaded, smooth: AlignedDataset, model: PowerModel) -> Unseen:
+def power_unseen(loaded: Loaded, model: PowerModel) -> Unseen:
     """A model's power; of a network that knows the recordings, on its test part only."""
-    power = power_on(loaded.data, smooth, model)
+    power = power_on(loaded.data, loaded.smooth, model)
     partly = False
     if isinstance(model, PowerPredictionNetwork):
         own = [TrainingRecording(one['name'], one['sha256']) for one in loaded.identities]
@@ -125,13 +128,13 @@ def power_unseen(loaded: Loaded, smooth: AlignedDataset, model: PowerModel) -> U
     return Unseen(power, partly)
 
 
-def base_power(loaded: Loaded, spec: str, smooth: AlignedDataset | None = None) -> Unseen:
+def base_power(loaded: Loaded, spec: str) -> Unseen:
     """
     Power of the model that effects stand on, as `power_unseen` gives it.
 
     InputError where a network's test part leaves too little of a drive to decide anything.
     """
-    found = power_unseen(loaded, smooth or loaded.smooth(), load_model(spec))
+    found = power_unseen(loaded, load_model(spec))
     if not np.isfinite(found.power).any() and not found.partly:
         raise InputError(f'{spec} says nothing about {", ".join(loaded.data.names)}')
     if found.partly:

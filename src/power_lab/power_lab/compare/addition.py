@@ -46,7 +46,9 @@ def held_out_errors(own: Material, model: EffectModel, catalogue: Catalogue) -> 
     """Cross-validated error of a model's structure on the material, W by drive."""
     terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
     examiner = Examiner(own.fitter())
-    evidence = examiner.examine(examiner.fitter.fit(model.structure.plus(*terms), iterations=4))
+    evidence = examiner.examine(
+        examiner.fitter.fit(own.structure(model.structure.actives).plus(*terms), iterations=4)
+    )
     return {
         drive: float(f'{value:.4g}')
         for drive, value in zip(own.prepared.names, evidence.rmse, strict=True)

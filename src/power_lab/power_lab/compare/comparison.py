@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from power_estimator.drive_types import infer_types
 from power_estimator.effects import Catalogue
-from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.fitter import Blocks, measurement_terms
 from power_estimator.effects.fit.folds import FOLDS, Folds
 from power_estimator.effects.fit.training import Material, material
@@ -19,7 +19,6 @@ from power_estimator.evaluation.scores import score
 from power_estimator.loader import load_model
 from power_estimator.model import PowerModel
 from power_estimator.proxies import Proxy
-from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
 from power_lab.compare.evidence import Examiner
@@ -115,14 +114,12 @@ def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Compa
     """
     models = [open_model(spec, catalogue) for spec in specs]
     plain = material(loaded.data)
-    smooth = None
     judged = []
     for spec, model in zip(specs, models, strict=True):
         if isinstance(model, EffectModel):
             base = None
             if model.base is not None:
-                smooth = smooth or loaded.smooth()
-                base = base_power(loaded, model.base, smooth)
+                base = base_power(loaded, model.base)
             if _knows(model, loaded):
                 judged.append(_refitted(model, loaded, base, plain, catalogue))
             else:
@@ -130,11 +127,10 @@ def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Compa
                 how = _ON_BASE if base is not None and base.partly else 'other recordings'
                 judged.append(_plain(model.name, model.effects, power, plain, how))
             continue
-        smooth = smooth or loaded.smooth()
         if isinstance(model, Proxy):
-            judged.append(_proxy(model, loaded, smooth, plain))
+            judged.append(_proxy(model, loaded, plain))
         else:
-            judged.append(_network(spec, model, loaded, smooth, plain))
+            judged.append(_network(spec, model, loaded, plain))
     return _together(judged, models, plain, loaded)
 
 
@@ -162,7 +158,7 @@ def _plain(
     name: str, effects: Sequence[str], power: NDArray[np.float32], own: Material, how: str
 ) -> Judged:
     prepared = own.prepared
-    estimated = prepared.reduced(np.asarray(_rows(power, own), dtype=np.float64))
+    estimated = _metered(power, own)
     delay = _best_delay(prepared, lambda delay: prepared.power_at(delay) - estimated)
     measured = prepared.power_at(delay)
     return Judged(name, tuple(effects), how, measured - estimated, measured, delay)
@@ -183,6 +179,20 @@ def _best_delay(prepared: Prepared, residual_at: Callable[[float], Floats]) -> f
     return delay
 
 
+def _with_unit(proxy: Proxy, loaded: Loaded) -> Proxy:
+    """The proxy with any unit: that of its power where drives were metered, else 1 W each."""
+    if loaded.data.measured_drives():
+        return proxy.fit(loaded.smooth)
+    types = infer_types(loaded.data.names)
+    return replace(proxy, types=types, factors={kind.name: 1.0 for kind in types})
+
+
+def _metered(power: NDArray[np.float32], own: Material) -> Floats:
+    """The model's power [T, D] as the meters see it, W [N, M]."""
+    reduced = own.prepared.reduced(np.asarray(_rows(power, own), dtype=np.float64))
+    return reduced.sum(axis=1, keepdims=True) if own.prepared.whole else reduced
+
+
 def _rows(power: NDArray[np.float32], own: Material) -> NDArray[np.float32]:
     if len(power) != len(own.prepared.signals.time):
         raise InputError('the recording has samples without position, velocity or torque')
@@ -197,7 +207,7 @@ def _refitted(
         own = material(loaded.data, base=base.power, catalogue=catalogue)
     terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
     examiner = Examiner(own.fitter())
-    fit = examiner.fitter.fit(Structure(model.structure.actives).plus(*terms), iterations=4)
+    fit = examiner.fitter.fit(own.structure(model.structure.actives).plus(*terms), iterations=4)
     found = examiner.residual(examiner.examine(fit), all_rows=True)
     measured = plain.prepared.power_at(fit.delay)
     residual = np.full(measured.shape, np.nan)
@@ -208,13 +218,13 @@ def _refitted(
     return Judged(model.name, model.effects, how, residual, measured, fit.delay)
 
 
-def _proxy(proxy: Proxy, loaded: Loaded, smooth: AlignedDataset, own: Material) -> Judged:
+def _proxy(proxy: Proxy, loaded: Loaded, own: Material) -> Judged:
     """Scaled on the folds that are not judged."""
     prepared = own.prepared
     blocks = own.fitter().blocks
     folds = Folds.of(blocks)
-    unscaled = power_on(loaded.data, smooth, proxy.fit(smooth))
-    signal = prepared.reduced(np.asarray(_rows(unscaled, own), dtype=np.float64))
+    unscaled = power_on(loaded.data, loaded.smooth, _with_unit(proxy, loaded))
+    signal = _metered(unscaled, own)
     known = np.isfinite(signal) & prepared.measured
 
     def residual_at(delay: float) -> Floats:
@@ -235,10 +245,8 @@ def _proxy(proxy: Proxy, loaded: Loaded, smooth: AlignedDataset, own: Material) 
     return Judged(proxy.name, (), 'cross-validated', residual_at(delay), measured, delay)
 
 
-def _network(
-    spec: str, model: PowerModel, loaded: Loaded, smooth: AlignedDataset, own: Material
-) -> Judged:
-    found = power_unseen(loaded, smooth, model)
+def _network(spec: str, model: PowerModel, loaded: Loaded, own: Material) -> Judged:
+    found = power_unseen(loaded, model)
     if not np.isfinite(found.power).any():
         raise InputError(f'{spec} says nothing about {", ".join(loaded.data.names)}')
     how = 'its test part' if found.partly else 'other recordings'
@@ -263,11 +271,20 @@ def _together(
     for one, model in zip(judged, given, strict=True):
         residual = np.where(common, one.residual, np.nan)
         regimes = worst_regimes(
-            residual, state, prepared.names, labels, scale=prepared.signals.scale
+            by_drive(residual, prepared),
+            state,
+            prepared.signals.names,
+            labels,
+            scale=prepared.signals.scale,
         )
         at_bound = model.at_bound if isinstance(model, EffectModel) else ()
         models.append(replace(one, residual=residual, regimes=tuple(regimes), at_bound=at_bound))
     return Comparison(prepared, tuple(models), state, labels)
+
+
+def by_drive(residual: Floats, prepared: Prepared) -> Floats:
+    """Residual of the meters [N, M] beside each drive's state, [N, D]."""
+    return np.broadcast_to(residual, (len(residual), len(prepared.signals.names)))
 
 
 def describe_state(
@@ -283,7 +300,7 @@ def describe_state(
     if force is not None and len(force) == len(prepared.signals.time):
         loads = prepared.reduced(np.nan_to_num(np.asarray(force, dtype=np.float64)))
         words = np.full(shape, '', dtype='<U6')
-        for drive, name in enumerate(prepared.names):
+        for drive, name in enumerate(prepared.signals.names):
             leg = name.split('_')[0].upper()
             if leg in _LEGS and loads.shape[1] == len(_LEGS):
                 stands = loads[:, _LEGS.index(leg)] > _STANCE

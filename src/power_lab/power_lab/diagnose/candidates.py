@@ -6,6 +6,7 @@ from power_estimator.effects import Catalogue, Effect, Signals, Term
 from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter
+from power_estimator.effects.fit.whole_robot import shared_by_size
 
 Floats = NDArray[np.float64]
 
@@ -28,14 +29,15 @@ class Freed(Effect):
 
 def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Active]:
     """Physical effects that the base has not, in every usable shape."""
-    signals = fitter.prepared.signals
+    signals, whole = fitter.prepared.signals, fitter.prepared.whole
+    known = {name.partition('@')[0] for name in base.names}
     effects = [
         effect if effect.fixed is None else Freed(effect)
         for effect in catalogue.physics()
-        if effect.name not in base.names and (effect.fixed is None or fitter.builder.base is None)
+        if effect.name not in known and (effect.fixed is None or fitter.builder.base is None)
     ]
     return [
-        Active.of(effect, shape)
+        Active.of(shared_by_size(effect, signals) if whole else effect, shape)
         for effect in effects
         for shape in effect.shapes_of(signals.scale)
         if effect.usable(signals, **shape)

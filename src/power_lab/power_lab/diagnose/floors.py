@@ -24,7 +24,8 @@ def floors(fitter: Fitter, least: float, share: float) -> Floats:
 def unseen(prepared: Prepared, fit: Fit) -> Floats:
     """W [D]: structure that the sampling of the joint signals alone may put on."""
     columns = fit.structure.columns_of('copper_loss')
-    copper = fit.coefficients[:, columns[0]] if columns else np.zeros(len(prepared.names))
+    drives = len(prepared.signals.names)
+    copper = fit.coefficients[:, columns[0]] if columns else np.zeros(drives)
     return prepared.unseen(copper)
 
 

@@ -99,9 +99,10 @@ def check_measurement(
         values, bounds = fit.coefficients[:, columns[0]], intervals[:, columns[0]]
         size = np.sqrt(np.nanmean(np.square(fit.design.columns[..., columns[0]]), axis=0))
         if name == 'velocity_lag':
-            values, bounds = values + prepared.lag, bounds + prepared.lag[:, None]
+            lag = prepared.lag.mean(keepdims=True) if prepared.whole else prepared.lag
+            values, bounds = values + lag, bounds + lag[:, None]
         if name == 'current_offset' and fit.structure.columns_of('idle'):
-            if other_recording:
+            if other_recording and not prepared.whole:
                 values, bounds = _against_idle(model, fit, prepared, values, bounds)
             else:
                 bounds = bounds + _UNKNOWN_OFFSET

@@ -11,11 +11,11 @@ from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.folds import Folds
-from power_estimator.effects.fit.training import material
+from power_estimator.effects.fit.training import LEAST_SECONDS, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.model import PowerModel
 
-from power_lab.compare.comparison import describe_state
+from power_lab.compare.comparison import by_drive, describe_state
 from power_lab.compare.evidence import Evidence
 from power_lab.compare.regimes import Regime, worst_regimes
 from power_lab.diagnose.diagnosis import Candidate, Diagnoser, Diagnosis
@@ -163,18 +163,19 @@ def diagnose(
     if model.base is not None:
         under = base_power(loaded, model.base)
         base, seen = under.power, under.partly
-    own = material(loaded.data, base=base, catalogue=catalogue)
+    own = material(loaded.data, base=base, catalogue=catalogue, least=LEAST_SECONDS)
     fitter = own.fitter(per_drive=True)
     terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
-    diagnoser = Diagnoser(fitter, model.structure.plus(*terms), catalogue, seed)
+    structure = own.structure(model.structure.actives)
+    diagnoser = Diagnoser(fitter, structure.plus(*terms), catalogue, seed)
     diagnosis = diagnoser.run()
     state, labels = describe_state(own.prepared, loaded)
     examiner = diagnoser.examiner
 
     def regimes_of(evidence: Evidence) -> tuple[Regime, ...]:
-        residual = examiner.residual(evidence)
-        names = own.prepared.names
-        return tuple(worst_regimes(residual, state, names, labels, scale=fitter.scale))
+        signals = own.prepared.signals
+        residual = by_drive(examiner.residual(evidence), own.prepared)
+        return tuple(worst_regimes(residual, state, signals.names, labels, scale=signals.scale))
 
     known = {entry.get('sha256') for entry in model.fitted_on}
     other = not seen and not any(entry['sha256'] in known for entry in loaded.identities)

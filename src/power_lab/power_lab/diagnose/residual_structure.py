@@ -58,7 +58,8 @@ def examine_leftover(
                 continue
             rows = blocks.rows[use]
             target = residual[rows, drive]
-            features = np.stack([state[name][rows, drive] for name in STATE], axis=-1)
+            own = range(len(prepared.signals.names)) if prepared.whole else (drive,)
+            features = np.stack([state[name][rows, d] for d in own for name in STATE], axis=-1)
             trees = _trees(features, target, folds, use, seed)
             left = target - trees
             others = [d for d in range(drives) if d != drive]

@@ -188,7 +188,7 @@ class DesignBuilder:
         joined = np.concatenate(columns, axis=2) if columns else np.empty((*count, 0))
         constant = self.constant(point, joined)
         return Design(
-            structure, joined, constant, *structure.bounds(coefficients, point.signals.scale)
+            structure, joined, constant, *structure.bounds(coefficients, self.prepared.scale)
         )
 
     def columns(self, active: Active, point: Linearisation) -> Floats:

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Active, BasePower, Design, DesignBuilder, Structure
+from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import REDUCED_RATE, Prepared
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
 
-BLOCK_SECONDS = 1.0
+BLOCK_SECONDS = (1.0, 0.5, 0.25, 0.1)
+_FEWEST_BLOCKS = 15
 _LEAST_USED = 0.5  # of the rows of a block must be resolved
 _BOOTSTRAPS = 200
 _BOOTSTRAP_BLOCK = 5  # blocks drawn together
@@ -29,7 +31,7 @@ _NEAR = 3  # delays on either side of a known one
 
 @dataclass(frozen=True)
 class Blocks:
-    """Stretches of one second of reduced samples; what is drawn, left out and scored."""
+    """Stretches of a second of reduced samples, less of a short recording: what is scored."""
 
     starts: NDArray[np.intp]  # [B] first row of each
     length: int
@@ -41,12 +43,15 @@ class Blocks:
     @classmethod
     def of(cls, prepared: Prepared) -> 'Blocks':
         """Cut prepared signals into blocks that cross no gap."""
-        length = round(BLOCK_SECONDS * REDUCED_RATE)
-        starts = [
-            start
-            for part in prepared.reducer.stretches()
-            for start in range(part.start, part.stop - length + 1, length)
-        ]
+        for seconds in BLOCK_SECONDS:
+            length = round(seconds * REDUCED_RATE)
+            starts = [
+                start
+                for part in prepared.reducer.stretches()
+                for start in range(part.start, part.stop - length + 1, length)
+            ]
+            if len(starts) >= _FEWEST_BLOCKS:
+                break
         first = np.array(starts, dtype=np.intp)
         rows = first[:, None] + np.arange(length)
         use = prepared.resolved[rows]
@@ -152,7 +157,9 @@ class Fitter:
         """groups: drives that share coefficients, by index; base: a model underneath."""
         self.prepared = prepared
         self.blocks = Blocks.of(prepared)
-        self.builder = DesignBuilder(prepared, base)
+        self.builder = (
+            WholeBuilder(prepared, base) if prepared.whole else DesignBuilder(prepared, base)
+        )
         count = len(prepared.names)
         self.groups = [list(g) for g in groups] if groups else [[d] for d in range(count)]
         noise = np.where(np.isfinite(prepared.noise), prepared.noise, 0.1 * self.scale.power)
@@ -160,8 +167,8 @@ class Fitter:
 
     @property
     def scale(self) -> DriveScale:
-        """Of the drives."""
-        return self.prepared.signals.scale
+        """Of the meters."""
+        return self.prepared.scale
 
     def leave_out(self, events: NDArray[np.bool_]) -> None:
         """Take blocks of drives [B, D] out of all that follows."""

@@ -14,13 +14,16 @@ from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, BasePower, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
 from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.fit.whole_robot import column_of, expanded, share_of
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
 from power_estimator.effects.signals.prepared import Prepared, prepare
 
 Floats = NDArray[np.float64]
 
 LEAST_SECONDS = 20.0
-"""Less than this decides nothing: the slowest walking pattern repeats every second or two."""
+"""Less than this says nothing of what is missing: walking repeats every second or two."""
+LEAST_TO_FIT = 1.5
+"""Seconds for a fit of a few coefficients, whose intervals then say how little is known."""
 _LEAST_SPEED, _LEAST_TORQUE = 0.05, 0.3  # rad/s, N·m, standard deviations
 
 
@@ -32,8 +35,16 @@ class Material:
     types: tuple[DriveType, ...]
     underlay: BasePower | None = None
 
+    def structure(self, actives: Sequence[Active]) -> Structure:
+        """Structure of the effects as these signals may show them."""
+        if self.prepared.whole:
+            return Structure(expanded(actives, self.prepared.signals))
+        return Structure(tuple(actives))
+
     def fitter(self, *, per_drive: bool = False) -> Fitter:
         """With drives of a type sharing coefficients unless per_drive."""
+        if self.prepared.whole:
+            return Fitter(self.prepared, base=self.underlay)
         columns = assign(self.prepared.names, self.types)
         groups = None if per_drive else [own for own in columns.values() if own]
         return Fitter(self.prepared, groups=groups, base=self.underlay)
@@ -45,6 +56,7 @@ def material(
     per: str = 'type',
     base: NDArray[np.float32] | None = None,
     catalogue: Catalogue | None = None,
+    least: float = LEAST_TO_FIT,
 ) -> Material:
     """
     Prepare aligned data (400 Hz, not smoothed) for fitting and judging.
@@ -55,10 +67,10 @@ def material(
     if base is not None:
         data = _without_unknown(data, base)
     prepared = prepare(data)
-    _require_excitation(prepared)
-    drives = prepared.names
+    _require_excitation(prepared, least)
+    drives = prepared.signals.names
     types = infer_types(drives)
-    if per == 'drive':
+    if per == 'drive' or prepared.whole:
         types = tuple(DriveType(name, (name,)) for name in drives)
     underlay = None
     if base is not None:
@@ -86,47 +98,57 @@ def fit_model(
     Shapes that an effect leaves open are searched. Returns the model and the fit behind it.
     """
     _require_usable(material.prepared, effects)
-    structure = Structure(tuple(effects))
+    structure = material.structure(effects)
     terms = measurement_terms(catalogue, shaft='shaft' in structure.names)
     fitter = material.fitter()
     whole = shaped(fitter, Folds.of(fitter.blocks), structure.plus(*terms))
     fit = fitter.fit(whole, iterations=5)
     intervals = fitter.intervals(fit, seed)
-    chosen = Structure(tuple(a for a in whole.actives if a.effect.kind == 'physics'))
+    shapes = {active.name: active.shape for active in whole.actives}
+    chosen = Structure(
+        tuple(replace(active, shape=shapes.get(active.name, active.shape)) for active in effects)
+    )
     model = EffectModel(
         name=name,
         structure=chosen,
-        groups=_groups(material, fit, intervals),
+        groups=_groups(material, fit, intervals, chosen),
         base=base,
+        metered='robot' if material.prepared.whole else 'drives',
         fitted_on=tuple(fitted_on),
     )
     return model, fit
 
 
-def _groups(material: Material, fit: Fit, intervals: Floats) -> tuple[DriveGroup, ...]:
-    prepared = material.prepared
-    voltage = np.median(prepared.signals.voltage, axis=0)
+def _groups(
+    material: Material, fit: Fit, intervals: Floats, chosen: Structure
+) -> tuple[DriveGroup, ...]:
+    prepared, signals = material.prepared, material.prepared.signals
+    voltage = np.median(signals.voltage, axis=0)
     groups = []
     for kind in material.types:
-        own = assign(prepared.names, material.types)[kind.name]
+        own = assign(signals.names, material.types)[kind.name]
         if not own:
             continue
         first = own[0]
-        coefficients: dict[str, tuple[FittedValue, ...]] = {}
-        measurement: dict[str, FittedValue] = {}
-        for active in fit.structure.free:
-            values = tuple(
-                FittedValue(
-                    float(fit.coefficients[first, column]),
-                    (float(intervals[first, column, 0]), float(intervals[first, column, 1])),
-                    fit.at_bound(first, column),
-                )
-                for column in fit.structure.columns_of(active.name)
+        meter = 0 if prepared.whole else first
+
+        def value(column: int, share: float = 1.0, meter: int = meter) -> FittedValue:
+            low, high = (share * float(bound) for bound in intervals[meter, column])
+            found = share * float(fit.coefficients[meter, column])
+            return FittedValue(found, (low, high), fit.at_bound(meter, column))
+
+        coefficients = {}
+        for active in chosen.free:
+            share = share_of(fit.structure, active.name, first, signals.names).tolist()
+            coefficients[active.name] = tuple(
+                value(column_of(fit.structure, active.name, signals.names[first], term), factor)
+                for term, factor in enumerate(share)
             )
-            if active.effect.kind == 'physics':
-                coefficients[active.name] = values
-            elif active.effect.kind == 'measurement':
-                measurement[active.name] = values[0]
+        measurement = {
+            active.name: value(fit.structure.columns_of(active.name)[0])
+            for active in fit.structure.free
+            if active.effect.kind == 'measurement'
+        }
         measurement['time_offset'] = FittedValue(fit.delay, (fit.delay, fit.delay))
         copper = 0.0 if material.underlay is None else float(material.underlay.copper[first])
         constant = float(prepared.torque_constant[first])
@@ -138,7 +160,7 @@ def _groups(material: Material, fit: Fit, intervals: Floats) -> tuple[DriveGroup
                 velocity_lag=float(np.mean(prepared.lag[own])),
                 voltage=float(np.mean(voltage[own])),
                 copper=copper,
-                scale=prepared.signals.scale.of(first),
+                scale=signals.scale.of(first),
                 torque_constant=constant if np.isfinite(constant) else None,
             )
         )
@@ -157,11 +179,11 @@ def _require_usable(prepared: Prepared, effects: Sequence[Active]) -> None:
             )
 
 
-def _require_excitation(prepared: Prepared) -> None:
-    if prepared.seconds < LEAST_SECONDS:
+def _require_excitation(prepared: Prepared, least: float) -> None:
+    if prepared.seconds < least:
         raise InputError(
             f'{", ".join(prepared.recordings)}: {prepared.seconds:.0f} s without gaps decide '
-            f'nothing; record {LEAST_SECONDS:.0f} s or more (a few minutes are better)'
+            f'nothing; record {least:g} s or more (a few minutes are better)'
         )
     speed = prepared.signals.velocity.std(axis=0)
     torque = prepared.signals.torque.std(axis=0)

@@ -58,6 +58,7 @@ class EffectModel:
     structure: Structure
     groups: tuple[DriveGroup, ...] = ()
     base: str | None = None
+    metered: Literal['drives', 'robot'] = 'drives'  # whose power it was fitted to
     fitted_on: tuple[Mapping[str, str], ...] = ()  # name and sha256
     history: tuple[Mapping[str, Any], ...] = ()
     base_model: PowerModel | None = field(default=None, compare=False)

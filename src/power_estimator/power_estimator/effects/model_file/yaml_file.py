@@ -14,6 +14,7 @@ from wattwalk_core.yaml_file import dump_yaml, read_yaml
 from power_estimator.drive_types import DriveType
 from power_estimator.effects import Catalogue, Effect, Term
 from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.whole_robot import COMMON
 from power_estimator.effects.model_file.model import (
     NOMINAL_VOLTAGE,
     DriveGroup,
@@ -61,6 +62,7 @@ class _ModelContent:
     format: Literal['power_model/1'] = FORMAT
     name: Name | None = None
     base: Name | None = None
+    metered: Literal['drives', 'robot'] = 'drives'
     drives: dict[str, _GroupContent] | None = None
     fitted_on: tuple[dict[str, Name], ...] | None = None
     history: tuple[dict[str, Any], ...] | None = None
@@ -80,6 +82,8 @@ def write_model(model: EffectModel, path: Path) -> None:
     content: dict[str, Any] = {'format': FORMAT, 'name': model.name}
     if model.base:
         content['base'] = model.base
+    if model.metered != 'drives':
+        content['metered'] = model.metered
     content['effects'] = {
         active.name: dict(active.parameters) or None for active in model.structure.actives
     }
@@ -143,11 +147,9 @@ def read_model(path: Path, catalogue: Catalogue) -> EffectModel:
     return EffectModel(
         name=content.name or path.stem,
         structure=structure,
-        groups=tuple(
-            _group(name, group, structure, catalogue, f'{where}: {name}')
-            for name, group in (content.drives or {}).items()
-        ),
+        groups=_groups(content, structure, catalogue, where),
         base=content.base,
+        metered=content.metered,
         fitted_on=content.fitted_on or (),
         history=content.history or (),
     )
@@ -191,33 +193,55 @@ def _structure(content: _ModelContent, catalogue: Catalogue, where: str) -> Stru
     return Structure(tuple(actives))
 
 
+def _groups(
+    content: _ModelContent, structure: Structure, catalogue: Catalogue, where: str
+) -> tuple[DriveGroup, ...]:
+    drives = content.drives or {}
+    scales = [_scale(group, f'{where}: {name}') for name, group in drives.items()]
+    whole = DriveScale.stack(scales).whole() if drives and content.metered == 'robot' else None
+    return tuple(
+        _group(name, group, structure, catalogue, f'{where}: {name}', whole)
+        for name, group in drives.items()
+    )
+
+
+def _scale(content: _GroupContent, where: str) -> tuple[float, ...]:
+    if content.scale is None:
+        return REFERENCE
+    if set(content.scale) != set(_FACTORS):
+        raise InputError(
+            f'{where}: scale must give {", ".join(_FACTORS)}, not {quoted(content.scale)}'
+        )
+    return tuple(content.scale[factor] for factor in _FACTORS)
+
+
 def _group(
-    name: str, content: _GroupContent, structure: Structure, catalogue: Catalogue, where: str
+    name: str,
+    content: _GroupContent,
+    structure: Structure,
+    catalogue: Catalogue,
+    where: str,
+    whole: DriveScale | None,
 ) -> DriveGroup:
     given, active = content.coefficients, {entry.name for entry in structure.free}
     for effect in given:
         catalogue.get_known(effect, where)
         if effect not in active:
             raise InputError(f'{where}: coefficients of {effect!r}, which is not active')
-    factors = REFERENCE
-    if content.scale is not None:
-        if set(content.scale) != set(_FACTORS):
-            raise InputError(
-                f'{where}: scale must give {", ".join(_FACTORS)}, not {quoted(content.scale)}'
-            )
-        factors = tuple(content.scale[factor] for factor in _FACTORS)
+    factors = _scale(content, where)
     scale = DriveScale.stack([factors])
     coefficients = {}
     for entry in structure.free:
         if entry.name not in given:
             raise InputError(f'{where}: has no coefficients of {entry.name!r}; fit the model')
-        coefficients[entry.name] = _values(entry.effect, given[entry.name], scale, where)
+        size = whole if whole and entry.name in COMMON else scale
+        coefficients[entry.name] = _values(entry.effect, given[entry.name], size, where)
     measurement = {}
     for term, value in (content.measurement or {}).items():
         effect = catalogue.get_known(term, where)
         if effect.kind != 'measurement':
             raise InputError(f'{where}: measurement has {term!r}, which is none of its errors')
-        measurement[term] = _values(effect, (value,), scale, where)[0]
+        measurement[term] = _values(effect, (value,), whole or scale, where)[0]
     return DriveGroup(
         type=DriveType(name, content.patterns or (f'*_{name}', name)),
         coefficients=coefficients,

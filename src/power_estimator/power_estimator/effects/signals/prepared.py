@@ -16,6 +16,8 @@ from power_estimator.effects.signals.sizing import drive_scale, torque_constants
 
 Floats = NDArray[np.float64]
 
+WHOLE = 'robot'
+"""Name of the meter of a whole robot."""
 CUTOFF = 12.5
 """Hz, of the zero-phase low-pass that products and power pass alike (Section II-A)."""
 REDUCED_RATE = 50.0
@@ -89,26 +91,33 @@ class Reducer:
 @dataclass(frozen=True)
 class Prepared:
     """
-    Signals of D measured drives with the power reduced at every delay.
+    Signals of D drives with the power of M meters reduced at every delay.
 
-    Reduced arrays have N rows at 50 Hz.
+    Each drive has a meter, or there is one for the whole robot. Reduced arrays have N rows at
+    50 Hz.
     """
 
     signals: Signals  # at the input rate
     reducer: Reducer
-    power: NDArray[np.float32]  # W [S, N, D], at S delays
+    power: NDArray[np.float32]  # W [S, N, M], at S delays
     shifts: Floats  # s [S]
     time: Floats  # s [N]
     recording: NDArray[np.int32]  # [N]
     recordings: tuple[str, ...]
     lag: Floats  # s [D], of the velocity's filter, corrected
     torque_constant: Floats  # N·m/A [D], NaN where the torque is none that is computed here
-    noise: Floats  # W [D], of the reduced power
+    noise: Floats  # W [M], of the reduced power
+    whole: bool = False  # one meter for the robot
 
     @property
     def names(self) -> tuple[str, ...]:
-        """D drives."""
-        return self.signals.names
+        """M meters: the drives, or the robot."""
+        return (WHOLE,) if self.whole else self.signals.names
+
+    @property
+    def scale(self) -> DriveScale:
+        """Of the meters."""
+        return self.signals.scale.whole() if self.whole else self.signals.scale
 
     @property
     def seconds(self) -> float:
@@ -117,13 +126,13 @@ class Prepared:
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
-        """[N, D] where the power was measured."""
+        """[N, M] where the power was measured."""
         return np.asarray(np.isfinite(self.power).all(axis=0))
 
     @cached_property
     def resolved(self) -> NDArray[np.bool_]:
         """
-        [N, D] where the joint signals are sampled finely enough to multiply.
+        [N, M] where the joint signals are sampled finely enough to multiply.
 
         What torque·w does between two samples is of the size of torque·(second difference of w)
         and w·(second difference of torque); where that is many times its usual size in motion (a
@@ -137,11 +146,12 @@ class Prepared:
         in_motion = np.where(moves | ~moves.any(axis=0), size, np.nan)
         limit = np.square(_UNRESOLVED) * np.nanmedian(in_motion, axis=0)
         limit = np.maximum(limit, np.nanquantile(in_motion, 1.0 - _MOST_UNRESOLVED, axis=0))
-        return np.asarray(size <= limit)
+        fine = np.asarray(size <= limit)
+        return np.ones((len(fine), 1), dtype=bool) if self.whole else fine
 
     def unseen(self, copper: Floats) -> Floats:
         """
-        Power that passes between the samples of the joint signals unseen, W rms [D].
+        Power that passes between the samples of the joint signals unseen, W rms [M].
 
         What torque·w and copper·torque² (copper in W/(N·m)² [D]) have near half the sampling rate,
         folded down: as much again, or less, folds down from the sampling rate itself, where
@@ -152,8 +162,8 @@ class Prepared:
         parts = [s.torque * s.velocity, copper * np.square(s.torque)]
         folded = [np.square(self.reduced(part * sign)) for part in parts]
         used = np.where(self.resolved, folded[0] + folded[1], np.nan)
-        size: Floats = np.sqrt(np.nanmean(used, axis=0))
-        return size
+        mean: Floats = np.nanmean(used, axis=0)
+        return np.sqrt(mean.sum(keepdims=True) if self.whole else mean)
 
     def _bend(self, values: Floats) -> Floats:
         out = np.zeros_like(values)
@@ -240,6 +250,9 @@ def prepare(data: AlignedDataset) -> Prepared:
     contradict each other.
     """
     drives = data.measured_drives()
+    whole = not drives and bool(np.isfinite(data.supply).any())
+    if whole:
+        drives = data.names
     if not drives:
         raise InputError(
             'no drive has electrical data (drive_supply): power was not measured in '
@@ -266,7 +279,8 @@ def prepare(data: AlignedDataset) -> Prepared:
             f'no stretch of {data.time.size / data.rate:.1f} s of data is longer than 1 s without '
             'a gap'
         )
-    power = np.stack([reducer.reduce(data.power, shift) for shift in shifts.tolist()])
+    meters = data.supply[:, None] if whole else data.power
+    power = np.stack([reducer.reduce(meters, shift) for shift in shifts.tolist()])
     centres = reducer.centres()
     return Prepared(
         signals=signals,
@@ -278,7 +292,8 @@ def prepare(data: AlignedDataset) -> Prepared:
         recordings=data.recordings,
         lag=lag,
         torque_constant=np.array([constants.get(name, np.nan) for name in data.names]),
-        noise=_meter_noise(data, reducer),
+        noise=_meter_noise(data, meters, reducer),
+        whole=whole,
     )
 
 
@@ -360,22 +375,22 @@ def _fill_voltage(data: AlignedDataset) -> AlignedDataset:
     return replace(data, voltage=np.where(np.isfinite(voltage), voltage, middle))
 
 
-def _meter_noise(data: AlignedDataset, reducer: Reducer) -> Floats:
-    """White noise of the power after reduction, W [D], from its quietest half seconds."""
+def _meter_noise(data: AlignedDataset, meters: NDArray[np.float32], reducer: Reducer) -> Floats:
+    """White noise of the power [T, M] after reduction, W [M], from its quietest half seconds."""
     length = max(16, round(data.rate / 2))
     share = float(np.sqrt(np.sum(np.square(reducer._taps(0.0)))))
-    noise = np.full(len(data.names), np.nan)
-    for drive in range(len(data.names)):
+    noise = np.full(meters.shape[1], np.nan)
+    for meter in range(meters.shape[1]):
         spreads = []
         for part in data.segments():
-            rows = np.asarray(data.power[part, drive], dtype=np.float64)
+            rows = np.asarray(meters[part, meter], dtype=np.float64)
             kinks = np.diff(rows, n=2) / np.sqrt(6.0)
             whole = kinks[: len(kinks) // length * length].reshape(-1, length)
             spreads.append(whole[np.isfinite(whole).all(axis=1)].std(axis=1))
         joined = np.concatenate(spreads) if spreads else np.empty(0)
         joined = joined[joined > 0]
         if joined.size:
-            noise[drive] = share * float(np.quantile(joined, 0.1))
+            noise[meter] = share * float(np.quantile(joined, 0.1))
     return noise
 
 

@@ -55,6 +55,16 @@ class DriveScale:
         """Factors of some drives, in that order."""
         return type(self)(*(values[drives] for values in astuple(self)))
 
+    def whole(self) -> Self:
+        """Scale [1] of the meter of a robot that has these drives, and the power of all."""
+        return type(self)(
+            self.torque.min(keepdims=True),
+            self.speed.max(keepdims=True),
+            self.power.sum(keepdims=True),
+            self.voltage.max(keepdims=True),
+            self.gain.max(keepdims=True),
+        )
+
     @property
     def standstill(self) -> Floats:
         """Speed below which friction's sign fades out, rad/s [D]."""
@@ -101,7 +111,8 @@ def scale_of(
 
     groups: columns of drives that are built alike and share the largest figures. Torque scales
     down only where it visibly costs more copper loss than the reference drive could have: a
-    recording without load says nothing about the size of its drive.
+    recording without load says nothing about the size of its drive. Where the power of a drive was
+    not measured, its torque alone says it.
     """
     factors = np.ones((torque.shape[1], 5))
     for group in map(list, groups):
@@ -109,6 +120,8 @@ def scale_of(
         if known.any():
             given = (x[known][:, group] for x in (torque, velocity, voltage, power))
             factors[group, :4] = _factors(*given)
+        else:
+            factors[group, :3] = _mechanical(torque[:, group], velocity[:, group])
     factors[:, 4] = np.where(at_motor, _UNKNOWN_CONSTANT, 1.0)
     return DriveScale(*factors.T)
 
@@ -136,6 +149,14 @@ def _factors(torque: Floats, velocity: Floats, voltage: Floats, power: Floats) -
     ratio = float(np.median(voltage)) / VOLTAGE
     alike = 1.0 / _ALIKE_VOLTAGE < ratio < _ALIKE_VOLTAGE or not ratio > 0.0
     return np.array([for_torque, for_speed, for_power, 1.0 if alike else ratio])
+
+
+def _mechanical(torque: Floats, velocity: Floats) -> Floats:
+    load, top = (float(np.nanquantile(np.abs(x), 0.99, axis=0).max()) for x in (torque, velocity))
+    for_speed = top / SPEED if top > _ALIKE * SPEED else 1.0
+    alike = TORQUE / _ALIKE < load < TORQUE * _ALIKE or load == 0.0
+    for_torque = 1.0 if alike else load / TORQUE
+    return np.array([for_torque, for_speed, for_torque * for_speed])
 
 
 def _copper(torque: Floats, velocity: Floats, power: Floats) -> float:

@@ -1,6 +1,6 @@
 """Torque constants and scales of drives from their recordings."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,31 +26,40 @@ def torque_constants(data: AlignedDataset) -> dict[str, float]:
     """
     N·m/A of drives whose torque is a current, from the power that it makes with the speed.
 
-    Regresses P on i·w, i², |w| and 1. Drives that are alike share the mean. 1 for drives that do
-    not turn enough to tell.
+    Regresses P on i·w, i², |w| and 1; the power of a whole robot on those of all its drives.
+    Drives that are alike share the mean. 1 for drives that do not turn enough to tell.
     """
+    own = [d for d, name in enumerate(data.names) if name in data.current_as_torque]
+    whole = not data.measured_drives()
+    if whole:
+        values = _constants(data, range(len(data.names)), data.supply)
+    else:
+        values = {d: _constants(data, (d,), data.power[:, d])[d] for d in own}
     found: dict[str, float] = {}
     for group in assign(data.names, infer_types(data.names)).values():
-        own = [d for d in group if data.names[d] in data.current_as_torque]
-        values = [_torque_constant(*_known(data, drive)) for drive in own]
-        known = [value for value in values if value > 0.0]
-        found |= {data.names[d]: float(np.mean(known)) if known else 1.0 for d in own}
+        members = [d for d in group if d in own]
+        known = [values[d] for d in members if values[d] > 0.0]
+        found |= {data.names[d]: float(np.mean(known)) if known else 1.0 for d in members}
     return found
 
 
-def _known(data: AlignedDataset, drive: int) -> tuple[Floats, Floats, Floats]:
-    signals = (data.torque[:, drive], data.velocity[:, drive], data.power[:, drive])
-    good = np.isfinite(np.sum(signals, axis=0))
-    current, velocity, power = (values[good].astype(np.float64) for values in signals)
-    return current, velocity, power
-
-
-def _torque_constant(current: Floats, velocity: Floats, power: Floats) -> float:
+def _constants(
+    data: AlignedDataset, drives: Sequence[int], power: NDArray[np.float32]
+) -> dict[int, float]:
+    """N·m/A by drive, 0 where it does not show in the power [T]."""
+    current, velocity = (
+        x[:, list(drives)].astype(np.float64) for x in (data.torque, data.velocity)
+    )
+    good = np.isfinite(power) & np.isfinite(current + velocity).all(axis=1)
+    if good.sum() < 4 * len(drives) + 4:
+        return dict.fromkeys(drives, 0.0)
+    current, velocity, watts = current[good], velocity[good], power[good].astype(np.float64)
     shaft = current * velocity
-    columns = np.stack([shaft, current**2, np.abs(velocity), np.ones_like(shaft)], axis=1)
-    constant = float(np.linalg.lstsq(columns, power, rcond=None)[0][0])
-    shows = abs(constant) * shaft.std() > _LEAST_SHOWN * power.std()
-    return constant if shows else 0.0
+    parts = [shaft, current**2, np.abs(velocity), np.ones((len(shaft), 1))]
+    weights, *_ = np.linalg.lstsq(np.concatenate(parts, axis=1), watts, rcond=None)
+    constants = weights[: shaft.shape[1]]
+    shows = np.abs(constants) * shaft.std(axis=0) > _LEAST_SHOWN * watts.std() / len(drives)
+    return {d: float(c) if s else 0.0 for d, c, s in zip(drives, constants, shows, strict=True)}
 
 
 def drive_scale(data: AlignedDataset) -> DriveScale:
