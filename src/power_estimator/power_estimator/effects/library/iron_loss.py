@@ -10,7 +10,10 @@ from power_estimator.effects.effect import (
     log_speed,
     smooth_sign,
 )
+from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.effects.signals.state import Signals
+
+_LARGEST = 50.0  # times the bound that tells iron loss from friction
 
 
 class IronLoss(Effect):
@@ -56,3 +59,8 @@ class IronLoss(Effect):
     def usable(self, signals: Signals, *, carried: float = 0.0, **_: float) -> bool:
         """The torque of the motor has in it what the current of iron loss adds."""
         return carried == 0.0 or not bool(signals.at_motor.all())
+
+    def factors(self, scale: DriveScale) -> Floats:
+        """Up to a friction's size where the torque is the motor's and friction is no rival."""
+        wide = np.where(scale.gain > 1.0, _LARGEST, 1.0)
+        return super().factors(scale) * wide[:, None]
