@@ -51,7 +51,7 @@ def _joints() -> Any:
     return JointState(name=DRIVES, position=numbers, velocity=numbers, effort=numbers)
 
 
-class Source(Node):
+class LoadSource(Node):
     """Publishes at the rates of the live system, the running number in the frame_id."""
 
     def __init__(self, seconds: float) -> None:
@@ -109,7 +109,7 @@ class Source(Node):
         return {**sent, **costs, 'source cpu': share}
 
 
-class Sink(Node):
+class LoadSink(Node):
     """Notes age and number of each message until none has come for two seconds."""
 
     def __init__(self) -> None:
@@ -157,7 +157,7 @@ class Sink(Node):
 
 def _role(role: str, seconds: float) -> None:
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = Source(seconds) if role == 'source' else Sink()
+    node = LoadSource(seconds) if role == 'source' else LoadSink()
     try:
         rclpy.spin_until_future_complete(node, node.done)
     except (KeyboardInterrupt, ExternalShutdownException):

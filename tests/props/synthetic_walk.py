@@ -3,9 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from power_recordings.alignment.align import align
+from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.messages import cdr
+from power_recordings.reading.reader import Recording
 from power_recordings.writing.writer import BagWriter
 
 START = 1_700_000_000_000_000_000
@@ -15,6 +19,25 @@ FEET = ('LF_FOOT', 'RF_FOOT', 'LH_FOOT', 'RH_FOOT')
 
 def stamps(rate: float, seconds: float) -> np.ndarray:
     return START + np.rint(np.arange(round(rate * seconds)) * 1e9 / rate).astype(np.int64)
+
+
+def aligned(walk: 'Walk', folder: Path, **options: Any) -> AlignedDataset:
+    """Write a walk into a folder and align it."""
+    return align(Recording.open(walk.write(folder / 'walk')), **options)
+
+
+def seconds(data: AlignedDataset) -> np.ndarray:
+    """Time since the start of a walk."""
+    return data.time - START / 1e9
+
+
+def spans(data: AlignedDataset) -> list[tuple[float, float]]:
+    time = seconds(data)
+    return [(time[part][0], time[part][-1]) for part in data.segments()]
+
+
+def wave(time: np.ndarray, frequency: float, phase: float = 0.0) -> np.ndarray:
+    return np.sin(2 * np.pi * frequency * time + phase)
 
 
 @dataclass

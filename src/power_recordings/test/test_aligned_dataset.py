@@ -1,8 +1,16 @@
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from power_recordings.alignment.align import load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.messages import cdr
+from wattwalk_core.errors import InputError
+
+Make = Callable[..., Any]
 
 
 def dataset() -> AlignedDataset:
@@ -67,3 +75,38 @@ def test_drives_are_taken_by_name_in_the_order_asked_for() -> None:
 def test_measured_drives_are_those_with_any_power() -> None:
     assert dataset().measured_drives() == ('LF_HAA',)
     assert dataset().position_error.tolist() == np.ones((6, 2)).tolist()
+
+
+def test_recordings_are_joined_and_stay_apart(walk: Make, tmp_path: Path) -> None:
+    first = walk(3.0)
+    first.drop_supply(slice(1500, 1501))
+    second = walk(2.0)
+    second.current[:] = 5.0
+    second.topics['/foot_force'] = (
+        cdr.JOINT_STATE,
+        second.joint_stamps,
+        cdr.encode_joint_states(second.joint_stamps, ['LF_FOOT'], effort=np.ones((800, 1))),
+    )
+    paths = [first.write(tmp_path / 'a'), second.write(tmp_path / 'b')]
+    data = load_aligned(paths)
+    assert data.recordings == (str(paths[0]), str(paths[1]))
+    assert [data.segment[part][0] for part in data.segments()] == [0, 1, 2]
+    assert (data.recording == (data.segment == 2)).all()
+    np.testing.assert_allclose(data.power[data.recording == 1], 240, rtol=1e-5)
+    assert np.isnan(data.extras['foot_force'][data.recording == 0]).all()
+    assert np.isfinite(data.extras['foot_force'][data.recording == 1]).any()
+    assert any(note.startswith(str(paths[0])) for note in data.notes)
+
+
+def test_recordings_of_different_joints_are_joined_only_where_told(
+    walk: Make, tmp_path: Path
+) -> None:
+    a = walk(1.0).write(tmp_path / 'a')
+    names = ('LF_KFE', 'LF_HFE', 'RF_HAA')
+    b = walk(1.0, names=names, drive_names=names).write(tmp_path / 'b')
+    with pytest.raises(InputError, match=r'has the joints LF_HAA.*has LF_KFE.*name those'):
+        load_aligned([a, b])
+    data = load_aligned([a, b], drives=['LF_HFE', 'LF_KFE'])
+    assert data.names == ('LF_HFE', 'LF_KFE')
+    with pytest.raises(InputError, match='no recording given'):
+        load_aligned([])

@@ -4,30 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from power_recordings.alignment.align import align, load_aligned
-from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.alignment.align import align
 from power_recordings.alignment.filters import antialias, gain, smoothing
 from power_recordings.alignment.stream import Stream, held
 from power_recordings.messages import cdr
 from power_recordings.reading.reader import Recording
+from synthetic_walk import START, aligned, seconds, spans, wave
 from wattwalk_core.errors import InputError
 
-START = 1_700_000_000_000_000_000
 Make = Callable[..., Any]
-ANTIALIAS_HALF = 0.0195  # s: 39 taps at 1 kHz
 SMOOTHING_HALF = 0.0425  # s: 35 taps at 400 Hz
-
-
-def wave(time: np.ndarray, frequency: float, phase: float = 0.0) -> np.ndarray:
-    return np.sin(2 * np.pi * frequency * time + phase)
-
-
-def aligned(sketch: Any, tmp_path: Path, **options: Any) -> AlignedDataset:
-    return align(Recording.open(sketch.write(tmp_path / 'walk')), **options)
-
-
-def seconds(data: AlignedDataset) -> np.ndarray:
-    return data.time - START / 1e9
 
 
 @pytest.mark.parametrize('rate', [400.0, 200.0, 100.0, 50.0])
@@ -161,111 +147,6 @@ def test_without_commands_the_command_is_nan(walk: Make, tmp_path: Path) -> None
     data = aligned(sketch, tmp_path)
     assert np.isnan(data.command).all()
     assert np.isfinite(data.power).all()
-
-
-def spans(data: AlignedDataset) -> list[tuple[float, float]]:
-    time = seconds(data)
-    return [(time[part][0], time[part][-1]) for part in data.segments()]
-
-
-def test_a_gap_in_the_joint_states_ends_a_segment(walk: Make, tmp_path: Path) -> None:
-    sketch = walk(4.0)
-    sketch.drop_joints(slice(800, 880))  # 2.0 s to 2.2 s
-    data = aligned(sketch, tmp_path)
-    (_, end), (start, _) = spans(data)
-    assert end == pytest.approx(1.9975 - SMOOTHING_HALF, abs=0.006)
-    assert start == pytest.approx(2.2 + SMOOTHING_HALF, abs=0.003)
-    assert data.segment.tolist() == sorted(data.segment.tolist())
-    assert 'joint_states: 1 gaps, 0.203 s in all' in ' '.join(data.notes)
-
-
-def test_a_gap_in_the_electrical_samples_ends_a_segment(walk: Make, tmp_path: Path) -> None:
-    sketch = walk(4.0)
-    sketch.current[2000:] = 99.0
-    sketch.drop_supply(slice(2000, 2100))
-    data = aligned(sketch, tmp_path)
-    (_, end), (start, _) = spans(data)
-    edge = ANTIALIAS_HALF + SMOOTHING_HALF
-    assert end == pytest.approx(1.999 - edge, abs=0.006)
-    assert start == pytest.approx(2.1 + edge, abs=0.006)
-    # Nothing of what came after the gap has leaked to before it.
-    np.testing.assert_allclose(data.current[data.segment == 0], 2, rtol=1e-5)
-    np.testing.assert_allclose(data.current[data.segment == 1], 99, rtol=1e-5)
-    assert 'drive_supply: 100 samples missing in 1 places' in ' '.join(data.notes)
-
-
-def test_one_missing_sequence_number_ends_a_segment(walk: Make, tmp_path: Path) -> None:
-    sketch = walk(3.0)
-    sketch.drop_supply(slice(1500, 1501))
-    data = aligned(sketch, tmp_path)
-    assert len(spans(data)) == 2
-
-
-def test_one_missing_joint_state_is_no_gap(walk: Make, tmp_path: Path) -> None:
-    sketch = walk(3.0)
-    sketch.position[:] = wave(sketch.joint_time, 3)
-    sketch.drop_joints(slice(600, 601))
-    data = aligned(sketch, tmp_path, smooth=False, rate=400.0)
-    assert len(spans(data)) == 1
-    expected = wave(seconds(data)[:, None], 3) + 0 * data.position
-    np.testing.assert_allclose(data.position, expected, atol=2e-3)
-
-
-def test_samples_of_bad_status_or_nan_are_gaps(walk: Make, tmp_path: Path) -> None:
-    sketch = walk(5.0)
-    sketch.current[1500, 0] = 900.0
-    sketch.status[1500, 0] = 4
-    sketch.current[3000, 2] = np.nan
-    sketch.effort[1600, 1] = np.nan  # 4.0 s
-    data = aligned(sketch, tmp_path)
-    assert len(spans(data)) == 4
-    np.testing.assert_allclose(data.power, 96, rtol=1e-5)
-    notes = ' '.join(data.notes)
-    assert 'drive_supply: 1 samples of bad status cut out' in notes
-    assert 'drive_supply: 1 samples with NaN cut out' in notes
-    assert 'joint_states: 1 samples with NaN cut out' in notes
-
-
-def test_bad_samples_of_a_drive_that_is_not_wanted_do_not_matter(
-    walk: Make, tmp_path: Path
-) -> None:
-    sketch = walk(2.0)
-    sketch.status[1000, 0] = 4
-    sketch.effort[:, 0] = np.nan
-    data = aligned(sketch, tmp_path, drives=['LF_KFE', 'LF_HFE'])
-    assert data.names == ('LF_KFE', 'LF_HFE')
-    assert len(spans(data)) == 1
-
-
-def test_a_drive_that_is_mostly_bad_counts_as_not_measured(walk: Make, tmp_path: Path) -> None:
-    sketch = walk(2.0)
-    sketch.status[:1500, 1] = 8
-    data = aligned(sketch, tmp_path)
-    assert data.measured_drives() == ('LF_HAA', 'LF_KFE')
-    assert np.isnan(data.power[:, 1]).all()
-    assert len(spans(data)) == 1
-    assert '75% of the samples of LF_HFE are bad' in ' '.join(data.notes)
-
-
-def test_segments_too_short_for_the_filters_are_dropped_and_reported(
-    walk: Make, tmp_path: Path
-) -> None:
-    sketch = walk(3.0)
-    sketch.drop_supply([1500, 1560, 1620])
-    data = aligned(sketch, tmp_path)
-    assert len(spans(data)) == 2
-    assert '2 stretches under' in ' '.join(data.notes)
-
-
-def test_stamps_that_ran_backwards_are_not_bridged(walk: Make, tmp_path: Path) -> None:
-    sketch = walk(3.0)
-    sketch.late = lambda times: np.arange(len(times)) * 1000
-    sketch.joint_stamps[600:] -= 100_000_000
-    sketch.supply_stamps[1500:] -= 100_000_000
-    data = aligned(sketch, tmp_path)
-    (_, end), (start, _) = spans(data)
-    assert end < 1.5 < start
-    assert 'run backwards' in ' '.join(data.notes)
 
 
 def test_arrival_does_not_matter(walk: Make, tmp_path: Path) -> None:
@@ -409,101 +290,6 @@ def test_a_gap_in_an_extra_is_nan_and_ends_nothing(walk: Make, tmp_path: Path) -
     np.testing.assert_array_equal(missing, (time > 0.9976) & (time < 1.4999))
 
 
-def test_recordings_are_joined_and_stay_apart(walk: Make, tmp_path: Path) -> None:
-    first = walk(3.0)
-    first.drop_supply(slice(1500, 1501))
-    second = walk(2.0)
-    second.current[:] = 5.0
-    second.topics['/foot_force'] = (
-        cdr.JOINT_STATE,
-        second.joint_stamps,
-        cdr.encode_joint_states(second.joint_stamps, ['LF_FOOT'], effort=np.ones((800, 1))),
-    )
-    paths = [first.write(tmp_path / 'a'), second.write(tmp_path / 'b')]
-    data = load_aligned(paths)
-    assert data.recordings == (str(paths[0]), str(paths[1]))
-    assert [data.segment[part][0] for part in data.segments()] == [0, 1, 2]
-    assert (data.recording == (data.segment == 2)).all()
-    np.testing.assert_allclose(data.power[data.recording == 1], 240, rtol=1e-5)
-    assert np.isnan(data.extras['foot_force'][data.recording == 0]).all()
-    assert np.isfinite(data.extras['foot_force'][data.recording == 1]).any()
-    assert any(note.startswith(str(paths[0])) for note in data.notes)
-
-
-def test_recordings_of_different_joints_are_joined_only_where_told(
-    walk: Make, tmp_path: Path
-) -> None:
-    a = walk(1.0).write(tmp_path / 'a')
-    names = ('LF_KFE', 'LF_HFE', 'RF_HAA')
-    b = walk(1.0, names=names, drive_names=names).write(tmp_path / 'b')
-    with pytest.raises(InputError, match=r'has the joints LF_HAA.*has LF_KFE.*name those'):
-        load_aligned([a, b])
-    data = load_aligned([a, b], drives=['LF_HFE', 'LF_KFE'])
-    assert data.names == ('LF_HFE', 'LF_KFE')
-    with pytest.raises(InputError, match='no recording given'):
-        load_aligned([])
-
-
-def break_it(sketch: Any, how: str) -> None:
-    if how == 'degrees':
-        sketch.position[:, 1] = np.rad2deg(0.8)
-    elif how == 'milliamperes':
-        sketch.current[:, 2] = 2000
-    elif how == 'millivolts':
-        sketch.voltage[:, 0] = 48_000
-    elif how == 'nan effort':
-        sketch.effort[:, 0] = np.nan
-    elif how == 'nan current':
-        sketch.current[:] = np.nan
-    elif how == 'constant stamps':
-        sketch.joint_stamps[:] = START
-    elif how == 'zero stamps':
-        sketch.supply_stamps[:] = 0
-    elif how == 'no joints':
-        sketch.left_out = ('/joint_states',)
-    elif how == 'no supply':
-        sketch.left_out = ('/drive_supply',)
-    elif how == 'other clock':
-        sketch.supply_stamps -= START
-    elif how == 'few':
-        sketch.drop_joints(slice(3, None))
-
-
-@pytest.mark.parametrize(
-    ('how', 'error'),
-    [
-        ('degrees', r'joint_states\.position of LF_HFE reaches 45\.84.*degrees\? expected rad'),
-        ('milliamperes', r'drive_supply\.current of LF_KFE reaches 2000: mA\? expected A'),
-        ('millivolts', r'drive_supply\.voltage of LF_HAA reaches 4\.8e\+04: mV\? expected V'),
-        ('nan effort', r'joint_states\.effort of LF_HAA is NaN or missing in 100%'),
-        ('nan current', r'drive_supply has a bad status or NaN in most samples of all drives'),
-        ('constant stamps', r'joint_states has only 1 samples.*all 400 messages have the same'),
-        (
-            'zero stamps',
-            r'drive_supply has only 1 samples.*all 1000 messages have the same stamp 0',
-        ),
-        ('no joints', r"no messages on topic 'joint_states'; there are: /drive_supply"),
-        ('no supply', r"no messages on topic 'drive_supply'; there are: /joint_commands"),
-        ('other clock', r'do not overlap.*one clock'),
-        ('few', r'joint_states has only 3 samples'),
-    ],
-)
-def test_what_cannot_be_aligned_is_an_error_that_names_recording_and_field(
-    walk: Make, tmp_path: Path, how: str, error: str
-) -> None:
-    sketch = walk(1.0)
-    break_it(sketch, how)
-    with pytest.raises(InputError, match=error) as caught:
-        aligned(sketch, tmp_path)
-    assert str(tmp_path / 'walk') in str(caught.value)
-    assert '\n' not in str(caught.value)
-
-
-def test_a_recording_too_short_for_the_filters_is_an_error(walk: Make, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r'nothing is left of 0\.10 s.*longer than the 0\.13 s'):
-        aligned(walk(0.1), tmp_path)
-
-
 def test_recordings_without_power_can_be_admitted(walk: Make, tmp_path: Path) -> None:
     sketch = walk(1.0)
     sketch.left_out = ('/drive_supply',)
@@ -529,11 +315,6 @@ def test_a_recording_in_memory_is_aligned_like_one_on_disk(walk: Make, tmp_path:
         Recording.in_memory('simulated', {'joints': disk.joint_states()})
     with pytest.raises(InputError, match='simulated holds no samples'):
         Recording.in_memory('simulated', {'joint_states': disk.joint_states().rows(slice(0))})
-
-
-def test_other_rates_are_refused(walk: Make, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match='rate is 123 Hz; it is one of 400, 200, 100, 50'):
-        aligned(walk(0.2), tmp_path, rate=123.0)
 
 
 def test_a_cubic_passes_exactly_through_a_cubic() -> None:

@@ -16,7 +16,6 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 
-from policy_runner.commands.run import main as main
 from policy_runner.nodes.run_options import Options
 from policy_runner.nodes.topic_inputs import Listener
 from policy_runner.policies.by_name import Policy, load_policy

@@ -37,7 +37,7 @@ _UNKNOWN_OFFSET = np.array([-0.03, 0.03])  # A, where the idle draw takes up any
 
 
 @dataclass(frozen=True)
-class Term:
+class MeasurementTerm:
     """One error of the measurement: of the drive where it costs most, and of all."""
 
     name: str
@@ -70,7 +70,7 @@ def check_measurement(
     *,
     other_recording: bool,
     seed: int = 0,
-) -> dict[str, Term]:
+) -> dict[str, MeasurementTerm]:
     """
     The terms of the best fit with 95 % intervals, by name.
 
@@ -80,7 +80,7 @@ def check_measurement(
     fit, fitter = diagnosis.best.fit, bank.fitter
     prepared = fitter.prepared
     intervals = fitter.intervals(fit, seed)
-    found: dict[str, Term] = {}
+    found: dict[str, MeasurementTerm] = {}
     delays = _delays(bank, seed)
     rate = np.gradient(prepared.power_at(fit.delay), axis=0) * REDUCED_RATE
     slope = np.sqrt(np.nanmean(np.square(rate), axis=0))
@@ -119,11 +119,11 @@ def _term(
     bounds: Floats,
     watts: Floats,
     floor: Floats,
-) -> Term:
+) -> MeasurementTerm:
     worst = int(np.nanargmax(watts / floor))
     low, high = (float(bound) for bound in bounds[worst])
     matters = bool(watts[worst] >= floor[worst] and not low <= 0.0 <= high)
-    return Term(
+    return MeasurementTerm(
         name,
         _short(float(values[worst])),
         (_short(low), _short(high)),

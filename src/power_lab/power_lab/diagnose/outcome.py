@@ -19,7 +19,7 @@ from power_lab.compare.comparison import by_drive, describe_state
 from power_lab.compare.evidence import Evidence
 from power_lab.compare.regimes import Regime, worst_regimes
 from power_lab.diagnose.diagnosis import Candidate, Diagnoser, Diagnosis
-from power_lab.diagnose.measurement_check import Term, check_measurement
+from power_lab.diagnose.measurement_check import MeasurementTerm, check_measurement
 from power_lab.diagnose.next_recording import Motion, separating_motion
 from power_lab.diagnose.verdict import plain, sentence
 from power_lab.recordings import Loaded, base_power
@@ -80,7 +80,7 @@ class Outcome:
     diagnoser: Diagnoser
     diagnosis: Diagnosis
     rows: tuple[Row, ...]
-    measurement: dict[str, Term]
+    measurement: dict[str, MeasurementTerm]
     regimes: tuple[Regime, ...]  # of what is left after the named effects
     base_regimes: tuple[Regime, ...]  # of the model as it was
     motion: Motion
