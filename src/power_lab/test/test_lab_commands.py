@@ -1,6 +1,8 @@
 """Commands end to end on a simulated recording, and on bad input."""
 
+import errno
 import json
+import os
 import shutil
 import textwrap
 
@@ -134,6 +136,22 @@ def fails(capsys, command, arguments):
     assert 'Traceback' not in error
     assert error.count('\n') == 0
     return error
+
+
+def test_a_fit_onto_a_full_disk_leaves_neither_model_nor_json(bag, tmp_path, capsys, monkeypatch):
+    written = []
+
+    def fsync(descriptor):
+        written.append(descriptor)
+        if len(written) > 1:
+            raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr(os, 'fsync', fsync)
+    outputs = ['-o', str(tmp_path / 'm.yaml'), '--json', str(tmp_path / 'm.json')]
+    assert fit_command.main([str(bag), '--effects', 'shaft,idle', *outputs]) == 2
+    assert len(written) == 2
+    assert 'the disk is full' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -65,9 +65,22 @@ def test_a_signal_ends_a_command_after_its_finally_clauses_with_the_usual_code(n
     assert process.stdout.readline() == 'ready\n'
     process.send_signal(number)
     out, err = process.communicate(timeout=30)
-    assert (process.returncode, out, err) == (128 + number, 'closed\n', '')
+    assert (process.returncode, out, err) == (128 + number, 'closed\n', '-c: interrupted\n')
 
 
 def test_control_characters_of_bad_input_do_not_reach_the_terminal():
     assert str(InputError('no \x1b[31mname\nhere')) == r'no \x1b[31mname here'
     assert len(str(InputError('x' * 10_000))) < 1000
+
+
+def test_ctrl_c_while_the_module_of_a_command_is_imported_ends_with_one_line():
+    importing = 'import wattwalk_core.command, time; print("ready", flush=True); time.sleep(60)'
+    process = subprocess.Popen(
+        [sys.executable, '-c', importing],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline() == 'ready\n'
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=30)[1] == '-c: interrupted\n'

@@ -1,12 +1,16 @@
-"""Entry points of commands: one line on stderr and exit code 2 on bad input."""
+"""Entry points of commands: one line on stderr for bad input and for signals."""
 
 import signal
 import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
+from types import TracebackType
+from typing import Final
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.interruption import Interrupted, RaisedSignals
+
+_INTERRUPTED: Final = 'interrupted'
 
 
 def command(
@@ -15,12 +19,9 @@ def command(
     """
     Turn a function of the argument list into an entry point that returns an exit code.
 
-    InputError ends with its message on stderr and code 2, SIGINT (Ctrl-C) with code 130 and
-    SIGTERM with code 143, both after `finally` clauses.
+    InputError ends with its message on stderr and code 2, SIGINT (Ctrl-C) with one line and code
+    130 and SIGTERM with code 143, both after `finally` clauses.
     """
-
-    def say(message: object) -> None:
-        print(f'{sys.argv[0].rsplit("/", 1)[-1]}: {message}', file=sys.stderr)
 
     @wraps(body)
     def main(args: Sequence[str] | None = None) -> int:
@@ -28,20 +29,38 @@ def command(
             try:
                 return body(args) or 0
             except InputError as error:
-                say(error)
+                _say(error)
                 return 2
             except KeyboardInterrupt as end:
                 number = end.number if isinstance(end, Interrupted) else signal.SIGINT
-                if str(end):
-                    say(end)
+                _say(str(end) or _INTERRUPTED)
             except Exception:
                 # Extension modules that a signal interrupts at their import raise ImportError.
                 if signals.received is None:
                     raise
                 number = signals.received
+                _say(_INTERRUPTED)
         return 128 + number
 
     return main
+
+
+def _say(message: object) -> None:
+    print(f'{sys.argv[0].rsplit("/", 1)[-1]}: {message}', file=sys.stderr)
+
+
+def _on_uncaught(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    if issubclass(kind, KeyboardInterrupt):
+        _say(_INTERRUPTED)
+    else:
+        sys.__excepthook__(kind, error, trace)
+
+
+# Ctrl-C may come while the module of an entry point is still being imported.
+if sys.excepthook is sys.__excepthook__:
+    sys.excepthook = _on_uncaught
 
 
 def own_arguments(args: Sequence[str] | None = None) -> list[str]:

@@ -1,5 +1,6 @@
 """The looks of pictures, light or dark, and how they are written."""
 
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from wattwalk_core.errors import InputError
-from wattwalk_core.files import advice
+from wattwalk_core.files import write_whole
 
 OTHERS = ('#E69F00', '#009E73', '#CC79A7', '#D55E00', '#999999')
 """Colours beside blue that the colour-blind tell apart."""
@@ -42,12 +43,9 @@ def style(dark: bool) -> Iterator[str]:
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a picture whole or not at all; InputError if it cannot be written."""
     FigureCanvasAgg(figure)
-    temporary = path.with_name(f'.part-{path.name}')
+    stream = io.BytesIO()
     try:
-        figure.savefig(temporary, dpi=150)
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f'cannot write {path}: {advice(error)}') from None
+        figure.savefig(stream, dpi=150, format=path.suffix[1:])
     except ValueError as error:
         raise InputError(f'{path}: {error}') from None
+    write_whole(path, stream.getvalue())

@@ -4,6 +4,9 @@ import errno
 import os
 import shutil
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
 from wattwalk_core.errors import InputError
@@ -16,13 +19,18 @@ _ADVICE = {
     errno.EACCES: 'no permission to write there: choose another folder',
     errno.EPERM: 'no permission to write there: choose another folder',
     errno.EROFS: 'the file system is read-only: choose another folder',
+    errno.EISDIR: 'it is a folder: give the name of a file',
     errno.ENOENT: 'there is no such folder: create it first',
     errno.ENOTDIR: 'part of the path is a file: choose another folder',
 }
 
 
+_WAITING: ContextVar[dict[Path, Path] | None] = ContextVar('waiting', default=None)
+"""Temporary files and what they are renamed to at the end of `together`."""
+
+
 class RecordingError(InputError):
-    """A recording cannot be written on; the message says what was kept and what was lost."""
+    """A file cannot be written; the message says what was kept and what was lost."""
 
 
 def read_bytes(path: Path, what: str, limit: int) -> bytes:
@@ -52,18 +60,44 @@ def advice(error: OSError) -> str:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write under a temporary name, then rename it to path; RecordingError if it cannot."""
+    """
+    Write under a temporary name, then rename it to path; RecordingError if it cannot.
+
+    Within `together` the renaming waits for the end of that block.
+    """
     data = content.encode() if isinstance(content, str) else content
     temporary = path.with_name(f'.{path.name}.{os.getpid()}')
+    waiting = _WAITING.get()
     try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, 'it is a folder')
         with temporary.open('wb') as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        temporary.replace(path)
+        if waiting is None:
+            temporary.replace(path)
+        else:
+            waiting[temporary] = path
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
         raise RecordingError(f'cannot write {path}: {advice(error)}') from error
+
+
+@contextmanager
+def together() -> Iterator[None]:
+    """Let all files that `write_whole` writes within appear at the end, or none of them."""
+    waiting: dict[Path, Path] = {}
+    token = _WAITING.set(waiting)
+    try:
+        yield
+        for temporary, path in waiting.items():
+            temporary.replace(path)
+    finally:
+        _WAITING.reset(token)
+        for temporary in waiting:
+            temporary.unlink(missing_ok=True)
 
 
 def check_room(path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from wattwalk_core.command import command
 from wattwalk_core.console import check_suffix, progress, write_json
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import together
 
 from policy_training.evaluation.tasks import TASKS, parse_tasks
 
@@ -89,10 +90,12 @@ def main(args: Sequence[str] | None = None) -> int:
     result, cycles = evaluate(sources, tasks, models, plant, options, recorded)
     curves = {name: read_curves(Path(source).parent) for name, source in sources.items()}
     _print(terminal(), result)
-    if options.json is not None:
-        write_json(options.json, result)
+    with together():
+        if options.json is not None:
+            write_json(options.json, result)
+        if options.report is not None:
+            write_report(options.report, result, cycles, curves)
     if options.report is not None:
-        write_report(options.report, result, cycles, curves)
         print(f'wrote {options.report}')
     return 0
 

@@ -15,6 +15,7 @@ from wattwalk_core.console import (
     write_json,
 )
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import together
 
 if TYPE_CHECKING:
     from power_calibration.analyser.comparison import AnalyserComparison
@@ -93,12 +94,13 @@ def main(args: Sequence[str] | None = None) -> int:
 
         found = compare(measured, Log.read(options.reference, options.columns, reading), show)
         content = found.json()
-        _save(options, content, kept, is_applied)
-        if options.json is not None:
-            write_json(options.json, content)
-        if options.report is not None:
-            show(f'drawing {options.report}')
-            _report(options.report, found)
+        with together():
+            _save(options, content, kept, is_applied)
+            if options.json is not None:
+                write_json(options.json, content)
+            if options.report is not None:
+                show(f'drawing {options.report}')
+                _report(options.report, found)
     _print(found)
     for path in (options.output, options.json, options.report):
         if path is not None:

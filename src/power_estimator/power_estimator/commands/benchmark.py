@@ -6,6 +6,7 @@ from pathlib import Path
 
 from wattwalk_core.command import command
 from wattwalk_core.console import PICTURES, check_suffix, progress, write_json
+from wattwalk_core.files import together
 
 from power_estimator.proxies import PROXIES
 
@@ -21,18 +22,20 @@ def main(args: Sequence[str] | None = None) -> int:
 
     with progress('reading, aligning and estimating'):
         found = benchmark.run(options.bags, options.models, options.drives)
-    if options.json:
-        write_json(options.json, found.table)
     title = f'{found.seconds:.0f} s ' + (
         'held out when the network was trained'
         if found.held_out
         else 'of recordings no model was trained on'
     )
     print_table(terminal(), found.table, title)
+    with together():
+        if options.json:
+            write_json(options.json, found.table)
+        if options.picture:
+            bars = options.picture.with_stem(options.picture.stem + '_r2')
+            figure.draw_traces(options.picture, found.traces, dark=options.dark)
+            figure.draw_bars(bars, found.table, title=title, dark=options.dark)
     if options.picture:
-        figure.draw_traces(options.picture, found.traces, dark=options.dark)
-        bars = options.picture.with_stem(options.picture.stem + '_r2')
-        figure.draw_bars(bars, found.table, title=title, dark=options.dark)
         print(f'pictures: {options.picture}, {bars}')
     return 0
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from wattwalk_core.command import command
 from wattwalk_core.console import check_suffix, progress, write_json
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import together
 
 from power_lab.commands import options as common
 
@@ -58,17 +59,18 @@ def main(args: Sequence[str] | None = None) -> int:
         better = add_effects(
             model, new, own, catalogue, options.output.stem, loaded.identities, options.seed
         )
-    write_model(better, options.output)
-    print_model(common.console(), better)
-    _print_staircase(better)
-    print(f'wrote {options.output}')
     content = {
         'model': str(options.output),
         'history': [dict(e) for e in better.history],
         'at_bound': list(better.at_bound),
     }
-    if options.json is not None:
-        write_json(options.json, content)
+    with together():
+        write_model(better, options.output)
+        if options.json is not None:
+            write_json(options.json, content)
+    print_model(common.console(), better)
+    _print_staircase(better)
+    print(f'wrote {options.output}')
     return 0
 
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from wattwalk_core.command import command
 from wattwalk_core.console import check_suffix, progress, write_json
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import together
 
 from power_lab.commands import options as common
 
@@ -45,9 +46,11 @@ def main(args: Sequence[str] | None = None) -> int:
         content = comparison.json()
     print_comparison(common.console(), content)
     print(closest(content['models']))
-    if options.json is not None:
-        write_json(options.json, content)
+    with together():
+        if options.json is not None:
+            write_json(options.json, content)
+        if options.report:
+            write_comparison(options.report, comparison)
     if options.report:
-        write_comparison(options.report, comparison)
         print(f'report: {options.report}')
     return 0

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from wattwalk_core.command import command
 from wattwalk_core.console import check_suffix, progress, write_json
+from wattwalk_core.files import together
 
 from power_lab.commands import options as common
 
@@ -51,18 +52,21 @@ def main(args: Sequence[str] | None = None) -> int:
         outcome = diagnose(loaded, model, options.model, catalogue, options.seed)
         content = outcome.json()
     print_outcome(common.console(), outcome)
-    if options.json is not None:
-        write_json(options.json, content)
+    with together():
+        if options.json is not None:
+            write_json(options.json, content)
+        if options.motion:
+            motion = outcome.motion
+            if options.limits is not None:
+                limits = limits_of(motion.drives, Path(options.limits) if options.limits else None)
+                motion = motion.within(limits)
+            motion.save(options.motion)
+        if options.report:
+            from power_lab.report.page import write_diagnosis
+
+            write_diagnosis(options.report, outcome, options.also, catalogue)
     if options.motion:
-        motion = outcome.motion
-        if options.limits is not None:
-            limits = limits_of(motion.drives, Path(options.limits) if options.limits else None)
-            motion = motion.within(limits)
-        motion.save(options.motion)
         print(f'to record next: {options.motion}')
     if options.report:
-        from power_lab.report.page import write_diagnosis
-
-        write_diagnosis(options.report, outcome, options.also, catalogue)
         print(f'report: {options.report}')
     return 0

@@ -6,6 +6,7 @@ from pathlib import Path
 from wattwalk_core.command import command
 from wattwalk_core.console import check_suffix, progress, write_json
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import together
 
 from power_lab.commands import options as common
 
@@ -62,12 +63,13 @@ def main(args: Sequence[str] | None = None) -> int:
         }
         entry = {'step': 'fit', 'effects': list(model.effects), 'rmse_w': rmse}
         model = model.with_history(entry)
-    write_model(model, options.output)
+    content = {'model': str(options.output), **entry, 'at_bound': list(model.at_bound)}
+    with together():
+        write_model(model, options.output)
+        if options.json is not None:
+            write_json(options.json, content)
     print_model(common.console(), model)
     print(f'wrote {options.output}; error in the fit: ' + _errors(rmse))
-    content = {'model': str(options.output), **entry, 'at_bound': list(model.at_bound)}
-    if options.json is not None:
-        write_json(options.json, content)
     return 0
 
 

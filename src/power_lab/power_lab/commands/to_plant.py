@@ -5,6 +5,7 @@ from pathlib import Path
 
 from wattwalk_core.command import command
 from wattwalk_core.console import check_suffix, write_json
+from wattwalk_core.files import together
 
 from power_lab.commands import options as common
 
@@ -33,10 +34,11 @@ def main(args: Sequence[str] | None = None) -> int:
 
     model = read_model(options.model, common.catalogue_of(options))
     plant, strengths = to_plant(model, Plant.load(options.plant))
-    plant.save(options.output)
+    with together():
+        plant.save(options.output)
+        if options.json is not None:
+            write_json(options.json, {'plant': str(options.output), 'strengths': strengths})
     for name, value in strengths.items():
         print(f'{name:24} {value:.3g} times that of {options.plant}')
     print(f'wrote {options.output}')
-    if options.json is not None:
-        write_json(options.json, {'plant': str(options.output), 'strengths': strengths})
     return 0

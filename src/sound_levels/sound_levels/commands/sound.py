@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from wattwalk_core.command import command, own_arguments
 from wattwalk_core.console import output, print_table, progress, write_json
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import together
 
 from sound_levels.levels.settings import METHODS, TIMES, WEIGHTINGS, Entry, Settings
 
@@ -106,16 +107,17 @@ def main(args: Sequence[str] | None = None) -> int:
         show('comparing')
         result = summary(analysis)
     _print(analysis)
-    if options.json is not None:
-        write_json(options.json, result)
-    if options.picture is not None:
-        from sound_levels.report.figure import draw_sound
+    with together():
+        if options.json is not None:
+            write_json(options.json, result)
+        if options.picture is not None:
+            from sound_levels.report.figure import draw_sound
 
-        draw_sound(options.picture, analysis)
-    if options.report is not None:
-        from sound_levels.report.page import write_report
+            draw_sound(options.picture, analysis)
+        if options.report is not None:
+            from sound_levels.report.page import write_report
 
-        write_report(options.report, analysis)
+            write_report(options.report, analysis)
     for path in (options.json, options.picture, options.report):
         if path is not None:
             print(path)
