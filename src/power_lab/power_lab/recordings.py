@@ -15,11 +15,14 @@ from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import describe, held_out
 from power_recordings.alignment.align import load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.quality.check import refuse_slow, slowest_power
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
 RATE = 400.0
 _SMOOTH_RATE = 200.0
+_CHANGES = 4.0  # of a slow meter in a window
+_LONGEST_WINDOW = 30.0  # s
 _LOST = 1.4  # s of each stretch, to the low-pass and to whole seconds
 
 
@@ -31,6 +34,7 @@ class Loaded:
     recordings: tuple[Recording, ...]
     identities: tuple[Mapping[str, str], ...]  # name and sha256
     controllers: tuple[str, ...]  # by recording, '' where unknown
+    window: float = 0.0  # s, over which energy is judged where the meter is slow
 
     @cached_property
     def smooth(self) -> AlignedDataset:
@@ -40,11 +44,13 @@ class Loaded:
         )
 
 
-def load(paths: Sequence[Path], drives: Sequence[str] = ()) -> Loaded:
+def load(paths: Sequence[Path], drives: Sequence[str] = (), *, slow: bool = False) -> Loaded:
     """
     Read recordings of measured drives.
 
-    InputError for recordings that cannot be read, lack electrical data, or lack a named drive.
+    slow: take meters that change less than 25 times a second, of which energy is judged over
+    windows. InputError for recordings that cannot be read, lack electrical data, or lack a named
+    drive.
     """
     for path in paths:
         if not Path(path).exists():
@@ -66,13 +72,23 @@ def load(paths: Sequence[Path], drives: Sequence[str] = ()) -> Loaded:
         raise InputError(
             f'drive {missing[0]!r} was not measured; measured are {", ".join(measured)}'
         )
+    if not slow:
+        for recording in recordings:
+            refuse_slow(recording)
     known = [describe(recording.path) for recording in recordings]
     return Loaded(
         data.drives(list(drives) or list(measured)),
         tuple(recordings),
         tuple({'name': one.name, 'sha256': one.sha256} for one in known),
         tuple(str(one.card.get('controller', '')) for one in known),
+        _window(recordings) if slow else 0.0,
     )
+
+
+def _window(recordings: Sequence[Recording]) -> float:
+    """Window in s in which the slowest meter changes often enough for its energy to be known."""
+    slowest = min(slowest_power(recording)[1] for recording in recordings)
+    return float(np.clip(_CHANGES / max(slowest, 1e-3), 1.0, _LONGEST_WINDOW))
 
 
 def _in_common(recordings: Sequence[Recording]) -> tuple[str, ...] | None:

@@ -208,7 +208,10 @@ def test_a_user_effect_that_raises_or_returns_nan_ends_in_one_line(bag, tmp_path
 def test_a_recording_too_short_or_too_still_says_what_is_missing(tmp_path, capsys):
     short = run_offline(tmp_path / 'short', duration=6.0, seed=1, drives=('LF_KFE',))
     arguments = [short, '--effects', 'shaft,idle', '-o', tmp_path / 'm.yaml']
-    assert 'record 20 s or more' in fails(capsys, fit_command, arguments)
+    assert fit_command.main([str(argument) for argument in arguments]) == 0
+    assert '5.5 s are little: believe the intervals' in capsys.readouterr().out
+    again = [short, '--model', tmp_path / 'm.yaml']
+    assert 'record 20 s or more' in fails(capsys, diagnose_command, again)
     still = run_offline(
         tmp_path / 'still', duration=25.0, seed=1, controller='stand', drives=('LF_HAA',)
     )

@@ -30,6 +30,7 @@ def main(args: Sequence[str] | None = None) -> int:
     add('--to', required=True, type=Path, metavar='MODEL.yaml', help='the model as it is')
     add('--bag', required=True, nargs='+', type=Path, metavar='BAG', help='recordings to fit on')
     add('--drives', nargs='+', default=[], metavar='NAME', help='only these')
+    common.add_slow(parser)
     add('-o', '--output', type=Path, required=True, metavar='MODEL.yaml', help='file to write')
     add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
     add('--seed', type=int, default=0, help='of the bootstrap')
@@ -51,11 +52,13 @@ def main(args: Sequence[str] | None = None) -> int:
         if active.name in model.effects:
             raise InputError(f'{active.name!r} is active in {options.to} already')
     with progress('reading and fitting'):
-        loaded = load(options.bag, options.drives)
+        loaded = load(options.bag, options.drives, slow=options.slow)
         base = None
         if model.base:
             base = base_power(loaded, model.base).power
-        own = material(loaded.data, per=options.per, base=base, catalogue=catalogue)
+        own = material(
+            loaded.data, per=options.per, base=base, catalogue=catalogue, window=loaded.window
+        )
         better = add_effects(
             model, new, own, catalogue, options.output.stem, loaded.identities, options.seed
         )

@@ -41,7 +41,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     catalogue = common.catalogue_of(options)
     with progress('reading and comparing'):
-        loaded = load(options.bags, options.drives)
+        loaded = load(options.bags, options.drives, slow=options.slow)
         comparison = compare(loaded, options.models, catalogue)
         content = comparison.json()
     print_comparison(common.console(), content)

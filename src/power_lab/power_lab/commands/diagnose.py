@@ -47,7 +47,7 @@ def main(args: Sequence[str] | None = None) -> int:
     catalogue = common.catalogue_of(options)
     model = open_model(options.model, catalogue)
     with progress('reading') as show:
-        loaded = load(options.bags, options.drives)
+        loaded = load(options.bags, options.drives, slow=options.slow)
         show('diagnosing')
         outcome = diagnose(loaded, model, options.model, catalogue, options.seed)
         content = outcome.json()

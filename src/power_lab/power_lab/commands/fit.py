@@ -38,16 +38,18 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_estimator.effects.model_file.yaml_file import write_model
 
     from power_lab.recordings import base_power, load
-    from power_lab.report.tables import print_model
+    from power_lab.report.tables import notes, print_model
 
     catalogue = common.catalogue_of(options)
     effects = common.parse_effects(options.effects, catalogue)
     with progress('reading and fitting'):
-        loaded = load(options.bags, options.drives)
+        loaded = load(options.bags, options.drives, slow=options.slow)
         base = None
         if options.base:
             base = base_power(loaded, options.base).power
-        own = material(loaded.data, per=options.per, base=base, catalogue=catalogue)
+        own = material(
+            loaded.data, per=options.per, base=base, catalogue=catalogue, window=loaded.window
+        )
         model, fit = fit_model(
             options.output.stem,
             own,
@@ -69,6 +71,8 @@ def main(args: Sequence[str] | None = None) -> int:
         if options.json is not None:
             write_json(options.json, content)
     print_model(common.console(), model)
+    for note in notes(own.prepared):
+        print(note)
     print(f'wrote {options.output}; error in the fit: ' + _errors(rmse))
     return 0
 

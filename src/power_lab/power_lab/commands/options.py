@@ -46,6 +46,16 @@ def add_bags(made: argparse.ArgumentParser) -> None:
         metavar='NAME',
         help='only these drives',
     )
+    add_slow(made)
+
+
+def add_slow(made: argparse.ArgumentParser) -> None:
+    """Meters that are too slow to be judged sample by sample."""
+    made.add_argument(
+        '--slow',
+        action='store_true',
+        help='take power that changes less than 25 times a second: judge energy over windows',
+    )
 
 
 def add_outputs(made: argparse.ArgumentParser, *, report: bool = True) -> None:

@@ -113,7 +113,7 @@ def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Compa
     seconds and past the first 0.2 s, less those that a network among the models knows.
     """
     models = [open_model(spec, catalogue) for spec in specs]
-    plain = material(loaded.data)
+    plain = material(loaded.data, window=loaded.window)
     judged = []
     for spec, model in zip(specs, models, strict=True):
         if isinstance(model, EffectModel):
@@ -204,7 +204,7 @@ def _refitted(
 ) -> Judged:
     own = plain
     if base is not None:
-        own = material(loaded.data, base=base.power, catalogue=catalogue)
+        own = material(loaded.data, base=base.power, catalogue=catalogue, window=loaded.window)
     terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
     examiner = Examiner(own.fitter())
     fit = examiner.fitter.fit(own.structure(model.structure.actives).plus(*terms), iterations=4)

@@ -163,7 +163,13 @@ def diagnose(
     if model.base is not None:
         under = base_power(loaded, model.base)
         base, seen = under.power, under.partly
-    own = material(loaded.data, base=base, catalogue=catalogue, least=LEAST_SECONDS)
+    own = material(
+        loaded.data,
+        base=base,
+        catalogue=catalogue,
+        least=max(LEAST_SECONDS, LEAST_SECONDS * loaded.window),
+        window=loaded.window,
+    )
     fitter = own.fitter(per_drive=True)
     terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
     structure = own.structure(model.structure.actives)

@@ -2,7 +2,11 @@
 
 from typing import Any
 
+import numpy as np
+from power_estimator.effects.fit.training import LEAST_SECONDS
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.sizing import UNKNOWN_CONSTANT
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -43,6 +47,33 @@ def print_model(console: Console, model: EffectModel) -> None:
     console.print(table)
     if model.at_bound:
         console.print(f'{_AT_BOUND}: {", ".join(model.at_bound)}')
+
+
+def notes(prepared: Prepared) -> list[str]:
+    """What a fit rests on that a user should know: little data, one meter, computed torque."""
+    found = []
+    if prepared.seconds < LEAST_SECONDS:
+        found.append(
+            f'{prepared.seconds:.1f} s are little: believe the intervals, not the values; '
+            f'diagnose needs {LEAST_SECONDS:.0f} s'
+        )
+    if prepared.whole:
+        found.append(
+            'only the power of the whole robot was measured: the drives share it by how they '
+            'move, drives that move alike cannot be told apart, and idle is the constant of the '
+            'robot, spread evenly'
+        )
+    if prepared.reducer.window:
+        found.append(
+            f'the meter is slow: energy over {prepared.reducer.window:.1f} s was judged, nothing '
+            'faster'
+        )
+    for name, constant in zip(prepared.signals.names, prepared.torque_constant, strict=True):
+        if constant == UNKNOWN_CONSTANT:
+            found.append(f'{name} turns too little to tell its torque constant; taken as 1 N·m/A')
+        elif np.isfinite(constant):
+            found.append(f'{name}: {constant:.3g} N·m/A, from the power that its current makes')
+    return found
 
 
 def print_comparison(console: Console, content: dict[str, Any]) -> None:

@@ -1,6 +1,6 @@
 """Quality of a recording: a table by drive, and findings with the line of the map to mend."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -331,8 +331,23 @@ def _range(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def refuse_slow(findings: Sequence[Finding], path: str) -> None:
-    """InputError for recordings whose power is too slow to be judged sample by sample."""
-    for finding in findings:
-        if finding.code == 'slow_power':
-            raise InputError(f'{path}: {finding.drive or "supply"}: {finding.text}')
+def slowest_power(recording: Recording) -> tuple[str, float]:
+    """Return the meter whose power changes least often, a drive or `supply`, and its changes/s."""
+    if recording.has('drive_supply'):
+        electric = recording.drive_supply()
+        rates = updates(electric.stamp_ns, electric.power)
+        rates = np.where(np.isfinite(electric.power).any(axis=0), rates, np.inf)
+        worst = int(np.argmin(rates))
+        return electric.names[worst], float(rates[worst])
+    supply = recording.supply()
+    return 'supply', float(updates(supply.stamp_ns, supply.power[:, None])[0])
+
+
+def refuse_slow(recording: Recording) -> None:
+    """InputError for a recording whose power is too slow to be judged sample by sample."""
+    meter, rate = slowest_power(recording)
+    if rate < LEAST_UPDATES:
+        raise InputError(
+            f'{recording.path}: the power of {meter} changes {rate:.3g} times a second; the lab '
+            f'needs {LEAST_UPDATES:.0f}. With --slow it judges the energy over windows only'
+        )

@@ -43,7 +43,8 @@ class Blocks:
     @classmethod
     def of(cls, prepared: Prepared) -> 'Blocks':
         """Cut prepared signals into blocks that cross no gap."""
-        for seconds in BLOCK_SECONDS:
+        window = prepared.reducer.window
+        for seconds in (window,) if window else BLOCK_SECONDS:
             length = round(seconds * REDUCED_RATE)
             starts = [
                 start

@@ -57,16 +57,18 @@ def material(
     base: NDArray[np.float32] | None = None,
     catalogue: Catalogue | None = None,
     least: float = LEAST_TO_FIT,
+    window: float = 0.0,
 ) -> Material:
     """
     Prepare aligned data (400 Hz, not smoothed) for fitting and judging.
 
     base: power of the model that effects are added to, W [T, D] for the drives of data. InputError
-    for data that are too short or too still to decide anything, saying what is missing.
+    for data that are too short or too still to decide anything, saying what is missing. window: as
+    in `prepare`.
     """
     if base is not None:
         data = _without_unknown(data, base)
-    prepared = prepare(data)
+    prepared = prepare(data, window)
     _require_excitation(prepared, least)
     drives = prepared.signals.names
     types = infer_types(drives)

@@ -35,10 +35,15 @@ _RELATED = 0.8  # correlation of velocity and the rate of position, where one is
 
 @dataclass(frozen=True)
 class Reducer:
-    """Low-pass at 12.5 Hz and decimation, the same for every product and for the power."""
+    """
+    Low-pass at 12.5 Hz and decimation, the same for every product and for the power.
+
+    With a window in s it is the mean over that window: energy, for meters that are slow.
+    """
 
     rate: float
     slices: tuple[slice, ...]  # stretches of the input that are long enough
+    window: float = 0.0
 
     @property
     def factor(self) -> int:
@@ -48,7 +53,8 @@ class Reducer:
     @property
     def margin(self) -> int:
         """Input samples lost at each end of a stretch: filter and largest shift."""
-        return round(self.rate * (_HALF_WIDTH + max(LATEST, -EARLIEST))) + 1
+        half = max(_HALF_WIDTH, self.window / 2)
+        return round(self.rate * (half + max(LATEST, -EARLIEST))) + 1
 
     def reduce(self, values: Floats, shift: float = 0.0) -> Floats:
         """[T, ...] → [N, ...]: the low-passed values at time t + shift (s)."""
@@ -85,6 +91,9 @@ class Reducer:
     def _taps(self, shift: float) -> Floats:
         half = self.margin - 1
         time = np.arange(-half, half + 1) / self.rate - shift
+        if self.window:
+            inside = np.abs(time) <= self.window / 2
+            return np.asarray(inside / inside.sum(), np.float64)[::-1]
         return windowed_sinc(time, CUTOFF, _HALF_WIDTH, _BETA)[::-1]
 
 
@@ -242,9 +251,11 @@ def signals_of(
     )
 
 
-def prepare(data: AlignedDataset) -> Prepared:
+def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
     """
     Correct, check and reduce the drives whose power was measured.
+
+    window: s over which energy is judged, of meters that are slow; 0 for all others.
 
     InputError for data without electrical measurements, with signals missing, or with units that
     contradict each other.
@@ -271,7 +282,7 @@ def prepare(data: AlignedDataset) -> Prepared:
     data = with_torque(data, constants)
     lag = velocity_lag(data)
     signals = signals_of(data, lag, drive_scale(data))
-    reducer = Reducer(data.rate, _long_enough(signals, data.rate))
+    reducer = Reducer(data.rate, _long_enough(signals, data.rate, window), window)
     count = round((LATEST - EARLIEST) / SHIFT_STEP) + 1
     shifts = np.linspace(EARLIEST, LATEST, count)
     if not reducer.slices:
@@ -353,8 +364,9 @@ def _long_enough_data(data: AlignedDataset) -> tuple[slice, ...]:
     return tuple(part for part in data.segments() if part.stop - part.start >= least)
 
 
-def _long_enough(signals: Signals, rate: float) -> tuple[slice, ...]:
-    least = 2 * (round(rate * (_HALF_WIDTH + LATEST)) + 1) + round(rate * 0.5)
+def _long_enough(signals: Signals, rate: float, window: float) -> tuple[slice, ...]:
+    half = max(_HALF_WIDTH, window / 2)
+    least = 2 * (round(rate * (half + LATEST)) + 1) + round(rate * 0.5)
     return tuple(part for part in signals.stretches() if part.stop - part.start >= least)
 
 

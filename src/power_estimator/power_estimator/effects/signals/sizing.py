@@ -11,6 +11,7 @@ from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects.signals.scale import DriveScale, scale_of
 
 Floats = NDArray[np.float64]
+UNKNOWN_CONSTANT = 1.0  # N·m/A
 _LEAST_SHOWN = 0.1  # of the power's spread, that a torque constant explains
 
 
@@ -39,7 +40,9 @@ def torque_constants(data: AlignedDataset) -> dict[str, float]:
     for group in assign(data.names, infer_types(data.names)).values():
         members = [d for d in group if d in own]
         known = [values[d] for d in members if values[d] > 0.0]
-        found |= {data.names[d]: float(np.mean(known)) if known else 1.0 for d in members}
+        found |= {
+            data.names[d]: float(np.mean(known)) if known else UNKNOWN_CONSTANT for d in members
+        }
     return found
 
 

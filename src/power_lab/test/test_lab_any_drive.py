@@ -1,0 +1,155 @@
+"""The lab on recordings that others made: slow meters, whole robots, real drives."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from power_lab.commands import compare, diagnose, fit
+from power_recordings.commands import import_logs
+
+REAL = Path(__file__).parents[4] / 'shared' / 'real_data'
+MAP = """
+format: import/1
+time: {column: t, unit: s}
+drives:
+  'J*':
+    position: {from: q*, unit: rad}
+    velocity: {from: w*, unit: rad/s}
+    torque: {from: tau*, unit: N*m, at: motor}
+%s
+card: {robot: made}
+"""
+DRIVE = '    voltage: {value: 48, unit: V}\n    power: {from: p*, unit: W, positive: drawn}\n'
+SUPPLY = (
+    'supply:\n  voltage: {value: 48, unit: V}\n  current: {from: amps, unit: A, positive: drawn}'
+)
+COPPER = (0.02, 0.5)  # W/(N·m)²
+IDLE = 12.0  # W, of the robot
+
+
+def recording(tmp_path, electric, *, seconds=90.0, rate=100.0, hold=0.0):
+    """Two joints of 40 and 4 N·m; the power is the mean of `hold` s where that is given."""
+    random = np.random.default_rng(5)
+    time = np.arange(round(seconds * rate)) / rate
+    waves = 2 * np.pi * random.uniform(0.1, 1.2, (2, 2, 4)) * time[:, None, None, None]
+    swings = np.sin(waves + random.uniform(0, 6, (2, 2, 4))).sum(axis=-1)
+    torque = swings[:, 0] * np.array([10.0, 1.0]) + np.array([8.0, 0.5])
+    velocity = swings[:, 1] * np.array([1.0, 2.0])
+    position = np.cumsum(velocity, axis=0) / rate
+    power = torque * velocity + np.array(COPPER) * torque**2 + IDLE / 2
+    power = power + random.normal(0.0, 0.05, power.shape)
+    if hold:
+        count = round(hold * rate)
+        power = power.reshape(-1, count, 2).mean(axis=1).repeat(count, axis=0)
+    table = np.column_stack([time, position, velocity, torque, power, power.sum(axis=1) / 48])
+    names = ('t', *(f'{name}{j}' for name in ('q', 'w', 'tau', 'p') for j in (0, 1)), 'amps')
+    log, chart = tmp_path / 'log.csv', tmp_path / 'map.yaml'
+    np.savetxt(log, table, delimiter=',', header=','.join(names), comments='', fmt='%.9g')
+    chart.write_text(MAP % electric)
+    bag = tmp_path / 'bag'
+    assert import_logs.main([str(log), '--map', str(chart), '-o', str(bag)]) == 0
+    return bag
+
+
+def fitted(bag, tmp_path, *options):
+    model, found = tmp_path / 'm.yaml', tmp_path / 'fit.json'
+    arguments = [str(bag), '--effects', 'shaft,copper_loss,idle', *options]
+    assert fit.main([*arguments, '-o', str(model), '--json', str(found)]) == 0
+    scores = tmp_path / 'compare.json'
+    assert compare.main([str(bag), '--models', str(model), *options, '--json', str(scores)]) == 0
+    return model, json.loads(scores.read_text())['models'][0]
+
+
+def copper(model):
+    from power_estimator.effects import builtin_catalogue
+    from power_estimator.effects.model_file.yaml_file import read_model
+
+    groups = read_model(model, builtin_catalogue()).groups
+    return [group.coefficients['copper_loss'][0].value for group in groups]
+
+
+def test_the_drives_of_a_robot_that_is_metered_as_a_whole_are_told_apart(tmp_path, capsys):
+    bag = recording(tmp_path, SUPPLY)
+    model, scores = fitted(bag, tmp_path)
+    assert copper(model) == pytest.approx(COPPER, rel=0.1)
+    assert scores['drives']['robot']['r2'] > 0.99
+    assert 'only the power of the whole robot was measured' in capsys.readouterr().out
+    found = tmp_path / 'd.json'
+    assert diagnose.main([str(bag), '--model', str(model), '--json', str(found)]) == 0
+    assert json.loads(found.read_text())['verdict'] == 'no_evidence'
+
+
+def test_an_effect_that_a_whole_robots_model_lacks_is_named(tmp_path):
+    bag = recording(tmp_path, SUPPLY)
+    model, found = tmp_path / 'm.yaml', tmp_path / 'd.json'
+    assert fit.main([str(bag), '--effects', 'shaft,idle', '-o', str(model)]) == 0
+    assert diagnose.main([str(bag), '--model', str(model), '--json', str(found)]) == 0
+    outcome = json.loads(found.read_text())
+    assert (outcome['verdict'], outcome['effects']) == ('named', ['copper_loss'])
+
+
+def test_a_slow_meter_is_refused_and_with_slow_judged_by_its_energy(tmp_path, capsys):
+    bag = recording(tmp_path, DRIVE, hold=0.5, seconds=300.0)
+    arguments = [str(bag), '--effects', 'shaft,copper_loss,idle', '-o', str(tmp_path / 'no.yaml')]
+    assert fit.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert 'changes 2 times a second' in error
+    assert '--slow' in error
+    assert not (tmp_path / 'no.yaml').exists()
+    model, scores = fitted(bag, tmp_path, '--slow')
+    assert copper(model) == pytest.approx(COPPER, rel=0.15)
+    assert scores['total']['r2'] > 0.9
+
+
+@pytest.mark.skipif(not REAL.exists(), reason=f'no public logs of real drives in {REAL.name}')
+class TestRealDrives:
+    def test_the_hopper_goes_from_its_file_to_a_verdict_in_three_commands(self, tmp_path):
+        from scipy.io import loadmat
+
+        chart, bag = tmp_path / 'hopper.yaml', tmp_path / 'hop'
+        chart.write_text(HOPPER)
+        log = REAL / 'hopper_500_hops.mat'
+        assert import_logs.main([str(log), '--map', str(chart), '-o', str(bag)]) == 0
+        model, scores = fitted(bag, tmp_path)
+        assert scores['total']['r2'] > 0.98
+        assert scores['at_bound'] == []
+        data = loadmat(log, simplify_cells=True)['motor_data']
+        for drive, found in enumerate(copper(model)):
+            torque = 0.02506 * data['motor_qcurrent'][:, drive]
+            speed = 2 * np.pi * data['motor_vel'][:, drive]
+            watts = data['bus_voltage'][:, drive] * data['bus_current'][:, drive]
+            columns = [torque * speed, torque**2, np.abs(speed), np.ones_like(speed)]
+            by_hand = np.linalg.lstsq(np.column_stack(columns), watts, rcond=None)[0][1]
+            assert found == pytest.approx(by_hand, rel=0.25)
+
+    def test_a_robot_arm_is_judged_by_the_power_of_its_supply(self, tmp_path):
+        bag = tmp_path / 'ur'
+        arguments = [str(REAL / 'ur3e_move.xlsx'), '--map', 'ur_rtde', '-o', str(bag)]
+        assert import_logs.main(arguments) == 0
+        _, scores = fitted(bag, tmp_path)
+        assert scores['total']['r2'] > 0.9
+
+    def test_the_axes_of_a_cobot_are_told_from_two_seconds(self, tmp_path, capsys):
+        bag = tmp_path / 'cobot'
+        arguments = [str(REAL / 'yu_cobot.parquet'), '--map', 'voraus', '-o', str(bag)]
+        assert import_logs.main(arguments) == 0
+        _, scores = fitted(bag, tmp_path)
+        loaded = [scores['drives'][f'AXIS_{axis}']['r2'] for axis in (1, 2, 3, 4, 6)]
+        assert min(loaded) > 0.9
+        assert 's are little' in capsys.readouterr().out
+
+
+HOPPER = """
+format: import/1
+time: {column: motor_data.time, unit: s}
+drives:
+  'MOTOR_*':
+    position: {from: motor_data.motor_pos.*, unit: rev}
+    velocity: {from: motor_data.motor_vel.*, unit: rev/s}
+    torque: {from: motor_data.motor_qcurrent.*, scale: 0.02506, from_unit: A, at: motor}
+    command: {from: motor_data.motor_pos_cmd.*, unit: rev}
+    voltage: {from: motor_data.bus_voltage.*, unit: V}
+    current: {from: motor_data.bus_current.*, unit: A, positive: drawn}
+card: {robot: hopper}
+"""
