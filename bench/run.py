@@ -11,6 +11,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 BENCHMARKS: dict[str, tuple[str, ...]] = {
+    'commands_start': (),
     'offline_simulation': (),
     'alignment': (),
     'daq_bus': (),

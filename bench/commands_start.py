@@ -1,0 +1,67 @@
+"""
+CPU time of `--help` and of a wrong argument of every command, each in a fresh process.
+
+    python bench/commands_start.py [--only power_lab…]
+"""
+
+import argparse
+import ast
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+SOURCES = Path(__file__).resolve().parents[1] / 'src'
+LIMIT = 0.6  # s of CPU
+ARGUMENTS = ('--help', '--no-such-option')
+
+
+def entry_points() -> dict[tuple[str, str], tuple[str, str]]:
+    """Return module and function of each command, by package and name, as the setup.py say."""
+    found = {}
+    for file in sorted(SOURCES.glob('*/setup.py')):
+        for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+            if not isinstance(node, ast.Dict):
+                continue
+            for key, value in zip(node.keys, node.values, strict=True):
+                if isinstance(key, ast.Constant) and key.value == 'console_scripts':
+                    for line in ast.literal_eval(value):
+                        name, _, target = line.partition(' = ')
+                        module, _, function = target.partition(':')
+                        found[file.parent.name, name] = (module, function)
+    return found
+
+
+def cpu_seconds(command: Sequence[str]) -> float:
+    """Run a command with its output discarded; return its user and system time."""
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, _, used = os.wait4(process.pid, 0)
+    process.returncode = 0
+    return used.ru_utime + used.ru_stime
+
+
+def main() -> int:
+    """Print the table; 1 if a command needs more than the limit."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--only', nargs='+', metavar='PACKAGE', help='commands of these packages')
+    options = parser.parse_args()
+    ros2 = str(Path(sys.executable).with_name('ros2'))
+    table = Table('command', *ARGUMENTS, title=f'CPU in s of `ros2 run`; limit {LIMIT} s')
+    worst = 0.0
+    for package, name in entry_points():
+        if options.only and package not in options.only:
+            continue
+        used = [cpu_seconds([ros2, 'run', package, name, text]) for text in ARGUMENTS]
+        worst = max(worst, *used)
+        table.add_row(f'{package} {name}', *(f'{seconds:.2f}' for seconds in used))
+    Console(width=100).print(table)
+    print(f'worst: {worst:.2f} s')
+    return int(worst > LIMIT)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
