@@ -120,7 +120,7 @@ def test_columns_come_out_of_messages_of_one_layout_only() -> None:
     values = np.arange(12.0).reshape(4, 3)
     block = cdr.encode_joint_states(np.arange(4), 'abc', values)
     other = cdr.encode_joint_states(np.arange(4), 'abd', values)
-    layout = Layout(cdr.typestore(), cdr.JOINT_STATE, block[0])
+    layout = Layout(cdr.typestore().fielddefs, cdr.JOINT_STATE, block[0])
     rows = np.frombuffer(b''.join([*block, other[0]]), np.uint8).reshape(5, -1)
     assert layout.matches(rows).tolist() == [True] * 4 + [False]
     assert layout.strings['name'] == ('a', 'b', 'c')
@@ -133,7 +133,7 @@ def test_big_endian_messages_are_understood() -> None:
     store = cdr.typestore()
     message = cdr.message(cdr.JOINT_STATE, name=['a'], position=[0.5])
     raw = bytes(store.serialize_cdr(message, cdr.JOINT_STATE, little_endian=False))
-    layout = Layout(store, cdr.JOINT_STATE, raw)
+    layout = Layout(store.fielddefs, cdr.JOINT_STATE, raw)
     assert layout.decode(np.frombuffer(raw, np.uint8)[None], 'position').tolist() == [[0.5]]
 
 
@@ -143,7 +143,7 @@ def test_every_cut_of_a_message_is_refused() -> None:
     # The last eight bytes are the two empty arrays behind position.
     for length in range(len(raw)):
         with pytest.raises(ValueError, match=r'cut off|plain CDR|array of'):
-            Layout(store, cdr.JOINT_STATE, raw[:length])
+            Layout(store.fielddefs, cdr.JOINT_STATE, raw[:length])
         with pytest.raises(InputError, match=f'damaged .*JointState of {length} bytes'):
             cdr.deserialize(cdr.JOINT_STATE, raw[:length])
 

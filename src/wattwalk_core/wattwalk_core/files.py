@@ -54,6 +54,22 @@ def read_bytes(path: Path, what: str, limit: int) -> bytes:
     return data
 
 
+def regular_size(path: Path, what: str) -> int:
+    """Return the bytes of a regular file; InputError, which calls it `what`, for anything else."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError) as error:
+        raise InputError(f'cannot read {what} {path}: {reason(error)}') from error
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(f'{what} {path}: not a regular file')
+    return status.st_size
+
+
+def reason(error: OSError | ValueError) -> str:
+    """Return why a path cannot be opened."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
 def advice(error: OSError) -> str:
     """Return the reason of an error of the disk, and a remedy."""
     return _ADVICE.get(error.errno or 0, error.strerror or str(error))

@@ -5,8 +5,7 @@ from collections import deque
 from power_recordings.messages.samples import Samples
 from power_recordings.messages.topic_columns import Columns
 from power_recordings.messages.topics import KINDS
-from power_recordings.reading.bag_folder import joined
-from power_recordings.reading.mcap_file import Topic
+from power_recordings.reading.batch import Topic, joined
 from wattwalk_core.errors import InputError
 
 _MOST = 20_000  # messages

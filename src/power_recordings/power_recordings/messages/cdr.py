@@ -162,7 +162,9 @@ def encode_block(
     """
     stamps = np.asarray(stamps_ns, np.int64)
     layout = Layout(
-        typestore(), full_name(type_name), serialize(type_name, message(type_name, **constant))
+        typestore().fielddefs,
+        full_name(type_name),
+        serialize(type_name, message(type_name, **constant)),
     )
     seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
     stamp = {'header.stamp.sec': seconds, 'header.stamp.nanosec': nanoseconds}

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rosbags.interfaces import Nodetype
-from rosbags.typesys.store import Typestore
 
 Bytes = NDArray[np.uint8]
 
@@ -22,6 +21,8 @@ _DTYPES = {
     'float64': 'f8',
 }
 _DTYPES |= {f'{sign}int{8 * n}': f'{sign or "i"}{n}' for sign in ('', 'u') for n in (1, 2, 4, 8)}
+_MOST_FIELDS = 50_000
+_LONGEST_TEXT = 4096  # bytes
 
 
 @dataclass(frozen=True)
@@ -40,40 +41,48 @@ class Column:
 
 class Layout:
     """
-    Offsets of all numbers in a CDR message, taken from an example.
+    Offsets of all numbers in a message, taken from an example.
 
     They are valid for all messages of the type with the same strings and array lengths.
-    Keys of `columns` and `strings` are dotted paths, e.g. `header.stamp.sec`.
-    Raises ValueError for an example that is cut off or not plain CDR (XCDR version 1).
+    Keys of `columns` and `strings` are dotted paths, e.g. `header.stamp.sec`. fields: definitions
+    of types by name, as in a typestore's `fielddefs`. is_ros1: the messages are as ROS 1 writes
+    them, not CDR. Raises ValueError for an example that is cut off or not plain CDR (XCDR version
+    1), and for a type that contains itself, has too many fields or texts of more than 4 KiB.
     """
 
-    def __init__(self, store: Typestore, type_name: str, example: bytes) -> None:
-        order = _ORDERS.get(bytes(example[:2]))
+    def __init__(
+        self, fields: Mapping[str, Any], type_name: str, example: bytes, *, is_ros1: bool = False
+    ) -> None:
+        order = '<' if is_ros1 else _ORDERS.get(bytes(example[:2]))
         if order is None:
             raise ValueError(f'encapsulation {bytes(example[:2]).hex()} is not plain CDR')
         self.type_name = type_name
         self.size = len(example)
         self.columns: dict[str, Column] = {}
         self.strings: dict[str, str | tuple[str, ...]] = {}
-        self._store = store
+        self._fields = fields
         self._order = order
+        self._is_ros1 = is_ros1
         self._example = bytes(example)
-        self._position = 4
-        self._shape = np.zeros(len(example), bool)
-        self._shape[:2] = True
+        self._position = 0 if is_ros1 else 4
+        self._fixed = [] if is_ros1 else [slice(0, 2)]
+        self._steps = 0
         try:
             self._walk(type_name, '')
         except struct.error as error:
             raise ValueError(f'cut off after {len(example)} bytes') from error
+        except (RecursionError, KeyError) as error:
+            raise ValueError(f'a type that cannot be read ({error})'[:200]) from None
         if self._position > len(example):
             raise ValueError(f'cut off after {len(example)} bytes')
-        self._fixed = np.flatnonzero(self._shape)
-        self._fixed_bytes = np.frombuffer(self._example, np.uint8)[self._fixed]
 
     def matches(self, messages: Bytes) -> NDArray[np.bool_]:
         """Return a mask of those of messages [N, size] that have this layout."""
-        same = messages[:, self._fixed] == self._fixed_bytes
-        return np.asarray(same.all(axis=1), np.bool_)
+        example = np.frombuffer(self._example, np.uint8)
+        same = np.ones(len(messages), np.bool_)
+        for part in self._fixed:
+            same &= (messages[:, part] == example[part]).all(axis=1)
+        return same
 
     def decode(self, messages: Bytes, path: str) -> NDArray[Any]:
         """Return the numbers of a field of messages [N, size]: [N] or [N, count]."""
@@ -96,7 +105,10 @@ class Layout:
         return block
 
     def _walk(self, type_name: str, prefix: str) -> None:
-        for name, desc in self._store.fielddefs[type_name][1]:
+        for name, desc in self._fields[type_name][1]:
+            self._steps += 1
+            if self._steps > _MOST_FIELDS:
+                raise ValueError(f'more than {_MOST_FIELDS} fields')
             self._field(f'{prefix}{name}', desc)
 
     def _field(self, path: str, desc: Any) -> None:
@@ -113,6 +125,8 @@ class Layout:
             if kind == Nodetype.SEQUENCE:
                 count = self._length()
             if item_kind == Nodetype.NAME:
+                if count > _MOST_FIELDS:
+                    raise ValueError(f'more than {_MOST_FIELDS} fields')
                 for i in range(count):
                     self._walk(item, f'{path}[{i}].')
             elif item[0] == 'string':
@@ -125,6 +139,8 @@ class Layout:
         if count != 0:
             self._align(dtype.itemsize)
         column = Column(self._position, dtype, count)
+        if column.end > self.size:
+            raise ValueError(f'cut off after {self.size} bytes')
         self.columns[path] = column
         self._position = column.end
 
@@ -138,13 +154,20 @@ class Layout:
 
     def _string(self) -> str:
         length = self._length()
+        if length > _LONGEST_TEXT:
+            raise ValueError(f'a text of {length} bytes')
         start = self._position
         self._fix(length)
-        return self._example[start : start + max(length - 1, 0)].decode('utf-8', 'replace')
+        text = self._example[start : start + length]
+        return (text if self._is_ros1 else text[:-1]).decode('utf-8', 'replace')
 
     def _fix(self, size: int) -> None:
-        self._shape[self._position : self._position + size] = True
+        start = self._position
+        if self._fixed and self._fixed[-1].stop == start:
+            start = self._fixed.pop().start
         self._position += size
+        self._fixed.append(slice(start, self._position))
 
     def _align(self, size: int) -> None:
-        self._position += -(self._position - 4) % size
+        if not self._is_ros1:
+            self._position += -(self._position - 4) % size

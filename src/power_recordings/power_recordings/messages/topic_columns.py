@@ -10,7 +10,7 @@ from wattwalk_core.errors import InputError
 
 from power_recordings.messages.cdr import typestore
 from power_recordings.messages.cdr_layout import Layout
-from power_recordings.reading.mcap_file import Batch, windows
+from power_recordings.reading.batch import Batch, windows
 
 _MOST_LAYOUTS = 256
 
@@ -66,7 +66,7 @@ class Columns:
                 rows, order = rows[~matched], order[~matched]
         while len(rows):
             try:
-                layout = Layout(typestore(), self.type_name, rows[0].tobytes())
+                layout = Layout(typestore().fielddefs, self.type_name, rows[0].tobytes())
             except ValueError:
                 self.damaged += 1
                 rows, order = rows[1:], order[1:]

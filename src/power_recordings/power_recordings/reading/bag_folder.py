@@ -1,18 +1,18 @@
 """The files of a recording and their messages, for each kind of storage."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from rosbags.rosbag2 import Reader, ReaderError
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import reason
+from wattwalk_core.quoting import printable
 from wattwalk_core.yaml_file import read_yaml
 
-from power_recordings.reading.mcap_file import Batch, McapFile, Topic
-
-_BLOCK = 4096
+from power_recordings.reading.batch import Batch, Topic
+from power_recordings.reading.mcap_file import McapFile
+from power_recordings.reading.sqlite_file import SqliteFile
 
 
 @dataclass(frozen=True)
@@ -30,28 +30,52 @@ class Bag:
         """Whether the messages are in rosbag2's sqlite3 storage."""
         return self.files[0].suffix == '.db3'
 
-    def batches(self, problems: list[str], topics: dict[str, Topic]) -> Iterator[Batch]:
-        """Yield all messages; add to `problems` and to the declared `topics`."""
-        if self.is_sqlite:
-            yield from _sqlite(self.folder, topics)
-            return
+    def batches(
+        self,
+        problems: list[str],
+        topics: dict[str, Topic],
+        skip: Callable[[Mapping[str, int]], bool] | None = None,
+    ) -> Iterator[Batch]:
+        """
+        Yield all messages; add to `problems` and to the declared `topics`.
+
+        skip: told the numbers of messages by topic of a chunk of which they are known, says
+        whether to leave the chunk out.
+        """
         for path in self.files:
-            file = McapFile(path)
-            yield from file.batches()
+            if self.is_sqlite:
+                database = SqliteFile(path)
+                yield from database.batches()
+                file: McapFile | SqliteFile = database
+            else:
+                file = mcap = McapFile(path)
+                yield from mcap.batches(None if skip is None else _by_name(mcap, skip))
             problems += file.problems
             topics.update({topic.name: topic for topic in file.topics.values()})
 
 
+def _by_name(
+    file: McapFile, skip: Callable[[Mapping[str, int]], bool]
+) -> Callable[[Mapping[int, int]], bool]:
+    def skip_chunk(counts: Mapping[int, int]) -> bool:
+        known = counts.keys() <= file.topics.keys()
+        return known and skip({file.topics[c].name: n for c, n in counts.items()})
+
+    return skip_chunk
+
+
 def find(path: Path) -> Bag:
     """
-    Return the bag at path, which is its folder or its .mcap file.
+    Return the bag at path, which is its folder or its .mcap or .db3 file.
 
     Raises InputError if there is none, or if it is compressed as a whole.
     """
-    if not path.exists():
-        raise InputError(f'there is no recording {path}')
-    if path.is_file():
-        if path.suffix != '.mcap':
+    try:
+        path.stat()
+    except (OSError, ValueError) as error:
+        raise InputError(f'there is no recording {path}: {reason(error)}') from None
+    if not path.is_dir():
+        if path.suffix not in ('.mcap', '.db3'):
             raise InputError(f'{path} is not a recording: expected a bag folder or an .mcap file')
         return Bag(path, path.parent, (path,), None, ())
     if (path / 'metadata.yaml').exists():
@@ -75,7 +99,7 @@ def _described(path: Path) -> Bag:
         names = [str(name) for name in information['relative_file_paths']]
         promised = int(information['message_count'])
         compressed = str(information.get('compression_mode') or '').lower()
-    except (InputError, KeyError, TypeError, ValueError):
+    except (InputError, KeyError, TypeError, ValueError, AttributeError):
         files = sorted(path.glob('*.mcap'), key=_number)
         if not files:
             raise InputError(f'{file} is damaged and there is no .mcap file beside it') from None
@@ -88,39 +112,15 @@ def _described(path: Path) -> Bag:
     listed = [path / Path(name).name for name in names]
     there = tuple(file for file in listed if file.exists())
     if not there:
-        raise InputError(f'{path} lacks its data: metadata.yaml lists {", ".join(names)}')
+        raise InputError(
+            f'{path} lacks its data: metadata.yaml lists {printable(", ".join(names), 120)}'
+        )
     missing = [file.name for file in listed if not file.exists()]
-    problems = (f'{", ".join(missing)} is missing',) if missing else ()
+    more = f' and {len(missing) - 3} more' if len(missing) > 3 else ''
+    problems = (f'{", ".join(missing[:3])}{more} is missing',) if missing else ()
     return Bag(path, path, there, promised, problems)
 
 
 def _number(path: Path) -> tuple[int, str]:
     digits = path.stem.rsplit('_', 1)[-1]
     return (int(digits) if digits.isdigit() else 0, path.name)
-
-
-def _sqlite(folder: Path, topics: dict[str, Topic]) -> Iterator[Batch]:
-    waiting: dict[str, list[tuple[int, bytes]]] = {}
-    try:
-        with Reader(folder) as reader:
-            for connection in reader.connections:
-                topics[connection.topic] = Topic(
-                    connection.topic, connection.msgtype, 'cdr', connection.msgdef.data
-                )
-            for connection, time, raw in reader.messages():
-                messages = waiting.setdefault(connection.topic, [])
-                messages.append((time, raw))
-                if len(messages) == _BLOCK:
-                    yield joined(topics[connection.topic], waiting.pop(connection.topic))
-    except ReaderError as error:
-        raise InputError(f'{folder}: {error}') from error
-    for name, messages in waiting.items():
-        yield joined(topics[name], messages)
-
-
-def joined(topic: Topic, messages: Sequence[tuple[int, bytes]]) -> Batch:
-    """Return messages of a topic, (log time in ns, CDR bytes) each, as a batch."""
-    sizes = np.array([len(raw) for _, raw in messages], np.int64)
-    data = np.frombuffer(b''.join(raw for _, raw in messages), np.uint8)
-    times = np.array([time for time, _ in messages], np.int64)
-    return Batch(topic, data, np.cumsum(sizes) - sizes, sizes, times)

@@ -2,8 +2,7 @@
 
 import struct
 import zlib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -16,44 +15,32 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import regular_size
+from wattwalk_core.quoting import printable, quoted
+
+from power_recordings.reading.batch import LARGEST, RATIO, ROOM, Batch, Integers, Topic, windows
 
 MAGIC = b'\x89MCAP0\r\n'
 _RECORD = struct.Struct('<BQ')
 _MESSAGE = struct.Struct('<BQHIQQ')
 _CHUNK = struct.Struct('<QQQII')
+_LATEST = 2**63 - 1  # ns
 _FIXED = 22  # bytes of a message record before the message itself
-_LONGEST = 1 << 31
 _LOOSE = 8192
 _ENTRY = np.dtype([('time', '<u8'), ('offset', '<u8')])
+_LARGEST_TEXT = 1 << 20  # bytes of the definition of a type or topic
+_NEEDED = {
+    Opcode.CHUNK: LARGEST,
+    Opcode.MESSAGE: LARGEST,
+    Opcode.MESSAGE_INDEX: LARGEST,
+    Opcode.SCHEMA: _LARGEST_TEXT,
+    Opcode.CHANNEL: _LARGEST_TEXT,
+}
+_MOST_SCANNED = 2_000_000  # messages of a chunk without index
+_MOST_PROBLEMS = 50
 
-Integers = NDArray[np.int64]
+
 _Found = dict[int, tuple[Integers, Integers, Integers]]
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A topic as the file declares it; `definition` is the text of its message type."""
-
-    name: str
-    type_name: str
-    encoding: str
-    definition: str
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Messages of one topic in recorded order: data[offset : offset + size] of each."""
-
-    topic: Topic
-    data: NDArray[np.uint8]
-    offsets: Integers
-    sizes: Integers
-    log_times: Integers  # ns
-
-
-def windows(data: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
-    """Return all windows of `size` bytes, [len(data) − size + 1, size], without copying."""
-    return np.ndarray((len(data) - size + 1, size), np.uint8, data, strides=(1, 1))
 
 
 class McapFile:
@@ -61,37 +48,42 @@ class McapFile:
     An MCAP file, read from front to back without its index.
 
     `problems` is complete once `batches` is exhausted. Raises InputError for a file that is not
-    MCAP, is empty, or uses a compression that is not known.
+    MCAP, is empty, uses a compression that is not known, or unpacks to far more than it can hold.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.problems: list[str] = []
         self.topics: dict[int, Topic] = {}
-        self._schemas: dict[int, Schema] = {}
-        try:
-            with path.open('rb') as file:
-                start = file.read(len(MAGIC))
-        except OSError as error:
-            raise InputError(f'cannot read {path}: {error.strerror}') from error
+        self._schemas: dict[int, tuple[str, str]] = {}  # name and definition
+        self._size = regular_size(path, 'recording')
+        self._room = ROOM + RATIO * self._size
+        with path.open('rb') as file:
+            start = file.read(len(MAGIC))
         if not start:
             raise InputError(f'{path} is empty: nothing was recorded')
         if start != MAGIC[: len(start)]:
             raise InputError(f'{path} is not an MCAP file: it begins with {start!r}')
 
-    def batches(self) -> Iterator[Batch]:
-        """Yield the messages; damaged parts are left out and noted in `problems`."""
-        chunk: _Chunk | None = None
+    def batches(self, skip: Callable[[Mapping[int, int]], bool] | None = None) -> Iterator[Batch]:
+        """
+        Yield the messages; damaged parts are left out and noted in `problems`.
+
+        skip: told the numbers of messages by channel of a chunk with an index, says whether to
+        leave the chunk out.
+        """
+        packed: bytes | None = None
+        indices: list[bytes] = []
         loose: list[bytes] = []
         for code, body in self._records():
-            if code == Opcode.MESSAGE_INDEX and chunk is not None:
-                chunk.add_index(body)
+            if code == Opcode.MESSAGE_INDEX and packed is not None:
+                indices.append(body)
                 continue
-            if chunk is not None:
-                yield from self._batches(chunk)
-                chunk = None
+            if packed is not None:
+                yield from self._unpacked(packed, indices, skip)
+                packed, indices = None, []
             if code == Opcode.CHUNK:
-                chunk = self._open_chunk(body)
+                packed = body
             elif code == Opcode.MESSAGE:
                 loose += (_RECORD.pack(code, len(body)), body)
             else:
@@ -99,25 +91,38 @@ class McapFile:
             if len(loose) >= _LOOSE:
                 yield from self._batches(_Records(b''.join(loose)))
                 loose = []
-        if chunk is not None:
-            yield from self._batches(chunk)
+        if packed is not None:
+            yield from self._unpacked(packed, indices, skip)
         if loose:
             yield from self._batches(_Records(b''.join(loose)))
 
+    def _problem(self, text: str) -> None:
+        if len(self.problems) < _MOST_PROBLEMS:
+            self.problems.append(f'{self.path.name}{text}')
+
     def _records(self) -> Iterator[tuple[int, bytes]]:
+        """Yield code and content of the records that are needed, up to the end or a damage."""
         with self.path.open('rb') as file:
-            file.seek(len(MAGIC))
+            position = file.seek(len(MAGIC))
             while len(head := file.read(_RECORD.size)) == _RECORD.size:
                 code, length = _RECORD.unpack(head)
+                position += _RECORD.size
                 if code == Opcode.FOOTER:
                     return
-                body = file.read(length) if length <= _LONGEST else b''
-                if len(body) < length:
-                    head += body
+                if not code or length > self._size - position:
+                    position -= _RECORD.size
                     break
-                yield code, body
-        half = f'; {len(head)} bytes of an unfinished chunk at its end are lost' if head else ''
-        self.problems.append(f'{self.path.name} was not closed (no index){half}')
+                most = _NEEDED.get(code, -1)
+                if 0 <= most < length:
+                    self._problem(f': a record of {length >> 20} MiB was left out')
+                if length > most:
+                    file.seek(length, 1)
+                else:
+                    yield code, file.read(length)
+                position += length
+        lost = self._size - position
+        half = f'; {lost} bytes of an unfinished chunk at its end are lost' if lost else ''
+        self._problem(f' was not closed (no index){half}')
 
     def _declare(self, code: int, body: bytes) -> None:
         if code not in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -126,24 +131,40 @@ class McapFile:
         try:
             record = (Schema if code == Opcode.SCHEMA else Channel).read(stream)
         except (struct.error, EndOfFile, UnicodeDecodeError) as error:
-            self.problems.append(f'{self.path.name}: a damaged record was left out ({error})')
+            self._problem(f': a damaged record was left out ({error})')
             return
         if isinstance(record, Schema):
-            self._schemas[record.id] = record
+            known = record.encoding in ('ros2msg', 'ros2idl', 'ros1msg')
+            text = record.data.decode('utf-8', 'replace') if known else ''
+            self._schemas[record.id] = record.name, text
         else:
-            channel = record
-            schema = self._schemas.get(channel.schema_id, Schema(0, b'', '', ''))
-            text = schema.data.decode('utf-8', 'replace') if schema.encoding == 'ros2msg' else ''
-            self.topics[channel.id] = Topic(
-                channel.topic, schema.name, channel.message_encoding, text
-            )
+            name, text = self._schemas.get(record.schema_id, ('', ''))
+            self.topics[record.id] = Topic(record.topic, name, record.message_encoding, text)
 
-    def _open_chunk(self, body: bytes) -> '_Chunk | None':
+    def _unpacked(
+        self,
+        body: bytes,
+        indices: Sequence[bytes],
+        skip: Callable[[Mapping[int, int]], bool] | None,
+    ) -> Iterator[Batch]:
+        if skip is not None and indices:
+            counts = {int.from_bytes(i[:2], 'little'): (len(i) - 6) // 16 for i in indices}
+            if skip(counts):
+                return
         try:
-            return _Chunk(body, self.path)
+            chunk = _Chunk(body, self.path)
         except (ValueError, struct.error, zstandard.ZstdError, RuntimeError, MemoryError) as error:
-            self.problems.append(f'{self.path.name}: a damaged chunk was left out ({error})')
-            return None
+            self._problem(f': a damaged chunk was left out ({printable(str(error))})')
+            return
+        self._room -= len(chunk.raw)
+        if self._room < 0:
+            raise InputError(
+                f'{self.path}: its chunks unpack to more than {RATIO} times its size; expected a '
+                'recording'
+            )
+        for index in indices:
+            chunk.add_index(index)
+        yield from self._batches(chunk)
 
     def _batches(self, records: '_Records') -> Iterator[Batch]:
         found = records.indexed()
@@ -151,7 +172,11 @@ class McapFile:
             for code, start, length in records:
                 if code != Opcode.MESSAGE:
                     self._declare(code, records.raw[start : start + length])
-            found = records.scanned()
+            try:
+                found = records.scanned()
+            except ValueError as error:
+                self._problem(f': a damaged chunk was left out ({error})')
+                return
         for channel, (offsets, sizes, times) in found.items():
             if channel in self.topics:
                 yield Batch(self.topics[channel], records.data, offsets, sizes, times)
@@ -171,7 +196,7 @@ class _Records:
             code, length = _RECORD.unpack_from(self.raw, position)
             start = position + _RECORD.size
             position = start + length
-            if position > end:
+            if position > end or not code:
                 return
             yield code, start, length
 
@@ -199,18 +224,22 @@ class _Records:
             channels = np.ascontiguousarray(heads[:, 9:11]).view('<u2')[:, 0]
             if (heads[:, 0] != Opcode.MESSAGE).any() or (channels != channel).any():
                 return None
+            if lengths.min() < _FIXED or (offsets + lengths).max() + _RECORD.size > len(self.data):
+                return None
             total += int(lengths.sum()) + len(offsets) * _RECORD.size
-            times = entries['time'].astype(np.int64)
+            times = np.minimum(entries['time'], _LATEST).astype(np.int64)
             found[channel] = (offsets + _MESSAGE.size, lengths - _FIXED, times)
         return found if total == len(self.data) else None
 
     def scanned(self) -> _Found:
-        """Return the same as `indexed`, found record by record."""
-        rows = [
-            (*_MESSAGE.unpack_from(self.raw, start - _RECORD.size)[2:5:2], start, length)
-            for code, start, length in self
-            if code == Opcode.MESSAGE and length >= _FIXED
-        ]
+        """Return the same as `indexed`, found record by record; ValueError for too many."""
+        rows = []
+        for code, start, length in self:
+            if code == Opcode.MESSAGE and length >= _FIXED:
+                _, _, channel, _, time, _ = _MESSAGE.unpack_from(self.raw, start - _RECORD.size)
+                rows.append((channel, min(time, _LATEST), start, length))
+                if len(rows) > _MOST_SCANNED:
+                    raise ValueError(f'more than {_MOST_SCANNED} messages without index')
         table = np.array(rows, np.int64).reshape(-1, 4)
         found: _Found = {}
         for channel in np.unique(table[:, 0]).tolist():
@@ -227,15 +256,19 @@ class _Chunk(_Records):
         name_end = _CHUNK.size + name_length
         compression = body[_CHUNK.size : name_end].decode()
         packed = memoryview(body)[name_end + 8 :]
+        if size > LARGEST:
+            raise ValueError(f'{size} bytes; at most {LARGEST} are read')
         if compression == 'zstd':
+            if zstandard.frame_content_size(packed) > size:
+                raise ValueError(f'more than its {size} bytes')
             raw = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
         elif compression == 'lz4':
-            raw = lz4.frame.decompress(packed)
+            raw = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1)
         elif compression == '':
             raw = bytes(packed)
         else:
             raise InputError(
-                f'{path}: chunks are compressed by {compression!r}; convert the bag to zstd'
+                f'{path}: chunks are compressed by {quoted(compression)}; convert the bag to zstd'
             )
         if len(raw) != size:
             raise ValueError(f'{len(raw)} bytes instead of {size}')

@@ -8,8 +8,8 @@ from typing import Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.typesys import TypesysError, get_types_from_msg
 from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable
 
 from power_recordings.alignment.ordering import ascending
 from power_recordings.card import FILE, Card
@@ -28,7 +28,8 @@ from power_recordings.messages.samples import (
 from power_recordings.messages.topic_columns import Columns
 from power_recordings.messages.topics import KINDS
 from power_recordings.reading import bag_folder
-from power_recordings.reading.mcap_file import Topic
+from power_recordings.reading.batch import Batch, Topic
+from power_recordings.reading.definitions import own_fields
 
 S = TypeVar('S', bound=Samples)
 
@@ -210,7 +211,7 @@ class _Loader:
     def total(self) -> int:
         return sum(self.counts.values())
 
-    def add(self, batch: bag_folder.Batch) -> None:
+    def add(self, batch: Batch) -> None:
         name = batch.topic.name
         if name not in self._columns:
             self._columns[name] = self._declare(batch.topic)
@@ -277,9 +278,11 @@ def _check_definition(path: Path, topic: Topic) -> None:
     if topic.definition in ('', definition(topic.type_name)):
         return
     try:
-        recorded = get_types_from_msg(topic.definition, full_name(topic.type_name))
-    except TypesysError as error:
-        raise InputError(f'{path}: the definition of {topic.name} is damaged: {error}') from error
+        recorded = own_fields(topic.definition, full_name(topic.type_name))
+    except ValueError as error:
+        raise InputError(
+            f'{path}: the definition of {topic.name} is damaged: {printable(str(error))}'
+        ) from error
     for name, (_, recorded_fields) in recorded.items():
         known = typestore().fielddefs.get(name)
         if known is not None and known[1] != recorded_fields:

@@ -1,37 +1,26 @@
 """ROS 1 bags and rosbag2 bags (MCAP, SQLite; folders and bare files), numbers by `topic:field`."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.rosbag1 import Reader as Ros1Reader
-from rosbags.rosbag1 import ReaderError as Ros1Error
-from rosbags.rosbag2 import Reader as Ros2Reader
-from rosbags.rosbag2 import ReaderError as Ros2Error
-from rosbags.serde import SerdeError
-from rosbags.typesys import (
-    Stores,
-    TypesysError,
-    get_types_from_idl,
-    get_types_from_msg,
-    get_typestore,
-)
-from rosbags.typesys.store import Typestore
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import regular_size
 from wattwalk_core.quoting import printable
 from wattwalk_core.yaml_file import read_text
 
 from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress
 from power_recordings.messages.cdr_layout import Layout
 from power_recordings.reading import bag_folder
-from power_recordings.reading.mcap_file import Batch, Topic, windows
+from power_recordings.reading.batch import Batch, Topic, windows
+from power_recordings.reading.definitions import fields_of, full_type, own_fields
+from power_recordings.reading.ros1_file import Ros1File
 
 _MOST_LAYOUTS: Final = 256
 _MOST_COLUMNS: Final = 400  # of one topic that are listed
-_BLOCK: Final = 4096
 _STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
 
 
@@ -47,18 +36,18 @@ class BagFile:
 
     def __init__(self, path: Path, messages: Path | None = None) -> None:
         self.path = path
-        files = path.rglob('*') if path.is_dir() else [path]
-        self.size = sum(file.stat().st_size for file in files if file.is_file())
+        is_ros1 = path.suffix.lower() == '.bag' and not path.is_dir()
+        self._bag = Ros1File(path) if is_ros1 else bag_folder.find(path)
+        files = [path] if isinstance(self._bag, Ros1File) else self._bag.files
+        self.size = sum(regular_size(file, 'recording') for file in files)
         self.problems: list[str] = []
-        self.topics: dict[str, Topic] = {}
         self.counts: dict[str, int] = {}
         self._given = _given_types(messages)
-        self._stores: dict[str, Typestore] = {}
+        self._fields: dict[str, Mapping[str, Any]] = {}
         self._examples: dict[str, Layout] = {}
         self._errors: dict[str, str] = {}
-        for batch in self._batches():
+        for batch in self._batches(self._known):
             name = batch.topic.name
-            self.topics.setdefault(name, batch.topic)
             self.counts[name] = self.counts.get(name, 0) + len(batch.offsets)
             if name not in self._examples and name not in self._errors and len(batch.offsets):
                 first = slice(batch.offsets[0], batch.offsets[0] + batch.sizes[0])
@@ -69,6 +58,14 @@ class BagFile:
         if not self.counts:
             why = ''.join(f': {problem}' for problem in self.problems[:1])
             raise InputError(f'{path} holds no messages{why}')
+
+    def _known(self, counts: Mapping[str, int]) -> bool:
+        """Count the messages of a chunk and leave it out where all its topics have an example."""
+        known = counts.keys() <= self._examples.keys() | self._errors.keys()
+        if known:
+            for name, count in counts.items():
+                self.counts[name] = self.counts.get(name, 0) + count
+        return known
 
     def columns(self) -> Sequence[LogColumn]:
         """Return the numbers of each topic, as its first message has them."""
@@ -96,12 +93,22 @@ class BagFile:
                 raise InputError(f'{self.path}: no topic {topic!r}')
         layouts: dict[str, dict[int, list[Layout]]] = {t: defaultdict(list) for t in wanted}
         done, total = 0, sum(self.counts.values())
-        for batch in self._batches():
+
+        def unwanted(counts: Mapping[str, int]) -> bool:
+            nonlocal done
+            if counts.keys() & wanted:
+                return False
+            done += sum(counts.values())
+            return True
+
+        for batch in self._batches(unwanted):
+            name = batch.topic.name
             done += len(batch.offsets)
-            progress(round(self.size * done / total))
-            if batch.topic.name in wanted:
-                name = batch.topic.name
+            progress(round(self.size * min(done / total, 1.0)))
+            if name in wanted:
                 yield self._decode(batch, wanted[name], layouts[name])
+        if self.problems:
+            yield LogBlock('', {}, notes=tuple(self.problems))
 
     def _decode(
         self, batch: Batch, fields: Sequence[str], layouts: dict[int, list[Layout]]
@@ -138,82 +145,41 @@ class BagFile:
         return LogBlock(topic, values, stamps, batch.log_times)
 
     def _layout(self, topic: Topic, example: bytes) -> Layout:
-        store = self._store(topic)
-        if topic.type_name not in store.fielddefs:
+        kind = full_type(topic.type_name)
+        if topic.name not in self._fields:
+            if topic.encoding not in ('cdr', 'ros1'):
+                raise InputError(
+                    f'{self.path}: {printable(topic.name)} is encoded as '
+                    f'{printable(topic.encoding, 40)}; expected cdr or ros1'
+                )
+            try:
+                self._fields[topic.name] = fields_of(topic.definition, kind, self._given)
+            except ValueError as error:
+                raise InputError(
+                    f'{self.path}: the definition of {printable(topic.name)} cannot be read: '
+                    f'{printable(str(error))}'
+                ) from None
+        fields = self._fields[topic.name]
+        if kind not in fields:
             raise InputError(
-                f'{self.path}: {topic.name} has messages of {printable(topic.type_name, 80)}, '
+                f'{self.path}: {printable(topic.name)} has messages of {printable(kind, 80)}, '
                 'which the bag does not define; give its .msg files with --msgs DIR'
             )
         try:
-            return Layout(store, topic.type_name, example)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f'{self.path}: {topic.name}: a damaged message: {error}') from None
+            return Layout(fields, kind, example, is_ros1=topic.encoding == 'ros1')
+        except ValueError as error:
+            raise InputError(
+                f'{self.path}: {printable(topic.name)}: a damaged message: {error}'
+            ) from None
 
-    def _store(self, topic: Topic) -> Typestore:
-        if topic.name not in self._stores:
-            store = get_typestore(Stores.ROS2_JAZZY)
-            try:
-                if topic.definition:
-                    found = _definitions(topic)
-                    store.register({k: v for k, v in found.items() if k not in store.fielddefs})
-                store.register({k: v for k, v in self._given.items() if k not in store.fielddefs})
-            except (TypesysError, KeyError, ValueError, RecursionError) as error:
-                raise InputError(
-                    f'{self.path}: the definition of {topic.name} cannot be read: '
-                    f'{printable(str(error))}'
-                ) from None
-            self._stores[topic.name] = store
-        return self._stores[topic.name]
-
-    def _batches(self) -> Iterator[Batch]:
-        suffix = self.path.suffix.lower()
-        if self.path.is_dir() or suffix == '.mcap':
-            problems: list[str] = []
-            for batch in bag_folder.find(self.path).batches(problems, self.topics):
-                if batch.topic.encoding not in ('cdr', 'ros1'):
-                    raise InputError(
-                        f'{self.path}: {batch.topic.name} is encoded as '
-                        f'{printable(batch.topic.encoding, 40)}; expected cdr'
-                    )
-                yield batch
-            self.problems = problems
-            return
-        kind: Any = Ros1Reader if suffix == '.bag' else Ros2Reader
-        try:
-            with kind(self.path) as reader:
-                yield from self._gathered(reader, is_ros1=suffix == '.bag')
-        except (Ros1Error, Ros2Error, SerdeError, OSError, ValueError, KeyError) as error:
-            reason = printable(str(error) or type(error).__name__)
-            raise InputError(f'{self.path}: not a readable bag: {reason}') from None
-
-    def _gathered(self, reader: Any, *, is_ros1: bool) -> Iterator[Batch]:
-        waiting: dict[int, list[tuple[int, bytes]]] = defaultdict(list)
-        topics = {
-            c.id: Topic(c.topic, c.msgtype, 'cdr', c.msgdef.data) for c in reader.connections
-        }
-        for connection, time, raw in reader.messages():
-            topic = topics[connection.id]
-            if is_ros1:
-                try:
-                    raw = bytes(self._store(topic).ros1_to_cdr(raw, topic.type_name))
-                except (SerdeError, KeyError, IndexError, ValueError) as error:
-                    raise InputError(
-                        f'{self.path}: {topic.name}: a damaged message: {error}'
-                    ) from None
-            waiting[connection.id].append((time, raw))
-            if len(waiting[connection.id]) == _BLOCK:
-                yield bag_folder.joined(topic, waiting.pop(connection.id))
-        for number, messages in waiting.items():
-            yield bag_folder.joined(topics[number], messages)
-
-
-def _definitions(topic: Topic) -> dict[str, Any]:
-    text = topic.definition
-    separator = '=' * 80 + '\n'
-    if text.startswith(f'{separator}IDL: '):
-        parts = [part.split('\n', 1)[1] for part in text.split(separator)[1:]]
-        return {k: v for part in parts for k, v in get_types_from_idl(part).items()}
-    return dict(get_types_from_msg(text, topic.type_name))
+    def _batches(self, skip: Callable[[Mapping[str, int]], bool] | None = None) -> Iterator[Batch]:
+        if isinstance(self._bag, Ros1File):
+            self._bag.problems.clear()
+            yield from self._bag.batches()
+            self.problems = list(self._bag.problems)
+        else:
+            self.problems = list(self._bag.problems)
+            yield from self._bag.batches(self.problems, {}, skip)
 
 
 def _given_types(folder: Path | None) -> dict[str, Any]:
@@ -228,8 +194,8 @@ def _given_types(folder: Path | None) -> dict[str, Any]:
         package = file.parent.parent.name if file.parent.name == 'msg' else file.parent.name
         try:
             text = read_text(file, 'message')
-            types.update(get_types_from_msg(text, f'{package}/msg/{file.stem}'))
-        except TypesysError as error:
+            types.update(own_fields(text, f'{package}/msg/{file.stem}'))
+        except ValueError as error:
             raise InputError(f'--msgs {file}: {printable(str(error))}') from None
     return types
 
