@@ -68,7 +68,7 @@ def test_a_policy_commands_the_same_targets_at_the_same_instants_live_and_offlin
     run = OfflineRun(
         plant, walking_world(), make_controller(name, 0, VELOCITY), duration=SECONDS, seed=1
     )
-    rows = [telemetry.commands for telemetry in run]
+    rows = [telemetry.topics['joint_commands'] for telemetry in run]
     stamps = np.concatenate([row.stamp_ns for row in rows]) - START_NS
     np.testing.assert_array_equal(stamps, instants)
     offline = np.concatenate([row.values['position'] for row in rows])

@@ -1,14 +1,11 @@
-from dataclasses import fields
-
 import numpy as np
 from sim_bridge.offline.memory import gather
 from sim_bridge.offline.telemetry import Rows, Telemetry
 
 
 def stretch(first, **commands):
-    empty = {item.name: None for item in fields(Telemetry)}
     rows = Rows(np.arange(first, first + 2), {k: np.full((2, 1), v) for k, v in commands.items()})
-    return Telemetry(**{**empty, 'commands': rows, 'events': ()})
+    return Telemetry({'joint_commands': rows})
 
 
 def test_a_run_that_changes_its_mode_of_command_is_one_recording():

@@ -8,7 +8,7 @@ from power_daq.bus.description import BusDescription
 from power_recordings.card import Card
 from power_recordings.reading.reader import Recording
 from sim_bridge.commands import bench as bench_command
-from sim_bridge.live import node as sim_node
+from sim_bridge.commands import sim as sim_command
 from sim_bridge.offline.motions import bench_motion
 from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
 from sim_bridge.offline.session import Pushes, Session
@@ -175,11 +175,11 @@ def test_wrong_arguments_are_refused_before_anything_is_written(tmp_path, argume
 
 def test_the_command_writes_a_bag_and_refuses_to_replace_one(tmp_path, capsys):
     arguments = ['--offline', '--seed', '3', '--duration', '0.5', '-o', str(tmp_path / 'bag')]
-    assert sim_node.main([*arguments, '--drives', 'LF_KFE', '--controller', 'stand']) == 0
+    assert sim_command.main([*arguments, '--drives', 'LF_KFE', '--controller', 'stand']) == 0
     assert Recording.open(tmp_path / 'bag').card.drives == ('LF_KFE',)
-    assert sim_node.main(arguments) == 2
+    assert sim_command.main(arguments) == 2
     assert 'exists already' in capsys.readouterr().err
-    assert sim_node.main(['--offline']) == 2
+    assert sim_command.main(['--offline']) == 2
 
 
 class Topple:

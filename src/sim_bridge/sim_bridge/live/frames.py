@@ -10,6 +10,7 @@ from power_daq.bus.description import BusDescription
 from wattwalk_core.errors import InputError
 
 from sim_bridge.sensors.blocks import InstrumentReadings
+from sim_bridge.sensors.bus_columns import BusColumns
 from sim_bridge.sensors.meter import DeviceClock
 
 Floats = NDArray[np.float64]
@@ -18,20 +19,17 @@ _SEND_TIMEOUT: Final = 0.2  # s
 
 
 class FrameEncoder:
-    """Turns readings into frames in the order of their instants, with rolling counters."""
+    """Encoder of readings as frames in the order of time, with rolling counters."""
 
     def __init__(self, bus: BusDescription, joints: Sequence[str], clock: DeviceClock) -> None:
-        """InputError for a joint that the bus does not name."""
-        for joint in joints:
-            if joint not in bus.drives:
-                raise InputError(f'joint {joint!r} is not on the bus; {", ".join(bus.drives)} are')
+        """InputError for a joint that the bus lacks."""
         self._bus = bus
         self._clock = clock
-        self._places = [bus.drives.index(joint) for joint in joints]
+        self._columns = BusColumns(bus, joints)
         self._counts = {'electrical': 0, 'joints': 0, 'temperature': 0}
 
     def encode(self, samples: InstrumentReadings) -> list[can.Message]:
-        """SYNC and electrical frames at 1 kHz, joint frames at 400 Hz, temperatures at 10 Hz."""
+        """Return SYNC and electrical frames at 1 kHz, joints at 400 Hz, temperatures at 10 Hz."""
         bus, timed = self._bus, []
         meter, joints, warmth = samples.electrical, samples.joints, samples.temperature
         wide = self._spread(meter.voltage, meter.current, meter.status)
@@ -58,17 +56,14 @@ class FrameEncoder:
         return shown
 
     def _spread(self, *quantities: NDArray[np.generic]) -> Floats:
-        wide = np.zeros((len(quantities[0]), len(quantities), len(self._bus.drives)))
-        for index, values in enumerate(quantities):
-            wide[:, index, self._places] = values
-        return wide
+        return np.stack([self._columns.spread(values) for values in quantities], axis=1)
 
 
 class SimulatedBus:
-    """The bus as its simulated devices drive it; hosts a Unix socket where asked for one."""
+    """The bus of the simulated devices; the host of a Unix socket."""
 
     def __init__(self, interface: str, channel: str) -> None:
-        """InputError for an interface that is not in INTERFACES or a channel that is not there."""
+        """InputError for an unknown interface or a channel that cannot be opened."""
         if interface not in INTERFACES:
             raise InputError(f'interface is {interface!r}; it is one of {", ".join(INTERFACES)}')
         options: dict[str, Any] = {'host': True} if interface == 'unixsocket' else {}
@@ -82,7 +77,7 @@ class SimulatedBus:
         self.refused = 0
 
     def send(self, messages: Sequence[can.Message]) -> None:
-        """Put frames on the bus; what it refuses is counted, not raised."""
+        """Put frames on the bus; refused ones are counted in `refused`."""
         if self._send_all is not None:
             self._send_all(messages)
             return

@@ -1,4 +1,4 @@
-"""A run of simulation, instruments and controller, in stretches of half a second."""
+"""Session of simulation, instruments and controller, in stretches of half a second."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -18,18 +18,16 @@ _DOWN = 2000  # steps on the ground after a fall
 
 @dataclass(frozen=True)
 class CommandSamples:
-    """N commands as they were given."""
+    """N commands."""
 
     step: NDArray[np.int64]  # [N], held from the end of this step on
-    position: Floats | None  # rad [N, D]
-    velocity: Floats | None  # rad/s [N, D]
-    effort: Floats | None  # N·m [N, D]
+    values: dict[str, Floats]  # position rad, velocity rad/s, effort N·m, as given [N, D]
     base_velocity: Floats | None  # vx, vy m/s, yaw rate rad/s [N, 3]
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something to tell the user: a fall or a push."""
+    """A fall or a push, with its sentence for the user."""
 
     step: int
     kind: str
@@ -38,7 +36,7 @@ class Event:
 
 @dataclass(frozen=True)
 class SessionPart:
-    """What was measured, commanded and what happened in half a second."""
+    """Readings, commands and events of half a second."""
 
     samples: InstrumentReadings
     commands: CommandSamples
@@ -46,14 +44,14 @@ class SessionPart:
 
 
 class Pushes:
-    """Pushes of 0.2 to 0.6 m/s from any side, every 3 to 8 s."""
+    """Random pushes of 0.2 to 0.6 m/s, every 3 to 8 s."""
 
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng([seed, 1])
         self._next = self._random.uniform(3.0, 8.0)
 
     def due(self, time: float) -> Floats | None:
-        """Velocity that a push at this time gives, m/s [3], or None."""
+        """Return the velocity change of a push at this time, m/s [3], or None."""
         if time < self._next:
             return None
         self._next = time + self._random.uniform(3.0, 8.0)
@@ -61,13 +59,13 @@ class Pushes:
 
 
 def random_push(random: np.random.Generator) -> Floats:
-    """A horizontal push from any side, as the velocity that it gives, m/s [3]."""
+    """Return the velocity change of a random horizontal push, m/s [3]."""
     heading = random.uniform(0.0, 2 * np.pi)
     return random.uniform(0.2, 0.6) * np.array([np.cos(heading), np.sin(heading), 0.0])
 
 
 class Session:
-    """Steps a simulation under a controller; after a fall it lies a second, then starts anew."""
+    """A simulation under a controller; a second after a fall it is reset."""
 
     def __init__(
         self,
@@ -77,7 +75,7 @@ class Session:
         pushes: Pushes | None = None,
         watch: Callable[[PlantBlock], None] | None = None,
     ) -> None:
-        """watch: shown every block, before it is measured."""
+        """watch: called with every block before it is measured."""
         self.simulation = simulation
         self._watch = watch
         self._instruments = instruments
@@ -87,7 +85,7 @@ class Session:
         self._events: list[Event] = []
 
     def run(self, duration: float) -> Iterator[SessionPart]:
-        """Stretches that together last duration seconds, rounded up to whole commands."""
+        """Yield stretches of duration seconds in all, rounded up to whole commands."""
         last = self.simulation.steps + round(duration / STEP)
         while self.simulation.steps < last:
             yield self._stretch(min(last, self.simulation.steps + _STRETCH))
@@ -105,16 +103,20 @@ class Session:
             velocities.append(self._controller.velocity)
             self.simulation.hold(command)
             blocks.append(self.simulation.advance(self._controller.period))
-        position, velocity, effort = (
-            _stack([getattr(command, entry.name) for command in commands])
+        given = {
+            entry.name: _stack([getattr(command, entry.name) for command in commands])
             for entry in fields(JointCommand)
-        )
+        }
         block = PlantBlock.join(blocks)
         if self._watch is not None:
             self._watch(block)
         return SessionPart(
             self._instruments.read(block),
-            CommandSamples(np.array(steps), position, velocity, effort, _stack(velocities)),
+            CommandSamples(
+                np.array(steps),
+                {name: values for name, values in given.items() if values is not None},
+                _stack(velocities),
+            ),
             tuple(self._events),
         )
 
