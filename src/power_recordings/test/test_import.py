@@ -413,3 +413,19 @@ def test_real_logs_are_imported_with_ready_maps(tmp_path, log, mapping, topic, c
     assert moving
     for drive in moving:
         assert drive.velocity_slope == pytest.approx(1, abs=0.05)
+
+
+def test_the_robots_power_is_set_against_the_sum_of_its_drives(tmp_path):
+    rows = table()
+    rows[:, 4] = -1e3 * np.linspace(0.5, 1.5, len(rows))  # mA at 24 V
+    robot = 1.1 * 24 * -rows[:, 4] / 1e3 + 7.0
+    log = csv(tmp_path / 'a.csv', np.column_stack([rows, robot / 24]), 't,pos,vel,iq,i,all')
+    chart = tmp_path / 'map.yaml'
+    supply = (
+        'supply: {voltage: {value: 24, unit: V}, current: {from: all, unit: A, positive: drawn}}'
+    )
+    chart.write_text(MAP + supply)
+    assert main([str(log), '--map', str(chart), '-o', str(tmp_path / 'bag')]) == 0
+    line = check_recording(Recording.open(tmp_path / 'bag')).supply
+    assert (line.slope, line.offset) == pytest.approx((1.1, 7.0), rel=1e-2)
+    assert line.r2 == pytest.approx(1.0, abs=1e-4)

@@ -86,6 +86,11 @@ def print_quality(recording: 'Recording', quality: 'Quality') -> None:
             f'{100 * drive.cells:.0f} %',
         )
     console.print(table)
+    if (line := quality.supply) is not None:
+        console.print(
+            f'  robot = {line.slope:.2f} × sum of its drives {line.offset:+.1f} W '
+            f'(R² {line.r2:.2f})'
+        )
     if card.derived_velocity:
         drives = printable(', '.join(card.derived_velocity))
         console.print(

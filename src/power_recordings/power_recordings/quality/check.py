@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
-from power_recordings.messages.samples import DriveSamples, JointSamples
+from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
 from power_recordings.quality import physics
 from power_recordings.quality.streams import (
     LEAST_UPDATES,
@@ -26,6 +26,7 @@ _FROZEN = 1.0  # s
 _MOST = {'voltage': 1000.0, 'current': 1000.0}
 _SLOPE = (0.8, 1.25)
 _LEAST_CORRELATION = 0.7
+_LEAST_EXPLAINED = 0.2  # of the power, by torque and speed
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,15 @@ class DriveQuality:
 
 
 @dataclass(frozen=True)
+class SupplyLine:
+    """Power of the robot as a line over the sum of its drives'."""
+
+    slope: float
+    offset: float  # W
+    r2: float
+
+
+@dataclass(frozen=True)
 class Quality:
     """Timing by topic, figures by drive, and what is amiss."""
 
@@ -67,6 +77,7 @@ class Quality:
     drives: Mapping[str, DriveQuality]
     torque_at: Mapping[str, str]
     findings: tuple[Finding, ...]
+    supply: SupplyLine | None = None  # robot's power over the sum of its drives'
 
     def content(self) -> dict[str, Any]:
         """Return the figures as JSON has them."""
@@ -81,13 +92,14 @@ def check_recording(recording: Recording) -> Quality:
             topics[name] = timing(getattr(recording, name)().stamp_ns)
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
-    checker.supply()
+    line = checker.supply()
     return Quality(
         recording.duration,
         topics,
         drives,
         dict(recording.card.torque),
         tuple(checker.findings),
+        line,
     )
 
 
@@ -251,20 +263,26 @@ class _Checker:
         torque: NDArray[np.float64],
         velocity: NDArray[np.float64],
     ) -> float:
-        found = physics.power_slope(power, torque, velocity) if len(power) else None
+        if not len(power):
+            return np.nan
+        share = physics.explained(power, torque, velocity)
+        if share is not None and share < _LEAST_EXPLAINED:
+            self._find(
+                'torque_unrelated',
+                'warning',
+                name,
+                f'torque × speed and torque² explain {max(share, 0.0):.0%} of its power: this is '
+                'not the torque that draws it (the effort of a spring at the output, say), or '
+                "the drive bears no load; take the motor's or the winding's current, if the log "
+                'has it',
+                'torque: {from: …, unit: A, at: motor}',
+            )
+        found = physics.power_slope(power, torque, velocity)
         if found is None:
             return np.nan
         slope, error, r2 = found
         current = self._recording.card.torque_unit.get(name) == 'A'
-        if current or r2 < 0.2 or 0.6 - 2 * error < slope < 1.6 + 2 * error:
-            if r2 < 0.2 and not current:
-                self._find(
-                    'torque_unrelated',
-                    'warning',
-                    name,
-                    f'torque and speed explain {max(r2, 0.0):.0%} of its power: this torque is '
-                    'not the one that draws it, or the drive hardly works',
-                )
+        if current or r2 < _LEAST_EXPLAINED or 0.6 - 2 * error < slope < 1.6 + 2 * error:
             return slope
         mend = f'torque: {{scale: {slope:.4g}}}'
         if slope < 0:
@@ -277,13 +295,13 @@ class _Checker:
         self._find('power_units', 'error', name, text, mend)
         return slope
 
-    def supply(self) -> None:
-        """Check the supply of the whole robot."""
+    def supply(self) -> SupplyLine | None:
+        """Check the supply of the whole robot, and set it against the drives."""
         if not self._recording.has('supply'):
-            return
+            return None
         supply = self._recording.supply()
         if len(supply) < _FEWEST:
-            return
+            return None
         mean = float(np.nanmean(supply.power))
         if mean < 0:
             self._find(
@@ -302,6 +320,18 @@ class _Checker:
                 f"the robot's power changes {rate:.3g} times a second; a model needs "
                 f'{LEAST_UPDATES:.0f} (with --slow, energy over windows is judged)',
             )
+        return self._line(supply)
+
+    def _line(self, supply: SupplySamples) -> SupplyLine | None:
+        if self._electric is None or len(self._electric.names) < len(self.names):
+            return None
+        drawn = _at(self._electric.stamp_ns, self._electric.power.sum(axis=1), supply.stamp_ns)
+        good = np.isfinite(drawn) & np.isfinite(supply.power)
+        if good.sum() < _FEWEST or np.var(drawn[good]) == 0 or np.var(supply.power[good]) == 0:
+            return None
+        slope, offset = np.polyfit(drawn[good], supply.power[good].astype(np.float64), 1)
+        r2 = np.corrcoef(drawn[good], supply.power[good])[0, 1] ** 2
+        return SupplyLine(float(slope), float(offset), float(r2))
 
 
 def _at(

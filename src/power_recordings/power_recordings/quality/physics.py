@@ -86,6 +86,22 @@ def power_slope(
     return float(found[0] / scale[0]), error, r2
 
 
+def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
+    """
+    Return the R² of P = a·τω + b·τ² + d: the power that the torque draws.
+
+    None for too few samples, or a power that does not vary.
+    """
+    good = np.isfinite(power) & np.isfinite(torque) & np.isfinite(velocity)
+    power, torque, velocity = power[good], torque[good], velocity[good]
+    if len(power) < 10 * _ENOUGH or not np.var(power) > 0:
+        return None
+    design = np.stack([torque * velocity, torque**2, np.ones_like(power)], axis=1)
+    scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
+    found, *_ = np.linalg.lstsq(design / scale, power, rcond=1e-10)
+    return 1 - float(np.var(power - design / scale @ found)) / float(np.var(power))
+
+
 def known_factor(slope: float, tolerance: float = 0.12) -> str | None:
     """Return what a slope other than 1 stands for, '' for 1, None for no common factor."""
     factor = min(_FACTORS, key=lambda f: abs(np.log(max(slope, 1e-12) / f)))
