@@ -1,4 +1,4 @@
-"""`ros2 run sim_bridge bench`: a bag of one drive in a motion on a stand."""
+"""`ros2 run sim_bridge bench`: record one simulated drive in a motion on a stand."""
 
 import argparse
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ examples:
 
 
 def parse(args: Sequence[str]) -> argparse.Namespace:
-    """Options of the command; ROS arguments must be gone from args."""
+    """Return the options of the command from its own arguments."""
     parser = argparse.ArgumentParser(
         prog='ros2 run sim_bridge bench',
         description='Record one simulated drive on a stand, as fast as the machine can.',

@@ -1,4 +1,4 @@
-"""`ros2 run sim_bridge ethercat_segment`: a coupler and EL3102 terminals on an interface."""
+"""`ros2 run sim_bridge ethercat_segment`: emulate a coupler and EL3102 terminals."""
 
 import argparse
 import time
@@ -21,7 +21,7 @@ Needs root, for raw sockets. example, on a cable of two virtual ends:
 
 
 def parse(args: Sequence[str]) -> argparse.Namespace:
-    """Options of the command; ROS arguments must be gone from args."""
+    """Return the options of the command from its own arguments."""
     parser = argparse.ArgumentParser(
         prog='ros2 run sim_bridge ethercat_segment',
         description='Emulates an EK1100 and an EL3102 for each two voltages, to try power_daq '

@@ -1,4 +1,4 @@
-"""`ros2 run sim_bridge record`: the recordings that a power model is trained and judged on."""
+"""`ros2 run sim_bridge record`: make recordings to train and evaluate power models on."""
 
 import argparse
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ class RecordingPlan:
 
 
 def plans(which: str, seed: int = _SEED) -> tuple[RecordingPlan, ...]:
-    """The recordings of the set `paper` or `robustness`; seed counts up from recording to it."""
+    """Return the recordings of the set `paper` or `robustness`, with seeds that count up."""
     if which == 'paper':
         return tuple(
             RecordingPlan(kind, seed + i, (f'LF_{kind}',), terrain='rough', pushes=True)
@@ -110,7 +110,7 @@ def _content(plan: RecordingPlan) -> dict[str, object]:
 
 
 def parse(args: Sequence[str]) -> argparse.Namespace:
-    """Options of the command; ROS arguments must be gone from args."""
+    """Return the options of the command from its own arguments."""
     parser = argparse.ArgumentParser(
         prog='ros2 run sim_bridge record',
         description='Make a set of recordings of the simulated robot, to train and judge on.',

@@ -1,4 +1,4 @@
-"""`ros2 run sim_bridge sim`: the simulated robot in real time, or to a bag."""
+"""`ros2 run sim_bridge sim`: simulate the robot in real time, or record it offline."""
 
 import argparse
 import sys
@@ -27,7 +27,7 @@ examples:
 
 
 def parse(args: Sequence[str]) -> argparse.Namespace:
-    """Options of the command; ROS arguments must be gone from args."""
+    """Return the options of the command from its own arguments."""
     parser = argparse.ArgumentParser(
         prog='ros2 run sim_bridge sim',
         description='The simulated robot, its drives and their power meter.',
@@ -54,7 +54,7 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
 
 
 def load_plant(source: str, unit: int | None) -> Plant:
-    """A plant and, unless None, another unit of it; InputError for one that is not there."""
+    """Return a plant or, unless None, a unit of it; InputError for an unknown one."""
     plant = Plant.load(source)
     return plant if unit is None else plant.unit(unit)
 

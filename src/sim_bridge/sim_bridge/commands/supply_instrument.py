@@ -1,4 +1,4 @@
-"""`ros2 run sim_bridge supply_instrument`: a simulated bench supply on a TCP socket."""
+"""`ros2 run sim_bridge supply_instrument`: emulate a bench supply on a TCP socket."""
 
 import argparse
 import sys

@@ -1,4 +1,4 @@
-"""A certified power analyser at the terminals of one drive's meter: what it logs, as CSV."""
+"""Certified power analyser at the terminals of one drive's meter, with a CSV log."""
 
 import io
 from math import pi
@@ -43,7 +43,7 @@ class AnalyserParameters:
 
 class Analyser:
     """
-    Watches one drive of a run and writes its log.
+    Logger of the voltage, current and power of one drive.
 
     Between the plant's steps of 0.5 ms, which are means, voltage and current follow a spline that
     keeps every mean; the ripple within a step has none, so that meter and analyser see one truth.
@@ -52,7 +52,7 @@ class Analyser:
     def __init__(
         self, parameters: AnalyserParameters, clock: DeviceClock, drive: int = 0, seed: int = 0
     ) -> None:
-        """clock: paces the plant's steps. drive: column of the world's drives."""
+        """clock: of the plant's steps. drive: column of the world's drives."""
         self._given = parameters
         self._clock = clock
         self._drive = drive
@@ -60,12 +60,12 @@ class Analyser:
         self._blocks: list[tuple[Floats, Floats, Floats]] = []
 
     def watch(self, block: PlantBlock) -> None:
-        """Take in the next block."""
+        """Add the next block."""
         current = block.power[:, self._drive] / block.voltage
         self._blocks.append((block.voltage.copy(), current, block.position[:, self._drive].copy()))
 
     def rows(self) -> Floats:
-        """What was logged: time s (its own clock), V, A, W [N, 4]."""
+        """Return the log: time s (of its own clock), V, A, W [N, 4]."""
         given = self._given
         voltage, current, angle = (
             np.concatenate(parts) for parts in zip(*self._blocks, strict=True)
@@ -117,13 +117,13 @@ class Analyser:
 
 
 def _between(edges: Floats, means: Floats) -> CubicSpline:
-    """A smooth curve whose means between the edges are those given."""
+    """Return a smooth curve with given means between edges."""
     whole = np.concatenate([[0.0], np.cumsum(means * np.diff(edges))])
     return CubicSpline(edges, whole).derivative()
 
 
 def check_output(path: Path) -> Path:
-    """InputError unless a log can be written there."""
+    """Return the path of a log; InputError unless it can be written."""
     if path.suffix.lower() != '.csv':
         raise InputError(f'--analyser {str(path)!r}: end it in .csv')
     if path.is_dir() or not path.absolute().parent.is_dir():
@@ -132,6 +132,6 @@ def check_output(path: Path) -> Path:
 
 
 def ripple_frequency(speed: Floats) -> Floats:
-    """Of the ripple at joint speeds (rad/s), Hz."""
+    """Return the frequency of the ripple at joint speeds (rad/s), Hz."""
     frequency: Floats = np.abs(speed) * _RIPPLE_PER_TURN / (2.0 * pi)
     return frequency

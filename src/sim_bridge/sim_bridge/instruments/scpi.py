@@ -1,5 +1,5 @@
 """
-A bench supply as its network socket shows it: SCPI in the dialect of EA's PSB 9000.
+Emulated bench supply with SCPI over TCP in the dialect of EA's PSB 9000.
 
 It follows what drivers and manuals of that series agree on: line-terminated commands, long or
 short words in any case, a number with its unit in each answer, setting values only under remote
@@ -46,14 +46,14 @@ Sent = Sequence[tuple[float, bytes]]
 
 @dataclass(frozen=True)
 class Terminals:
-    """What flows: V, and A out of the supply (negative into it)."""
+    """Voltage, V, and current, A, out of the supply (negative into it)."""
 
     voltage: float
     current: float
 
 
 class SupplyState:
-    """Settings, output, remote control and error queue; answers one line at a time."""
+    """Settings, output, remote control and error queue behind SCPI lines."""
 
     def __init__(self, terminals: Callable[[], Terminals], output: bool = True) -> None:
         self._terminals = terminals
@@ -63,7 +63,7 @@ class SupplyState:
         self.heard: deque[str] = deque(maxlen=1000)
 
     def answer(self, line: str) -> str | None:
-        """Answer to a line, None where there is none; errors go into the queue."""
+        """Return the answer to a line, None for none; errors go into the queue."""
         self.heard.append(line)
         header, _, argument = line.strip().partition(' ')
         words = header.upper().removesuffix('?').lstrip(':').split(':')
@@ -145,13 +145,13 @@ class SupplyState:
 
 
 def whole(_: str, answer: str) -> Sent:
-    """An answer as a sound instrument sends it: at once, in one piece."""
+    """Return an answer as one piece without a delay."""
     return [(0.0, answer.encode('ascii') + b'\n')]
 
 
 class ScpiInstrument:
     """
-    Serves a SupplyState on a TCP socket in a thread of its own, to one client at a time.
+    Server of a SupplyState on a TCP socket, in a thread, for one client at a time.
 
     send gives, for a question and its answer, the pieces that go out and the s to wait before
     each: where tests spoil what the instrument says. Port 0 takes a free one.
@@ -179,14 +179,14 @@ class ScpiInstrument:
         self._thread.start()
 
     def drop(self) -> None:
-        """Break the connection off, as a pulled cable or a full table of sockets does."""
+        """Break the connection, as a pulled cable does."""
         client = self._client
         if client is not None:
             with suppress(OSError):
                 client.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Power it off."""
+        """End the server."""
         self._stop.set()
         self.drop()
         self._thread.join()

@@ -1,4 +1,4 @@
-"""Node `supply_instrument`: a simulated bench supply on a TCP socket, as an EA PSB 9000 speaks."""
+"""Node `supply_instrument`: an emulated EA PSB 9000 on a TCP socket."""
 
 import time
 
@@ -19,7 +19,7 @@ _STALE = 0.5
 
 
 class SupplyInstrumentNode(Node):
-    """Shows on its socket what the topic simulated_supply says, or constants without it."""
+    """Node that serves the values of the topic simulated_supply, or constants without it."""
 
     def __init__(self) -> None:
         super().__init__('supply_instrument')
@@ -40,7 +40,7 @@ class SupplyInstrumentNode(Node):
         self.get_logger().info(f'listening on {self._instrument.host}:{self._instrument.port}')
 
     def terminals(self) -> Terminals:
-        """What flows now: the newest of the topic, constants once it is 0.5 s old."""
+        """Return the newest values of the topic; constants once they are 0.5 s old."""
         heard = self._heard
         if heard is None or time.monotonic() - heard[0] > _STALE:
             return self._constant

@@ -1,1 +1,1 @@
-"""The plant in real time behind the bus of the hardware."""
+"""Real-time simulation behind the bus of the hardware."""

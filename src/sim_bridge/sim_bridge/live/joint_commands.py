@@ -1,4 +1,4 @@
-"""A JointState on `joint_commands` as a command to the drives."""
+"""Drive commands from JointState messages on `joint_commands`."""
 
 from collections.abc import Collection, Sequence
 
@@ -19,7 +19,7 @@ def joint_command(
     absent: Collection[str] = (),
 ) -> JointCommand:
     """
-    The command that a message's fields give, in the order of joints.
+    Return the command of a message's fields, in the order of joints.
 
     An empty field commands nothing; a joint that is not named, or whose value is not finite,
     is damped; joints that are absent may be named, to no effect, as on a bus where their drives

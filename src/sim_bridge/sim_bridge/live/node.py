@@ -26,7 +26,7 @@ from sim_bridge.sensors.blocks import Instruments
 
 
 class SimNode(Node):
-    """Runs the plant in a thread of its own; the executor serves commands and services."""
+    """Node with the plant in a thread; the executor serves commands and services."""
 
     def __init__(self) -> None:
         super().__init__('sim_bridge')

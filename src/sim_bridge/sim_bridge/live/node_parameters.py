@@ -29,7 +29,7 @@ _PUSH = (
 
 @dataclass(frozen=True)
 class NodeParameters:
-    """Settings that the node reads once; those of pushes are read at each push."""
+    """Settings of the node, read once; those of pushes are read at each push."""
 
     plant: Plant
     terrain: str
@@ -89,13 +89,13 @@ class NodeParameters:
                 raise InputError(f'{name} is {value!r}; it is one of {", ".join(known)}')
 
     def make_world(self) -> World:
-        """The world that the parameters ask for."""
+        """Return the world of the parameters."""
         if self.world == 'bench':
             return stand_world(self.joint, self.stand)
         return walking_world(rough(self.seed) if self.terrain == 'rough' else FLAT)
 
     def push(self, node: Node) -> Floats | None:
-        """Velocity of the next push, m/s [3]; None for a random one."""
+        """Return the velocity change of the next push, m/s [3]; None for a random one."""
         speed = float(node.get_parameter('push_velocity').value)
         if speed == 0.0:
             return None

@@ -22,10 +22,10 @@ _CLOCK_PERIOD = 10  # steps: 200 Hz
 
 
 class SamplePublisher:
-    """Publishes imu, foot_force, odom and supply, and /clock where asked for."""
+    """Publisher of imu, foot_force, odom and supply, optionally of /clock."""
 
     def __init__(self, node: Node, clock: DeviceClock, with_clock: bool) -> None:
-        """Stamps count from `start_ns`, the ROS time of step 0."""
+        """Stamps are relative to `start_ns`, the ROS time of step 0."""
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         self._clock, self.start_ns = clock, 0
         self._imu = node.create_publisher(Imu, 'imu', qos)
@@ -41,7 +41,7 @@ class SamplePublisher:
         self._supply_message = empty_battery()
 
     def publish(self, samples: InstrumentReadings) -> None:
-        """Publish what fell due within a block."""
+        """Publish the readings of a block."""
         if samples.body is not None:
             self._publish_body(samples.body)
         if samples.odometry is not None:

@@ -1,4 +1,4 @@
-"""The plant in real time: paced by a steady clock, sample for sample."""
+"""Real-time execution of the plant by a steady clock."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ STALE_AFTER: Final = 0.1  # s without a command, then the drives damp
 
 @dataclass
 class LoopProgress:
-    """How the loop keeps up, since the last time that it was taken."""
+    """Loop timing since it was last taken."""
 
     steps: int = 0
     wall: float = 0.0  # s
@@ -32,13 +32,13 @@ class LoopProgress:
 
     @property
     def factor(self) -> float:
-        """Simulated time over real time."""
+        """Ratio of simulated to real time."""
         return self.steps * STEP / self.wall if self.wall > 0.0 else 1.0
 
 
 class LivePlant:
     """
-    Runs a simulation at the pace of its device clock and hands on every sample.
+    Simulation in real time by its device clock; every sample is handed on.
 
     Until the first command the drives hold the default pose (on a stand: position 0); when
     commands stop coming for 0.1 s they damp. After a stall it catches up; no sample is left out.
@@ -74,7 +74,7 @@ class LivePlant:
 
     @property
     def stale(self) -> bool:
-        """Whether commands came once and no longer do."""
+        """True once commands have stopped coming."""
         return self._commanded is not None and self._now() - self._commanded[0] > STALE_AFTER
 
     def command(self, command: JointCommand) -> None:
@@ -86,11 +86,11 @@ class LivePlant:
         self._tasks.append(lambda: self.simulation.push(velocity))
 
     def reset(self) -> None:
-        """Put the robot back to its start; drives hold the start pose until the next command."""
+        """Reset the robot; drives hold the initial pose until the next command."""
         self._tasks.append(self._reset)
 
     def take_progress(self) -> LoopProgress:
-        """Progress since the last call."""
+        """Return the loop timing since the last call."""
         progress, self._progress = self._progress, LoopProgress()
         return progress
 

@@ -1,1 +1,1 @@
-"""Simulated runs as fast as the machine can, to a bag or to memory."""
+"""Offline simulation to a bag or to memory."""

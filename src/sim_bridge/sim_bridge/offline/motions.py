@@ -22,13 +22,13 @@ def bench_motion(
     seconds: float | None = None,
     pull: float = 0.0,
 ) -> MotionFile:
-    """A shipped motion by name, or a file, in N·m of a load's pull; InputError for bad ones."""
+    """Return a shipped motion or a file's, for a load's pull, N·m; InputError for bad ones."""
     return find_motion(wanted, mode).changed(amplitude, frequency, seconds).with_pull(pull)
 
 
 class MotionController:
     """
-    Commands a motion to the one drive of a stand, by the plan of `drive_bench run`.
+    Controller of a motion for the one drive of a stand, as planned by `drive_bench run`.
 
     It hangs at 0 rad. A segment that lasts until the winding is warm goes by the winding itself.
     """
@@ -48,11 +48,11 @@ class MotionController:
 
     @property
     def seconds(self) -> float:
-        """Length with the ways between the segments, from hanging."""
+        """Duration with the transitions between segments, s, from hanging."""
         return SegmentPlayer(self.motion, 0.0, self._mounting, self._ramps).plan.seconds
 
     def command(self, simulation: Simulation) -> JointCommand:
-        """The target now."""
+        """Return the present target."""
         position = float(simulation.joint_position[0])
         if self._player is None:
             self._player = SegmentPlayer(self.motion, position, self._mounting, self._ramps)
@@ -68,5 +68,5 @@ class MotionController:
         return JointCommand(position=np.array([target.position]), velocity=speed)
 
     def reset(self) -> None:
-        """Plan anew from where the drive is."""
+        """Plan again from the present position."""
         self._player = None

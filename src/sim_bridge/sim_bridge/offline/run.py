@@ -1,4 +1,4 @@
-"""Runs of the simulated robot as fast as the machine can: into a bag, or into memory."""
+"""Offline runs of the simulated robot, into a bag or into memory."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
@@ -80,7 +80,7 @@ class OfflineRun:
         return self._session.simulation.time
 
     def __iter__(self) -> Iterator[Telemetry]:
-        """Telemetry in stretches of half a second."""
+        """Yield telemetry in stretches of half a second."""
         for stretch in self._session.run(self.duration):
             yield self._wire.send(stretch)
 
@@ -98,7 +98,7 @@ def walking_run(
     trust_code: bool = False,
 ) -> OfflineRun:
     """
-    ANYmal C walking (controller: a trot's name or `stand`; terrain: flat or rough).
+    Return a run of ANYmal C (controller: name or folder of a policy, or `stand`).
 
     velocity: vx, vy in m/s and yaw rate in rad/s to hold; random ones if None. trust_code: run a
     TorchScript file as controller.
@@ -236,5 +236,5 @@ def write_bag(
 
 
 def simulate_recording(run: OfflineRun, name: str = 'simulation') -> Recording:
-    """The same run without a bag, for `align`; diagnostics and card are left out."""
+    """Return a run as a recording in memory, without diagnostics and card."""
     return gather(name, list(run), run.joints, run.drives)

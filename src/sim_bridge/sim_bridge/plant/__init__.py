@@ -1,1 +1,1 @@
-"""Robot, drives, circuit and bus, simulated."""
+"""Simulated robot, drives, circuit and bus."""

@@ -1,5 +1,5 @@
 """
-From motor torque and speed to the power at each drive's DC link, as an electric circuit.
+Electric circuit from motor torque and speed to the power at each drive's DC link.
 
 The motor is its equivalent in the rotor's frame: a torque-forming and a field-weakening current
 through the winding's resistance, behind the voltage that rotation induces.
@@ -22,7 +22,7 @@ _TINY: Final = 1e-9
 
 @dataclass(frozen=True)
 class Flow:
-    """Electrical result of B steps, W [B, D] each unless said otherwise."""
+    """Powers of B steps, W [B, D] each unless stated otherwise."""
 
     link: Floats  # drawn at the drive's DC link
     copper: Floats
@@ -59,7 +59,7 @@ class Circuit:
         self.temperature = Windings(p, plant)
 
     def resistance(self) -> Floats:
-        """Resistance of the windings as they are now, ohm [D]."""
+        """Return the resistance of the windings at their temperature, ohm [D]."""
         warm = 1.0 + self._heating * (self.temperature.winding - REFERENCE_TEMPERATURE)
         resistance: Floats = self._p['resistance'] * self._copper * warm
         return resistance
@@ -68,7 +68,7 @@ class Circuit:
         self, motor: Floats, speed: Floats, drag: Floats, voltage: float, time: Floats
     ) -> Flow:
         """
-        Currents and losses of B steps.
+        Return currents and losses of B steps.
 
         motor: air-gap torque, N·m [B, D]; speed: rotor, rad/s [B, D], mean of the step;
         drag: friction, N·m [B, D], which warms the housing; voltage: the bus as the drives last
@@ -119,7 +119,7 @@ class Circuit:
     def _weakening_current(
         self, current: Floats, fast: Floats, constant: Floats, voltage: float
     ) -> Floats:
-        """Current against the magnets that keeps the motor's voltage within the bus's, A."""
+        """Return the current that keeps the motor's voltage below the bus voltage, A."""
         p = self._p
         available = p['modulation'] * voltage
         needed = constant * fast + p['resistance'] * np.abs(current)
@@ -142,7 +142,7 @@ class Circuit:
 
 
 class Windings:
-    """Winding and housing of each drive as two heat capacities in a row."""
+    """Thermal model of each drive: winding and housing as two heat capacities in series."""
 
     def __init__(self, parameters: dict[str, Floats], plant: Plant) -> None:
         self._p = parameters
@@ -154,12 +154,12 @@ class Windings:
         self._into_housing = np.zeros_like(self.winding)
 
     def heat(self, winding: Floats, housing: Floats) -> None:
-        """Collect the heat of B steps, W [B, D]."""
+        """Accumulate the heat of B steps, W [B, D]."""
         self._into_winding += winding.sum(axis=0)
         self._into_housing += housing.sum(axis=0)
 
     def settle(self, step: float, steps: int) -> None:
-        """Let temperatures follow the heat collected in a number of steps of step seconds."""
+        """Update temperatures by the heat of a number of steps of step seconds."""
         p, time = self._p, step * steps
         between = p['winding_conductance'] * (self.winding - self.housing) * time
         outwards = p['housing_conductance'] * (self.housing - self._air) * time

@@ -1,4 +1,4 @@
-"""What the joint feels of its drive: controller, limits, friction, rotor, cogging and spring."""
+"""Mechanical side of the drives: controller, limits, friction, rotor, cogging and spring."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _STABLE: Final = 0.8  # share of the inertia that dry friction may stop within a
 @dataclass(frozen=True)
 class JointCommand:
     """
-    What the drives hold until the next command, each [D] or None.
+    Command that the drives hold until the next one, each [D] or None.
 
     position (rad) commands position mode, with velocity and effort as feed-forward; velocity
     (rad/s) alone velocity mode; effort (N·m) alone torque mode; nothing at all damps.
@@ -64,7 +64,7 @@ class Friction:
         self._a, self._b, self._sign = (np.empty_like(self._coulomb) for _ in range(3))
 
     def torque(self, position: Floats, velocity: Floats, motor: Floats, out: Floats) -> None:
-        """Drag against the motor at one instant, N·m [D], written to out."""
+        """Write the drag on the motor at one instant, N·m [D], to out."""
         a, b, sign = self._a, self._b, self._sign
         np.multiply(velocity, self._slope, out=a)
         np.tanh(a, out=sign)
@@ -95,7 +95,7 @@ class Friction:
             np.add(out, b, out=out)
 
     def parts(self, position: Floats, velocity: Floats, motor: Floats) -> dict[str, Floats]:
-        """The same drag by effect, N·m [..., D] each."""
+        """Return the drag by effect, N·m [..., D] each."""
         sign = np.tanh(velocity * self._slope)
         fade = 1.0 + (velocity * self._fade) ** 2
         return {
@@ -113,7 +113,7 @@ class Friction:
 
 @dataclass(frozen=True)
 class Trace:
-    """What the drives did in B steps, [B, D] each, at the motor side unless said otherwise."""
+    """Signals of the drives in B steps, [B, D] each, at the motor unless stated otherwise."""
 
     position: Floats  # rad, rotor at the start of the step, in turns of the joint
     velocity: Floats  # rad/s, rotor at the start of the step
@@ -124,13 +124,13 @@ class Trace:
 
     @classmethod
     def empty(cls, steps: int, drives: int) -> 'Trace':
-        """Room for a block of steps."""
+        """Return the trace of a block of steps, zeros."""
         return cls(*(np.zeros((steps, drives)) for _ in range(6)))
 
 
 class Drives:
     """
-    The mechanical side of D drives, stepped beside the rigid-body simulation.
+    Mechanical side of D drives, stepped beside the rigid-body simulation.
 
     The rotor turns with the joint (its inertia is then `armature`, for the joint's own solver)
     unless the plant's spring is on: then it has a state of its own behind that spring.
@@ -168,11 +168,11 @@ class Drives:
 
     @property
     def armature(self) -> Floats:
-        """Inertia that turns rigidly with the joints, kg·m² [D]."""
+        """Inertia rigidly coupled to the joints, kg·m² [D]."""
         return np.zeros_like(self.inertia) if self.elastic else self.inertia
 
     def reset(self, position: Floats) -> None:
-        """Rotors at rest where the joints are, rad [D]."""
+        """Reset the rotors to rest at joint angles, rad [D]."""
         self.rotor[:] = position
         self.rotor_velocity[:] = 0.0
 
@@ -197,13 +197,13 @@ class Drives:
         self._feed[:] = np.where(good, feed, 0.0)
 
     def set_voltage(self, voltage: float) -> None:
-        """Take the bus voltage (V) that bounds torque at speed."""
+        """Set the bus voltage, V, which limits torque at speed."""
         self._ceiling = self._stall * voltage
         self._floor = -self._ceiling
 
     def step(self, row: int, position: Floats, velocity: Floats, out: Floats) -> None:
         """
-        Torque on the joints for the next step, N·m [D], written to out and to the trace.
+        Write the torque on the joints for the next step, N·m [D], to out and to the trace.
 
         position (rad) and velocity (rad/s) are the joints' now; row counts within the block.
         """

@@ -18,7 +18,7 @@ class EnergyBalance:
     energy: dict[str, float] = field(default_factory=dict)
 
     def add(self, powers: Mapping[str, float], step: float) -> None:
-        """Count sums of powers over steps (W) of step seconds each."""
+        """Add sums of powers over steps, W, of step seconds each."""
         for name, power in powers.items():
             self.energy[name] = self.energy.get(name, 0.0) + power * step
 

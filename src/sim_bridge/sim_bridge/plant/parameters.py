@@ -1,5 +1,5 @@
 """
-The simulated hardware in numbers: supply, drives, effects, meter and joint sensors.
+Parameters of the simulated hardware: supply, drives, effects, meter and joint sensors.
 
 A plant is read from a YAML file; `docs/simulated_hardware.md` says where each figure comes from.
 """
@@ -25,7 +25,7 @@ PLANTS = Path(__file__).parents[1] / 'plants'
 
 @schema
 class DriveParameters:
-    """One type of drive, every quantity as seen at the joint (behind the gear)."""
+    """Parameters of one type of drive, all at the joint (behind the gear)."""
 
     resistance: Annotated[float, Quantity(0.01, 10.0, 'ohm', 'DC equivalent, at 25 °C')] = 0.5
     torque_constant: Annotated[float, Quantity(0.1, 20.0, 'N·m/A', 'motor and gear')] = 5.4
@@ -71,7 +71,7 @@ class DriveParameters:
 
 @schema
 class SupplyParameters:
-    """Bench supply, diode, bus with capacitor and brake choppers, and the robot's computers."""
+    """Parameters of bench supply, bus capacitor, brake choppers and the robot's electronics."""
 
     voltage: Annotated[float, Quantity(5.0, 800.0, 'V', 'of the supply without load')] = 48.0
     resistance: Annotated[float, Quantity(0.0, 5.0, 'ohm', 'supply to power board')] = 0.05
@@ -87,7 +87,7 @@ class SupplyParameters:
 
 @schema
 class MeterParameters:
-    """The power meter: one voltage and one current channel per drive, read each ms."""
+    """Parameters of the power meter: a voltage and a current channel per drive at 1 kHz."""
 
     voltage_noise: Annotated[float, Quantity(0.0, 5.0, 'V', 'standard deviation')] = 0.01
     current_noise: Annotated[float, Quantity(0.0, 5.0, 'A', 'standard deviation')] = 0.025
@@ -106,7 +106,7 @@ class MeterParameters:
 
 @schema
 class SensorParameters:
-    """Joint sensors: noise, filters and errors."""
+    """Parameters of the joint sensors: noise, filters and errors."""
 
     position_noise: Annotated[float, Quantity(0.0, 0.1, 'rad', 'standard deviation')] = 2e-4
     velocity_noise: Annotated[float, Quantity(0.0, 1.0, 'rad/s', 'standard deviation')] = 0.01
@@ -149,7 +149,7 @@ _SPREAD_OF = {
 @schema
 class Plant:
     """
-    A robot's drives with everything between supply and joint, meter and sensors.
+    Simulated hardware of a robot: drives, supply, meter and sensors.
 
     drive_types: parameters by type; the type of a drive is what follows the last underscore of
     its name, or `default`. unit: 0 for a unit exactly as written; any other number draws the
@@ -185,7 +185,7 @@ class Plant:
         return replace(self, effects=Effects.parse(current))
 
     def parameters(self, drive: str) -> DriveParameters:
-        """Those of the drive's type; InputError for a type that the plant does not have."""
+        """Return the parameters of the drive's type; InputError for an unknown type."""
         kind = drive.rsplit('_', 1)[-1]
         found = self.drive_types.get(kind, self.drive_types.get('default'))
         if found is None:
@@ -197,7 +197,7 @@ class Plant:
 
     def resolve(self, drives: Sequence[str]) -> dict[str, Floats]:
         """
-        Parameters of this unit's drives by name of the field, each [D].
+        Return the parameters of this unit's drives by name of the field, each [D].
 
         Adds the errors of this unit's sensors: `voltage_gain`, `current_gain`, `current_offset`
         (meter) and `torque_bias`. A drive draws the same parts whichever others are asked for.
@@ -241,7 +241,7 @@ class Plant:
 
 
 class _Draw:
-    """The spread of one drive's parts, in a fixed order; nothing for unit 0."""
+    """Random spread of one drive's parameters, in a fixed order; none for unit 0."""
 
     def __init__(self, plant: Plant, drive: str) -> None:
         entropy = [plant.unit_number, *drive.encode()]

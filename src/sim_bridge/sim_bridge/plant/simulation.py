@@ -1,4 +1,4 @@
-"""Rigid bodies, drives, circuit and bus in one loop of 0.5 ms steps."""
+"""Simulation of rigid bodies, drives, circuit and bus in steps of 0.5 ms."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -26,7 +26,7 @@ PUSH_STEPS: Final = 200  # a push lasts 0.1 s
 @dataclass(frozen=True)
 class PlantBlock:
     """
-    B steps of the plant. States are those at the end of each step, powers its mean.
+    B steps of the plant: states at the end of each step, powers as its mean.
 
     base is NaN on a stand.
     """
@@ -45,18 +45,18 @@ class PlantBlock:
 
     @property
     def steps(self) -> int:
-        """B."""
+        """Number of steps B."""
         return len(self.position)
 
     @property
     def time(self) -> Floats:
-        """End of each step, s [B] since the start."""
+        """Time since the start at the end of each step, s [B]."""
         counts = np.arange(self.first + 1, self.first + self.steps + 1, dtype=np.float64)
         return STEP * counts
 
     @classmethod
     def join(cls, blocks: Sequence['PlantBlock']) -> 'PlantBlock':
-        """Blocks that follow each other as one; its temperature is that of the last."""
+        """Join consecutive blocks; the temperature is that of the last."""
         stacked = {
             item.name: np.concatenate([getattr(block, item.name) for block in blocks])
             for item in fields(cls)
@@ -66,20 +66,20 @@ class PlantBlock:
 
     @property
     def current(self) -> Floats:
-        """At the power meter, A [B, D]."""
+        """Current at the power meter, A [B, D]."""
         current: Floats = self.power / self.voltage[:, None]
         return current
 
 
 class Simulation:
     """
-    A plant that moves a world, in blocks of steps.
+    Simulation of a plant that moves a world, in blocks of steps.
 
     Results do not depend on how a run is cut into blocks.
     """
 
     def __init__(self, plant: Plant, world: World, *, capacity: int = 400) -> None:
-        """capacity: most steps per block. InputError for a drive that the plant lacks."""
+        """capacity: largest number of steps per block. InputError for an unknown drive type."""
         self.plant = plant
         self.world = replace(world, model=copy(world.model))
         self.energy_balance = EnergyBalance()
@@ -106,7 +106,7 @@ class Simulation:
 
     @property
     def time(self) -> float:
-        """Since the start, s."""
+        """Time since the start, s."""
         return self.steps * STEP
 
     @property
@@ -116,26 +116,26 @@ class Simulation:
 
     @property
     def joint_position(self) -> Floats:
-        """Now, rad [D]."""
+        """Present joint positions, rad [D]."""
         return np.array(self._data.qpos[-len(self.joints) :])
 
     @property
     def joint_velocity(self) -> Floats:
-        """Now, rad/s [D]."""
+        """Present joint velocities, rad/s [D]."""
         return np.array(self._data.qvel[-len(self.joints) :])
 
     @property
     def base(self) -> Floats:
-        """Position (world, m), quaternion w x y z, velocity (world), rate (base); [13]."""
+        """Base position (world, m), quaternion w x y z, velocity (world), rate (base); [13]."""
         return np.concatenate((self._data.qpos[:7], self._data.qvel[:6]))
 
     @property
     def fallen(self) -> str | None:
-        """Why the robot no longer stands, or None."""
+        """Reason why the robot has fallen, or None."""
         return fallen(self.world, self._data)
 
     def reset(self) -> None:
-        """Put the robot back to its start; time, temperatures and bus voltage go on."""
+        """Reset the robot's pose; time, temperatures and bus voltage continue."""
         data = self._data
         mujoco.mj_resetData(self.world.model, data)
         data.qpos[:] = self.world.start
@@ -144,7 +144,7 @@ class Simulation:
         self.drives.reset(self.joint_position)
 
     def hold(self, command: JointCommand) -> None:
-        """Hold a command from now on."""
+        """Set the command to hold."""
         self.drives.hold(command)
 
     def push(self, velocity: Floats) -> None:

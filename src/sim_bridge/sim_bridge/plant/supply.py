@@ -1,4 +1,4 @@
-"""Bench supply behind a diode, the bus with its capacitor and brake choppers, the cables."""
+"""Supply side: bench supply behind a diode, bus with capacitor and brake choppers, cables."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -15,7 +15,7 @@ _LEAST_RESISTANCE: Final = 1e-4  # ohm of a supply without line resistance
 
 @dataclass(frozen=True)
 class BusFlow:
-    """Where the power of B steps went between supply and drives; means over each step."""
+    """Power flow between supply and drives in B steps, as means over each step."""
 
     voltage: Floats  # V [B], at the power meter
     power: Floats  # W [B, D], at the power meter, positive = drawn by the drive
@@ -35,7 +35,7 @@ class BusFlow:
 
 class Bus:
     """
-    The node that all drives share, solved by an implicit step at each time step.
+    DC bus shared by all drives, solved by an implicit step at each time step.
 
     Power cannot pass the diode backwards: what the drives together give back first charges the
     capacitor, and once its voltage has risen by the choppers' margin, brake resistors burn the
@@ -58,11 +58,11 @@ class Bus:
 
     @property
     def stored_energy(self) -> float:
-        """In the capacitor, J."""
+        """Energy in the capacitor, J."""
         return 0.5 * self._capacity * self._step * self.voltage**2
 
     def solve(self, link: Floats) -> BusFlow:
-        """Advance by B steps in which the drives' DC links draw a power, W [B, D]."""
+        """Advance by B steps with power drawn by the drives' DC links, W [B, D]."""
         before = self.voltage
         line = self._line_loss(link, np.full((len(link), 1), before))
         first, _, _ = self._settle((link + line).sum(axis=1).tolist())
@@ -125,7 +125,7 @@ class Bus:
 
 
 class Electronics:
-    """Computers and sensors: a constant draw that wanders slowly (first-order Gauss-Markov)."""
+    """Power of computers and sensors: a mean with slow variation (first-order Gauss-Markov)."""
 
     def __init__(self, plant: Plant, random: np.random.Generator, step: float) -> None:
         supply = plant.supply
@@ -135,7 +135,7 @@ class Electronics:
         self._away = 0.0
 
     def draw(self, count: int) -> Floats:
-        """Power at the next count steps, W [count]."""
+        """Return the power at the next count steps, W [count]."""
         kicks = self._random.standard_normal(count) * self._width * sqrt(1.0 - self._keep**2)
         power = np.empty(count)
         for index, kick in enumerate(kicks.tolist()):

@@ -1,4 +1,4 @@
-"""Ground to walk on: level, or uneven as in Section II-A of the paper."""
+"""Terrain: level, or uneven as in Section II-A of the paper."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ _WAVES = 4
 @dataclass(frozen=True)
 class Terrain:
     """
-    A square patch of ground centred on the start, with a plane around it.
+    Square patch of terrain centred on the start, with a plane around it.
 
     noise: uniform height noise of each cell's corners, ± m (the paper: 0.02).
     slope: steepest incline of the undulation below the noise (the paper: 0.02).
@@ -41,12 +41,12 @@ class Terrain:
 
     @property
     def is_flat(self) -> bool:
-        """Whether a plane is all there is."""
+        """True for a plane."""
         return self.noise == 0.0 and self.slope == 0.0
 
     def heights(self) -> NDArray[np.float64]:
         """
-        Heights of the cells' corners, m [n, n], rows along y, columns along x, 0 at the start.
+        Return the heights of the cells' corners, m [n, n], rows along y, columns along x.
 
         The undulation is a sum of plane waves whose gradients together stay below `slope`.
         """
@@ -72,5 +72,5 @@ FLAT = Terrain()
 
 
 def rough(seed: int = 0) -> Terrain:
-    """Nearly flat ground of the paper (Section II-A): noise of ±2 cm, slopes up to 2 %."""
+    """Return the terrain of the paper's Section II-A: noise of ±2 cm, slopes up to 2 %."""
     return Terrain(noise=0.02, slope=0.02, seed=seed)

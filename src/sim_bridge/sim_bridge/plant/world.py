@@ -40,7 +40,7 @@ class World:
 
 
 def walking_world(terrain: Terrain = FLAT) -> World:
-    """ANYmal C, standing on a terrain; joints in the order of JOINT_NAMES."""
+    """Return ANYmal C standing on a terrain; joints in the order of JOINT_NAMES."""
     model = build_spec(terrain).compile()
     start: Floats = np.array(model.key('default').qpos, dtype=np.float64)
     return World(model, JOINT_NAMES, start, FootForce(model))
@@ -67,7 +67,7 @@ class Stand:
 
 
 def stand_world(joint: str, stand: Stand | None = None) -> World:
-    """One drive on a stand, hanging at 0 rad; positive angles swing it up to the front."""
+    """Return one drive on a stand, hanging at 0 rad; positive angles swing it to the front."""
     load = Stand() if stand is None else stand
     spec = mujoco.MjSpec()
     spec.modelname = 'stand'

@@ -1,4 +1,4 @@
-"""Everything that measures the plant, read block by block."""
+"""Instruments of the plant, read block by block."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ from sim_bridge.sensors.sensors import (
 
 @dataclass(frozen=True)
 class InstrumentReadings:
-    """What fell due within a block; body and odometry are None on a stand."""
+    """Readings of a block; body and odometry are None on a stand."""
 
     electrical: MeterReadings
     joints: JointReadings
@@ -50,7 +50,7 @@ class Instruments:
         self._body = BodySensors(body) if simulation.world.floating else None
 
     def read(self, block: PlantBlock) -> InstrumentReadings:
-        """Measure the next block; blocks must follow each other without a gap."""
+        """Return the readings of the next block; blocks follow each other without a gap."""
         return InstrumentReadings(
             electrical=self._meter.read(block),
             joints=self._joints.read(block),

@@ -1,4 +1,4 @@
-"""The power meter: what it makes of voltage and current, and the clock it does so by."""
+"""Power meter: filters, delay, sampling errors and device clock."""
 
 from dataclasses import dataclass
 from math import ceil, exp, pi
@@ -18,7 +18,7 @@ OVERRANGE: Final = 2
 
 
 class LowPass:
-    """A first-order filter over steps of any number of channels, carried from block to block."""
+    """First-order low-pass filter of several channels, with its state kept between blocks."""
 
     def __init__(self, bandwidth: float, start: Floats) -> None:
         """bandwidth: −3 dB, Hz; start: value of each channel before the first step."""
@@ -29,7 +29,7 @@ class LowPass:
         self._state = np.array(start, dtype=np.float64)
 
     def __call__(self, values: Floats) -> Floats:
-        """Filter the next steps, [B, channels]."""
+        """Return the next steps filtered, [B, channels]."""
         result = np.empty_like(values)
         for first in range(0, len(values), _PIECE):
             piece = values[first : first + _PIECE]
@@ -41,7 +41,7 @@ class LowPass:
 
 
 class FractionalDelay:
-    """A delay by any number of steps, whole or not, carried from block to block."""
+    """Delay by a fractional number of steps, with its state kept between blocks."""
 
     def __init__(self, steps: float, start: Floats) -> None:
         self._whole = int(steps)
@@ -49,7 +49,7 @@ class FractionalDelay:
         self._past = np.tile(np.asarray(start, dtype=np.float64), (ceil(steps) + 1, 1))
 
     def __call__(self, values: Floats) -> Floats:
-        """The values as they were that many steps before, [B, channels]."""
+        """Return the delayed values, [B, channels]."""
         series = np.vstack((self._past, values))
         count, past = len(values), len(self._past)
         late = series[past - self._whole :][:count]
@@ -62,7 +62,7 @@ class FractionalDelay:
 @dataclass(frozen=True)
 class DeviceClock:
     """
-    The device's oscillator: it paces the steps, and its microseconds are not quite true ones.
+    Clock of the device, which times the steps, with offset and drift.
 
     offset: reading at step 0, s. drift: how much too fast it runs, ppm.
     """
@@ -72,16 +72,16 @@ class DeviceClock:
 
     @classmethod
     def of(cls, meter: MeterParameters) -> 'DeviceClock':
-        """That of a power meter."""
+        """Return the clock of a power meter."""
         return cls(meter.clock_offset, meter.clock_drift)
 
     def device_ns(self, step: NDArray[np.int64]) -> NDArray[np.int64]:
-        """What the clock shows at the end of step − 1, ns; it does not wrap."""
+        """Return the device time at the end of step − 1, ns, without wrapping."""
         shown: NDArray[np.int64] = np.asarray(step) * round(STEP * 1e9) + round(self.offset * 1e9)
         return shown
 
     def elapsed_ns(self, step: NDArray[np.int64]) -> NDArray[np.int64]:
-        """True time since step 0, ns."""
+        """Return the true time since step 0, ns."""
         nominal = np.asarray(step) * (STEP * 1e9)
         elapsed: NDArray[np.int64] = np.rint(nominal / (1.0 + 1e-6 * self.drift)).astype(np.int64)
         return elapsed
@@ -89,7 +89,7 @@ class DeviceClock:
 
 @dataclass(frozen=True)
 class MeterReadings:
-    """N samples of D drives as the meter's converters read them."""
+    """N samples of D drives after the meter's converters."""
 
     step: NDArray[np.int64]  # [N] steps since the start
     voltage: Floats  # V [N, D]
@@ -98,7 +98,7 @@ class MeterReadings:
 
 
 class Meter:
-    """Filters, delays, samples, distorts and digitises the terminals of D drives."""
+    """Power meter of D drives: filter, delay, sampling, noise and converter."""
 
     def __init__(self, plant: Plant, parameters: dict[str, Floats], random: np.random.Generator):
         meter = plant.meter

@@ -1,4 +1,4 @@
-"""What the drives, the IMU, the feet and the bench supply report."""
+"""Sensors of drives, base, feet and bench supply."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -23,7 +23,7 @@ _ACCELERATION_NOISE, _RATE_NOISE, _FORCE_NOISE = 0.03, 0.003, 1.0  # m/s², rad/
 
 
 def due_steps(block: PlantBlock, period: int) -> tuple[Steps, Steps]:
-    """Steps since the start at which samples of a period fall, and their rows in the block."""
+    """Return the steps since the start that are multiples of a period, and their rows."""
     first = -(-(block.first + 1) // period) * period
     steps = np.arange(first, block.first + block.steps + 1, period)
     return steps, steps - block.first - 1
@@ -74,7 +74,7 @@ class TemperatureReadings:
 
 
 class TemperatureSensors:
-    """One in each winding."""
+    """Temperature sensors of the windings."""
 
     def __init__(self, plant: Plant, random: np.random.Generator) -> None:
         self._noise = plant.sensors.temperature_noise
@@ -137,7 +137,7 @@ _NO_ODOMETRY: Final = OdometryReadings(_NO_STEPS, *(np.zeros((0, n)) for n in (3
 
 
 def read_odometry(block: PlantBlock) -> OdometryReadings:
-    """True pose and twist of the base, 100 Hz."""
+    """Return the true pose and twist of the base, 100 Hz."""
     steps, rows = due_steps(block, SUPPLY_PERIOD)
     if not len(steps):
         return _NO_ODOMETRY
@@ -153,7 +153,7 @@ def read_odometry(block: PlantBlock) -> OdometryReadings:
 
 @dataclass(frozen=True)
 class SupplyReadings:
-    """N readings at 100 Hz of the bench supply; current is negative while it is drawn from."""
+    """N readings at 100 Hz of the bench supply; current is negative while drawing."""
 
     step: Steps  # [N]
     voltage: Floats  # V [N]
@@ -161,7 +161,7 @@ class SupplyReadings:
 
 
 class SupplySensor:
-    """Voltage and current of the bench supply that feeds drives and electronics, 10 ms means."""
+    """Sensor of the bench supply: voltage and current of drives and electronics, 10 ms means."""
 
     def __init__(self, plant: Plant, random: np.random.Generator) -> None:
         self._supply = plant.supply

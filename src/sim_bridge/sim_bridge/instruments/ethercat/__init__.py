@@ -1,1 +1,1 @@
-"""EtherCAT slaves emulated to the frame, on a raw socket: to test masters without hardware."""
+"""EtherCAT slaves emulated on a raw socket, to test masters without hardware."""

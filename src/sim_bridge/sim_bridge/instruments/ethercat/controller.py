@@ -63,7 +63,7 @@ _INVALID_MAILBOX, _INVALID_INPUTS = 0x0016, 0x001E
 
 class SlaveController:
     """
-    One slave as the frame sees it.
+    EtherCAT slave controller as seen by a frame.
 
     sii: the EEPROM's bytes; input_manager: sync manager of the inputs and their bytes, None for
     a slave without. Subclasses give `mailbox` and `before_inputs` a meaning.
@@ -77,7 +77,7 @@ class SlaveController:
         self.power_on()
 
     def power_on(self) -> None:
-        """Forget everything, as after a loss of supply."""
+        """Reset memory and state, as after a loss of supply."""
         self.memory[:] = bytes(MEMORY)
         self.memory[0x0000:0x0010] = bytes((0x11, 0, 0, 0, 8, 8, 8, 0x0F, *([0] * 8)))
         self._set(_DL_STATUS, 0x5A00 | 0x0030)
@@ -87,22 +87,22 @@ class SlaveController:
 
     @property
     def state(self) -> int:
-        """State, with 0x10 where the last change was refused."""
+        """AL state; 0x10 is added where the last change was refused."""
         return self.memory[_AL_STATUS]
 
     def mailbox(self, request: bytes) -> bytes | None:
-        """Answer to a mailbox message, empty for none; None for a slave without a mailbox."""
+        """Return the answer to a mailbox message, b'' for none; None without a mailbox."""
         return None
 
     def inputs_read(self) -> None:
-        """Called after a frame has fetched the inputs."""
+        """Take note that a frame has fetched the inputs."""
 
     def enter(self, state: int) -> None:
-        """Called when a state was reached."""
+        """Take note of a state that was reached."""
 
     def serve(self, command: int, address: int, offset: int, data: bytearray) -> tuple[int, int]:
         """
-        Take part in a datagram; data is changed in place.
+        Process a datagram; data is changed in place.
 
         address, offset: the two 16-bit halves of the datagram's address. Returns the address for
         the next slave and what to add to the working counter.
@@ -130,7 +130,7 @@ class SlaveController:
         self.memory[address : address + size] = int(value).to_bytes(size, 'little')
 
     def _manager(self, number: int) -> tuple[int, int, bool]:
-        """Start, length and whether active, of a sync manager."""
+        """Return start, length and activation of a sync manager."""
         at = _SM + 8 * number
         return self._get(at), self._get(at + 2), bool(self.memory[at + 6] & 1)
 
@@ -193,7 +193,7 @@ class SlaveController:
             self.enter(wanted)
 
     def _objection(self, before: int, wanted: int) -> int:
-        """AL status code against a change of state; 0 for none."""
+        """Return the AL status code that refuses a change of state; 0 if it is allowed."""
         order: Mapping[int, int] = {
             SlaveState.INIT: 0,
             SlaveState.PREOP: 1,
@@ -217,7 +217,7 @@ class SlaveController:
         return 0
 
     def _logical(self, command: int, address: int, data: bytearray) -> int:
-        """Working counter: 1 for a read; there are no outputs to be written."""
+        """Return the working counter: 1 for a read of inputs, since there are no outputs."""
         if command == DatagramCommand.LWR or self.state & 0x0F not in (
             SlaveState.SAFEOP,
             SlaveState.OP,

@@ -29,7 +29,7 @@ def _category(kind: int, content: bytes) -> bytes:
 
 
 def _eeprom(name: str, product: int, revision: int, mailbox: bool) -> bytes:
-    """SII: fixed words up to 0x40, then categories."""
+    """Return the SII: fixed words up to 0x40, then categories."""
     words = bytearray(0x80)
     struct.pack_into('<LLL', words, 0x10, _VENDOR, product, revision)
     categories = _category(10, bytes((1, len(name))) + name.encode('ascii'))
@@ -61,7 +61,7 @@ class EK1100(SlaveController):
 
 @dataclass
 class TerminalFaults:
-    """What can be wrong with a terminal, for tests."""
+    """Faults of a terminal, for tests."""
 
     frozen: bool = False
     invalid: bool = False
@@ -69,7 +69,7 @@ class TerminalFaults:
 
 
 def _pdo(channel: int) -> tuple[int, ...]:
-    """Entries of 0x1A00 and 0x1A02: index, subindex and bits of the status word and the value."""
+    """Return the entries of 0x1A00 or 0x1A02: index, subindex and bits of status and value."""
     index = 0x6000 + 0x10 * (channel - 1)
     fields = ((1, 1), (2, 1), (3, 2), (5, 2), (7, 1), (None, 6), (14, 1), (15, 1), (16, 1))
     entries = [
@@ -81,7 +81,7 @@ def _pdo(channel: int) -> tuple[int, ...]:
 
 class EL3102(SlaveController):
     """
-    Two inputs whose voltages (V) come from a function at each conversion.
+    Terminal with two inputs; a function gives their voltages (V) at each conversion.
 
     With the filter off, as it must be, a conversion is triggered by each frame that fetches the
     inputs: the frame after it finds the value.
@@ -103,7 +103,7 @@ class EL3102(SlaveController):
         super().__init__(_eeprom(name, product, revision, mailbox=True), (3, 8))
 
     def power_on(self) -> None:
-        """Settings as delivered: the 50 Hz filter is on."""
+        """Reset to the settings as delivered, with the 50 Hz filter on."""
         super().power_on()
         self.objects = {(0x1C00, 0): b'\4', (0x1C12, 0): b'\0', (0x1C13, 0): b'\2'}
         for number in range(4):
@@ -122,12 +122,12 @@ class EL3102(SlaveController):
                 self._writable.add((settings, subindex))
 
     def enter(self, state: int) -> None:
-        """The first conversion is at hand in SAFE-OP."""
+        """Convert when SAFE-OP is reached."""
         if state == SlaveState.SAFEOP:
             self._convert()
 
     def inputs_read(self) -> None:
-        """The frame triggers the next conversion."""
+        """Convert after each frame that fetches the inputs."""
         self._convert()
 
     def _convert(self) -> None:
@@ -143,7 +143,7 @@ class EL3102(SlaveController):
             self.memory[at : at + 4] = struct.pack('<Hh', status, clipped)
 
     def mailbox(self, request: bytes) -> bytes | None:
-        """CANopen over EtherCAT: SDO upload and download of up to four bytes."""
+        """Return the answer of CoE to SDO uploads and downloads of up to four bytes."""
         if len(request) < 16 or request[5] & 0x0F != _COE:
             return b''
         count = request[5] >> 4

@@ -1,4 +1,4 @@
-"""The cable: EtherCAT frames from a raw socket, through the slaves in order, and back."""
+"""EtherCAT frames from a raw socket through emulated slaves and back."""
 
 import socket
 import struct
@@ -15,7 +15,7 @@ _POLL = 0.1
 
 def process(frame: bytes, slaves: Sequence[SlaveController]) -> bytes | None:
     """
-    Let an Ethernet frame pass through slaves and back; None for one that is no EtherCAT frame.
+    Pass an Ethernet frame through slaves and back; None for one that is no EtherCAT frame.
 
     A slave that is not present ends the segment: those behind it see nothing.
     """
@@ -49,7 +49,7 @@ def process(frame: bytes, slaves: Sequence[SlaveController]) -> bytes | None:
 
 class EmulatedSegment:
     """
-    Slaves on a network interface, in a thread of its own; needs the right to raw sockets.
+    Emulated slaves on a network interface, served by a thread; requires raw sockets.
 
     plugged: whether the cable to the first slave is in.
     """
@@ -66,7 +66,7 @@ class EmulatedSegment:
         self._thread.start()
 
     def close(self) -> None:
-        """Take the segment off the interface."""
+        """End the thread and close the socket."""
         self._stop.set()
         self._thread.join()
         self._socket.close()
