@@ -9,7 +9,9 @@ from typing import Final
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.interruption import Interrupted, RaisedSignals
+from wattwalk_core.quoting import printable
 
+_LONGEST: Final = 2000
 _INTERRUPTED: Final = 'interrupted'
 
 
@@ -46,7 +48,9 @@ def command(
 
 
 def _say(message: object) -> None:
-    print(f'{sys.argv[0].rsplit("/", 1)[-1]}: {message}', file=sys.stderr)
+    """Print one line, in which control characters of names and files are escaped."""
+    name = sys.argv[0].rsplit('/', 1)[-1]
+    print(printable(f'{name}: {message}', _LONGEST), file=sys.stderr)
 
 
 def _on_uncaught(

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 from wattwalk_core.command import command, own_arguments
 from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable
 
 if TYPE_CHECKING:
     from power_recordings.importing.sources.source import LogSource
 
+_MOST_NOTES = 20
 _CHECKED = 200_000  # messages, whose quality is printed after an import
 _EXAMPLE = """example:
   ros2 run power_recordings import hops.mat --list > hops.yaml   # look, edit the map
@@ -89,9 +91,11 @@ def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.N
             overwrite=options.overwrite,
         )
     samples = ', '.join(f'{count} {topic}' for topic, count in result.counts.items())
-    print(f'{result.path}: {samples}')
-    for note in result.notes:
-        print(f'note: {note}')
+    print(f'{printable(str(result.path))}: {samples}')
+    for note in result.notes[:_MOST_NOTES]:
+        print(f'note: {printable(note)}')
+    if len(result.notes) > _MOST_NOTES:
+        print(f'note: and {len(result.notes) - _MOST_NOTES} more, in card.yaml')
     recording = Recording.open(result.path, _CHECKED)
     if sum(topic.count for topic in recording.topics.values()) < result.messages:
         print(f'checked: the first {recording.duration:.0f} s; `info {result.path}` checks all')
@@ -104,21 +108,20 @@ def _list(source: 'LogSource') -> None:
     import sys
 
     import numpy as np
-    from wattwalk_core.quoting import printable
 
     from power_recordings.importing.guess import guess_map
     from power_recordings.importing.listing import list_columns
 
     listed = list_columns(source)
-    lines = [f'# {source.path}: {len(listed)} columns']
+    lines = [f'# {printable(str(source.path))}: {len(listed)} columns']
     width = min(max((len(item.column.address) for item in listed), default=6), 60)
     lines.append(f'# {"column":{width}}  unit     rows        min        max  changes    rate')
     for item in listed:
         rate = '' if np.isnan(item.rate) else f'{item.rate:.4g} Hz'
         low, high = ('' if np.isnan(x) else f'{x:.4g}' for x in (item.low, item.high))
-        name = printable(item.column.address, 120)
+        name, unit = printable(item.column.address, 120), printable(item.column.unit, 12)
         lines.append(
-            f'# {name:{width}}  {item.column.unit:5} {item.rows:8d} {low:>10} {high:>10} '
+            f'# {name:{width}}  {unit:5} {item.rows:8d} {low:>10} {high:>10} '
             f'{item.changes:7.0%} {rate:>9}'
         )
     lines.append('# guessed map: edit, save as FILE.yaml, then import with --map FILE.yaml')

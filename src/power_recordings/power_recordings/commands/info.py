@@ -52,16 +52,14 @@ def print_quality(recording: 'Recording', quality: 'Quality') -> None:
     """Print a recording's card, its topics, a table by drive and what is amiss."""
     from rich import box
     from rich.console import Console
-    from rich.markup import escape
     from rich.table import Table
-    from wattwalk_core.quoting import printable
 
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, _WIDTH)
     card = recording.card
     about = ', '.join(text for text in (card.robot, card.unit, card.controller) if text)
     console.print(
-        f'[bold]{escape(str(recording.path))}[/]  {quality.seconds:.1f} s  {escape(about)}'
+        f'[bold]{_plain(str(recording.path))}[/]  {quality.seconds:.1f} s  {_plain(about)}'
     )
     for name, timing in quality.topics.items():
         gaps = f', {timing.gaps} gaps of {timing.gap_seconds:.2f} s in all' if timing.gaps else ''
@@ -77,7 +75,7 @@ def print_quality(recording: 'Recording', quality: 'Quality') -> None:
     for name, drive in quality.drives.items():
         ranges = (drive.torque_range, drive.velocity_range, drive.power_range)
         table.add_row(
-            escape(name),
+            _plain(name),
             quality.torque_at.get(name, ''),
             _figure(drive.updates_hz, '{:.0f} Hz'),
             _figure(drive.power_slope, '{:.2f}'),
@@ -92,16 +90,22 @@ def print_quality(recording: 'Recording', quality: 'Quality') -> None:
             f'(R² {line.r2:.2f})'
         )
     if card.derived_velocity:
-        drives = printable(', '.join(card.derived_velocity))
-        console.print(
-            f'  note: velocity is the rate of the position, not measured: {escape(drives)}'
-        )
+        drives = _plain(', '.join(card.derived_velocity))
+        console.print(f'  note: velocity is the rate of the position, not measured: {drives}')
     for problem in recording.problems:
-        console.print(f'  note: {escape(problem)}')
+        console.print(f'  note: {_plain(problem)}')
     for finding in quality.findings:
         mend = f'; in the map: {finding.mend}' if finding.mend else ''
         who = f'{finding.drive}: ' if finding.drive else ''
-        console.print(f'  {finding.severity}: {escape(who + finding.text + mend)}')
+        console.print(f'  {finding.severity}: {_plain(who + finding.text + mend)}')
+
+
+def _plain(text: str) -> str:
+    """A text of a file or a user as rich prints it: no markup, no control characters."""
+    from rich.markup import escape
+    from wattwalk_core.quoting import printable
+
+    return escape(printable(text))
 
 
 def _figure(value: float, form: str) -> str:

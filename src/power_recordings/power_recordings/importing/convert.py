@@ -229,6 +229,7 @@ def import_logs(
                 f'{source.path} has the drives {", ".join(plan.drives)}; '
                 f'{sources[0].path} has {", ".join(plans[0].drives)}'
             )
+    _card(mapping, plans[0], (), sources, where, ())  # an error in it comes before the work
     make_way(out, overwrite, remove=False)
     notes: list[str] = []
     done, end = 0, 0

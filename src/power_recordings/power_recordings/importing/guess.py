@@ -1,5 +1,6 @@
 """A guessed import map from the names of a log's columns, to be edited."""
 
+import json
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -215,6 +216,8 @@ def _time(guesses: Sequence[Guess]) -> str:
 
 
 def _quoted(text: str) -> str:
+    if not text.isprintable():
+        return json.dumps(text)
     if re.fullmatch(r'[A-Za-z_/][\w/.:\-]*', text) and not text.endswith(':'):
         return text if ': ' not in text else f"'{text}'"
     return "'" + text.replace("'", "''") + "'"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.quoting import printable, quoted
 
 from power_recordings.importing.map_file import DriveMap, ImportMap, Signal
 from power_recordings.importing.sources.heads import unit_of
@@ -16,6 +16,10 @@ from power_recordings.importing.sources.source import LogColumn
 from power_recordings.importing.units import Conversion, conversion
 
 Floats = NDArray[np.float64]
+
+_LONGEST = 100  # characters of addresses that are compared
+_MOST_COMPARED = 2000
+_LONGEST_MATCHED = 500
 
 
 @dataclass(frozen=True)
@@ -145,7 +149,8 @@ def expand(
 def _matches(pattern: str, addresses: Sequence[str]) -> list[str]:
     first, *rest = (re.escape(part) for part in pattern.split('*'))
     whole = re.compile(first + r'([^/:.\[\]]+?)' + r'\1'.join(rest))
-    return list(dict.fromkeys(m[1] for a in addresses if (m := whole.fullmatch(a))))
+    short = (a for a in addresses if len(a) <= _LONGEST_MATCHED)
+    return list(dict.fromkeys(m[1] for a in short if (m := whole.fullmatch(a))))
 
 
 def _channel(
@@ -191,8 +196,13 @@ def _find(address: str, known: Mapping[str, LogColumn], where: str) -> LogColumn
     column = known.get(address)
     if column is not None:
         return column
-    near = difflib.get_close_matches(address, list(known), 3, 0.6)
-    hint = f'; there is {", ".join(near)}' if near else f'; there are {len(known)}: see --list'
+    short = [name for name in known if len(name) <= _LONGEST][:_MOST_COMPARED]
+    near = difflib.get_close_matches(address[:_LONGEST], short, 3, 0.6)
+    hint = (
+        f'; there is {printable(", ".join(near))}'
+        if near
+        else f'; there are {len(known)}: see --list'
+    )
     raise InputError(f'{where}: no column {quoted(address)}{hint}')
 
 

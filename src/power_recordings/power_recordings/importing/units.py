@@ -1,5 +1,6 @@
 """Conversion of units by name, with pint."""
 
+import re
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Final
@@ -47,6 +48,10 @@ _ALIASES: Final = {
     'rad/sec': 'rad/s',
 }
 
+# What pint is given: names, products and small powers. It computes 9**9**9, too.
+_NAME = r'[A-Za-zµμΩ°_]{1,20}(\^|\*\*)?-?\d?'
+_PLAIN = re.compile(rf'(1\s*/\s*)?{_NAME}(\s*[*/· ]\s*{_NAME}){{0,4}}')
+
 
 @dataclass(frozen=True)
 class Conversion:
@@ -77,13 +82,15 @@ def conversion(unit: str, quantity: str) -> Conversion:
 
     registry = _registry()
     try:
+        if not _PLAIN.fullmatch(unit):
+            raise ValueError
         zero, one = (registry.Quantity(x, unit).to(wanted).magnitude for x in (0.0, 1.0))
     except pint.DimensionalityError:
         raise InputError(
             f'unit {quoted(unit)} is none of {quantity}; expected one such as '
             f'{_examples(quantity)}'
         ) from None
-    except (pint.PintError, AttributeError, ValueError, TypeError, ArithmeticError, SyntaxError):
+    except Exception:  # pint raises whatever its parser of expressions does
         raise InputError(
             f'unit {quoted(unit)} of {quantity} is not known; expected one such as '
             f'{_examples(quantity)}'
@@ -99,6 +106,13 @@ def is_unit(text: str) -> bool:
 @cache
 def quantities_of(unit: str) -> tuple[str, ...]:
     """Return the quantities that a unit can belong to."""
+    known = _ALIASES.get(unit.strip(), unit.strip())
+    if not _PLAIN.fullmatch(known):
+        return ()
+    try:
+        _registry().parse_units(known)
+    except Exception:  # pint raises whatever its parser of expressions does
+        return ()
     found = []
     for quantity in SI:
         try:

@@ -6,10 +6,16 @@ from typing import Any, Final
 
 import numpy as np
 from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources.heads import unit_of
-from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
+from power_recordings.importing.sources.source import (
+    MOST_COLUMNS,
+    LogBlock,
+    LogColumn,
+    Progress,
+    check_room,
+    reading,
+)
 
 _ROWS: Final = 65_536
 
@@ -25,13 +31,12 @@ class ColumnarFile:
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-        import pyarrow as pa
         from pyarrow import feather, parquet
 
         self.path = path
         self.size = path.stat().st_size
         self._parquet: Any = None
-        try:
+        with reading(path, 'table'):
             if path.suffix.lower() in ('.parquet', '.pq'):
                 self._parquet = parquet.ParquetFile(path)
                 self._schema = self._parquet.schema_arrow
@@ -39,11 +44,10 @@ class ColumnarFile:
             else:
                 self._table = feather.read_table(path, memory_map=True)
                 self._schema, self._rows = self._table.schema, self._table.num_rows
-        except (pa.ArrowException, OSError) as error:
-            raise InputError(f'{path}: not a readable table: {printable(str(error))}') from None
-        if len(self._schema.names) > MOST_COLUMNS:
-            count = len(self._schema.names)
+        count = len(self._schema.names)
+        if count > MOST_COLUMNS:
             raise InputError(f'{path}: {count} columns; at most {MOST_COLUMNS} are read')
+        check_room(path, self.size, self._rows * count * 8)
 
     def columns(self) -> Sequence[LogColumn]:
         """Return the columns of numbers, and of texts and times that may be dates."""
@@ -61,8 +65,6 @@ class ColumnarFile:
 
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows."""
-        import pyarrow as pa
-
         fields = {a: self._field(a) for a in addresses}
         names = list(dict.fromkeys(name for name, _ in fields.values()))
         if self._parquet is not None:
@@ -70,15 +72,13 @@ class ColumnarFile:
         else:
             batches = self._table.select(names).to_batches(_ROWS)
         done = 0
-        try:
+        with reading(self.path, 'table'):
             for batch in batches:
                 done += batch.num_rows
                 progress(round(self.size * done / max(self._rows, 1)))
                 yield LogBlock(
                     '', {a: _values(batch.column(n), i) for a, (n, i) in fields.items()}
                 )
-        except (pa.ArrowException, OSError) as error:
-            raise InputError(f'{self.path}: damaged: {printable(str(error))}') from None
 
     def _field(self, address: str) -> tuple[str, int | None]:
         if address in self._schema.names:

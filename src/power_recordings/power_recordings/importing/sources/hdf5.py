@@ -1,5 +1,6 @@
 """HDF5 files, MATLAB 7.3 among them, streamed with h5py."""
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +11,13 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources import arrays
-from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress
+from power_recordings.importing.sources.source import (
+    LogBlock,
+    LogColumn,
+    Progress,
+    check_room,
+    reading,
+)
 
 _ROWS: Final = 65_536
 _MOST_DATASETS: Final = 20_000
@@ -33,10 +40,13 @@ class Hdf5File:
         self.size = path.stat().st_size
         self._fields: dict[str, tuple[str, str]] = {}  # address of an array: dataset, field
         shapes: dict[str, tuple[int, ...]] = {}
+        claimed: list[int] = []  # bytes
 
         def visit(name: str, item: Any) -> None:
             if not isinstance(item, h5py.Dataset) or name.startswith('#refs#'):
                 return
+            if item.external or item.is_virtual:
+                raise InputError(f'{path}: {printable(name, 80)} lies in another file')
             if len(shapes) >= _MOST_DATASETS:
                 raise InputError(f'{path}: more than {_MOST_DATASETS} datasets')
             key = name.replace('/', '.')
@@ -45,14 +55,11 @@ class Hdf5File:
                     address = f'{key}.{field}' if field else key
                     self._fields[address] = (name, field)
                     shapes[address] = item.shape
+                    claimed.append(math.prod(item.shape) * 8)
 
-        try:
-            with h5py.File(path, 'r') as file:
-                file.visititems(visit)
-        except (OSError, RuntimeError, KeyError, ValueError) as error:
-            raise InputError(
-                f'{path}: not a readable HDF5 file: {printable(str(error))}'
-            ) from None
+        with reading(path, 'HDF5 file'), h5py.File(path, 'r') as file:
+            file.visititems(visit)
+        check_room(path, self.size, sum(claimed))
         self._columns = arrays.table_columns(str(path), shapes)
 
     def columns(self) -> Sequence[LogColumn]:
@@ -64,22 +71,15 @@ class Hdf5File:
         import h5py
 
         wanted = set(addresses)
-        try:
-            with h5py.File(self.path, 'r') as file:
-                for stream in dict.fromkeys(
-                    c.stream for c in self._columns if c.address in wanted
-                ):
-                    chosen = [
-                        c for c in self._columns if c.stream == stream and c.address in wanted
-                    ]
-                    rows = chosen[0].rows or 0
-                    for start in range(0, rows, _ROWS):
-                        part = slice(start, min(start + _ROWS, rows))
-                        progress(round(self.size * part.stop / rows))
-                        values = {c.address: self._values(file, c.address, part) for c in chosen}
-                        yield LogBlock(stream, values)
-        except (OSError, RuntimeError, KeyError) as error:
-            raise InputError(f'{self.path}: damaged: {printable(str(error))}') from None
+        with reading(self.path, 'HDF5 file'), h5py.File(self.path, 'r') as file:
+            for stream in dict.fromkeys(c.stream for c in self._columns if c.address in wanted):
+                chosen = [c for c in self._columns if c.stream == stream and c.address in wanted]
+                rows = chosen[0].rows or 0
+                for start in range(0, rows, _ROWS):
+                    part = slice(start, min(start + _ROWS, rows))
+                    progress(round(self.size * part.stop / rows))
+                    values = {c.address: self._values(file, c.address, part) for c in chosen}
+                    yield LogBlock(stream, values)
 
     def _values(self, file: Any, address: str, rows: slice) -> NDArray[np.float64]:
         name, index = arrays.split(address, self._fields)

@@ -1,15 +1,15 @@
 """HEBI logs, read with hebi-py."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources import arrays
-from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress
+from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress, reading
 
 _FIELDS: Final = (
     *('position', 'position_command', 'velocity', 'velocity_command', 'effort', 'effort_command'),
@@ -30,18 +30,17 @@ class HebiLog:
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-        from hebi.util import load_log
+        with redirect_stdout(None):  # hebi tells of modules that it does not find
+            from hebi.util import load_log
 
         self.path = path
         self.size = path.stat().st_size
-        try:
+        with reading(path, 'log'):
             log: Any = load_log(str(path))
             rows = [
                 [np.array(getattr(feedback, field), np.float64) for field in _FIELDS]
                 for feedback in log.feedback_iterate
             ]
-        except (OSError, ValueError, RuntimeError, TypeError) as error:
-            raise InputError(f'{path}: not a readable log: {printable(str(error))}') from None
         if not rows:
             raise InputError(f'{path}: no feedback in it')
         table = np.array(rows).reshape(len(rows), len(_FIELDS), -1)

@@ -10,9 +10,17 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
 from power_recordings.importing.sources import arrays
-from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress, number
+from power_recordings.importing.sources.source import (
+    MOST_COLUMNS,
+    LogBlock,
+    LogColumn,
+    Progress,
+    number,
+    reading,
+)
 
-_LARGEST: Final = 256 << 20  # bytes
+_LARGEST: Final = 32 << 20  # bytes; in memory they take twenty times as much
+_MOST_CELLS: Final = 20_000_000
 _DEEPEST: Final = 8
 
 
@@ -32,11 +40,8 @@ class JsonFile:
         if self.size > _LARGEST:
             raise InputError(f'{path}: larger than {_LARGEST >> 20} MiB; convert it to CSV')
         self._arrays: dict[str, NDArray[Any]] = {}
-        try:
+        with reading(path, 'JSON file'):
             self._collect('', _load(path), 0)
-        except (ValueError, RecursionError) as error:
-            reason = str(error).split('\n')[0][:120]
-            raise InputError(f'{path}: not readable JSON: {reason}') from None
         shapes = {name: array.shape for name, array in self._arrays.items()}
         self._columns = arrays.table_columns(str(path), shapes)
 
@@ -74,6 +79,8 @@ def _columns(rows: list[Any]) -> dict[str, Any] | NDArray[Any] | None:
         return None
     if all(isinstance(row, dict) for row in rows):
         keys = dict.fromkeys(key for row in rows for key in row)
+        if len(keys) > MOST_COLUMNS or len(keys) * len(rows) > _MOST_CELLS:
+            raise ValueError(f'{len(rows)} records of {len(keys)} keys; too many')
         columns = {key: [row.get(key) for row in rows] for key in keys}
         return {k: _of_records(values) for k, values in columns.items()}
     return _array(rows)

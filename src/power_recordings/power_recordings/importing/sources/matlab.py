@@ -1,5 +1,6 @@
 """MAT files: up to version 7.2 with scipy, 7.3 as the HDF5 files that they are."""
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -10,9 +11,15 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources import arrays
-from power_recordings.importing.sources.source import LogBlock, LogColumn, LogSource, Progress
+from power_recordings.importing.sources.source import (
+    LogBlock,
+    LogColumn,
+    LogSource,
+    Progress,
+    reading,
+)
 
-_LARGEST: Final = 1 << 28  # numbers of one variable
+_LARGEST: Final = 1 << 27  # numbers of one variable
 _DEEPEST: Final = 8
 
 
@@ -35,28 +42,15 @@ class MatFile:
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-        from scipy.io import loadmat, matlab, whosmat
+        from scipy.io import loadmat, whosmat
 
         self.path = path
         self.size = path.stat().st_size
-        try:
+        with reading(path, 'MAT file'):
             for name, shape, _ in whosmat(path):
-                if np.prod(shape, dtype=np.float64) > _LARGEST:
-                    raise InputError(f'{path}: {name} has {shape} numbers; too many')
+                if min(shape, default=0) < 0 or math.prod(shape) > _LARGEST:
+                    raise InputError(f'{path}: {printable(name)} has {shape} numbers; too many')
             content = loadmat(path, simplify_cells=True, verify_compressed_data_integrity=True)
-        except InputError:
-            raise
-        except (
-            matlab.MatReadError,
-            ValueError,
-            TypeError,
-            KeyError,
-            OSError,
-            IndexError,
-        ) as error:
-            raise InputError(f'{path}: not a readable MAT file: {printable(str(error))}') from None
-        except (NotImplementedError, MemoryError, OverflowError, EOFError) as error:
-            raise InputError(f'{path}: not a readable MAT file: {printable(str(error))}') from None
         self._arrays: dict[str, NDArray[Any]] = {}
         self._collect('', {k: v for k, v in content.items() if not k.startswith('__')}, 0)
         shapes = {name: array.shape for name, array in self._arrays.items()}

@@ -1,15 +1,20 @@
 """The interface of logs: columns by address, read in blocks."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable
 
 Progress = Callable[[int], None]
 MOST_COLUMNS = 20_000
+_ROOM = 64 << 20  # bytes of numbers in any file, however small
+_RATIO = 200  # bytes of numbers to a byte of the file, at most
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,27 @@ class LogSource(Protocol):
         """Yield the rows of the named columns; progress is told the bytes done so far."""
 
 
+@contextmanager
+def reading(path: Path, kind: str) -> Iterator[None]:
+    """Turn what a library raises on a damaged file, in ways it does not list, to InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        reason = printable(str(error)) or type(error).__name__
+        raise InputError(f'{path}: not a readable {kind}: {reason}') from None
+
+
+def check_room(path: Path, size: int, claimed: int) -> None:
+    """InputError for a file of `size` bytes that claims to hold far more bytes than it can."""
+    if claimed > _ROOM + _RATIO * size:
+        raise InputError(
+            f'{path}: claims {claimed >> 20} MiB of numbers in a file of {size} bytes; damaged, '
+            'or empty inside'
+        )
+
+
 def number(values: Any) -> NDArray[np.float64]:
     """Return values as float64 [N]; what is no number becomes NaN."""
     array = np.asarray(values)
@@ -70,6 +96,6 @@ def number(values: Any) -> NDArray[np.float64]:
     for i, value in enumerate(array.tolist()):
         try:
             result[i] = float(value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             continue
     return result

@@ -5,11 +5,10 @@ from datetime import date, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any, Final
-from zipfile import BadZipFile
+from warnings import catch_warnings
 
 import numpy as np
 from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources.heads import Head, find_head
 from power_recordings.importing.sources.source import (
@@ -18,11 +17,15 @@ from power_recordings.importing.sources.source import (
     LogColumn,
     Progress,
     number,
+    reading,
 )
 
 _ROWS: Final = 4096
 _HEAD: Final = 50
-_UNPACKED: Final = 2 << 30  # bytes
+_MOST_ROWS: Final = 1 << 20
+_MOST_EMPTY: Final = 10_000  # rows in a row
+_ROOM: Final = 16 << 20  # bytes that a workbook may unpack to, and times its own size
+_RATIO: Final = 50
 
 
 def open_file(path: Path, messages: Path | None = None) -> 'Spreadsheet':
@@ -37,16 +40,13 @@ class Spreadsheet:
 
     def __init__(self, path: Path) -> None:
         from openpyxl import load_workbook
-        from openpyxl.utils.exceptions import InvalidFileException
 
         self.path = path
         self.size = path.stat().st_size
-        try:
-            _check_size(path)
-            self._book = load_workbook(path, read_only=True, data_only=True)
+        with reading(path, 'workbook'), catch_warnings(action='ignore'):
+            _check_size(path, self.size)
+            self._book = load_workbook(path, read_only=True, data_only=True, keep_links=False)
             self._heads = {s.title: h for s in self._book.worksheets if (h := _head(s))}
-        except (BadZipFile, InvalidFileException, KeyError, ValueError, OSError) as error:
-            raise InputError(f'{path}: not a readable workbook: {printable(str(error))}') from None
         if not self._heads:
             raise InputError(f'{path}: no sheet with rows of numbers found')
 
@@ -71,32 +71,45 @@ class Spreadsheet:
             }
             if not places:
                 continue
-            rows = self._book[sheet].iter_rows(min_row=head.first_row + 1, values_only=True)
+            rows = islice(_rows(self._book[sheet]), head.first_row, None)
             done = 0
-            while some := list(islice(rows, _ROWS)):
-                done += len(some)
-                progress(min(self.size, done * 8 * len(head.names)))
-                columns = {a: _column([_cell(row, i) for row in some]) for a, i in places.items()}
-                yield LogBlock(sheet, columns)
+            with reading(self.path, 'workbook'):
+                while some := list(islice(rows, _ROWS)):
+                    done += len(some)
+                    progress(min(self.size, done * 8 * len(head.names)))
+                    yield LogBlock(
+                        sheet,
+                        {a: _column([_cell(row, i) for row in some]) for a, i in places.items()},
+                    )
 
 
-def _check_size(path: Path) -> None:
+def _rows(sheet: Any) -> Iterator[Sequence[Any]]:
+    """Yield the rows of a sheet, whatever size it claims to have."""
+    sheet.reset_dimensions()
+    empty = 0
+    for row in islice(sheet.iter_rows(values_only=True), _MOST_ROWS):
+        empty = 0 if row else empty + 1
+        if empty > _MOST_EMPTY:
+            return
+        yield row
+
+
+def _check_size(path: Path, packed: int) -> None:
     from zipfile import ZipFile
 
     with ZipFile(path) as archive:
         size = sum(entry.file_size for entry in archive.infolist())
-    if size > _UNPACKED:
-        raise InputError(
-            f'{path}: unpacks to {size >> 20} MiB; at most {_UNPACKED >> 20} are read'
-        )
+    if size > _ROOM + _RATIO * packed:
+        raise InputError(f'{path}: unpacks to {size >> 20} MiB, far more than a workbook does')
 
 
 def _head(sheet: Any) -> Head | None:
     rows = [
         ['' if cell is None else str(cell) for cell in row[: MOST_COLUMNS + 1]]
-        for row in sheet.iter_rows(max_row=_HEAD, values_only=True)
+        for row in islice(_rows(sheet), _HEAD)
     ]
-    return find_head(rows)
+    width = max(map(len, rows), default=0)
+    return find_head([row + [''] * (width - len(row)) for row in rows])
 
 
 def _cell(row: Sequence[Any], index: int) -> Any:
