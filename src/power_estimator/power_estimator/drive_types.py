@@ -1,4 +1,4 @@
-"""Which drives share a model: drive types and the name patterns that find them, for any robot."""
+"""Drive types, whose drives share a model, and the name patterns that find them."""
 
 import re
 from collections import Counter
@@ -25,16 +25,16 @@ class DriveType:
             raise InputError(f'drive type {self.name!r} has no name pattern; give one like *_HAA')
 
     def matches(self, drive: str) -> bool:
-        """Whether the drive's name fits one of the patterns."""
+        """Return whether the drive's name fits one of the patterns."""
         return any(fnmatchcase(drive, pattern) for pattern in self.patterns)
 
 
 def infer_types(drives: Sequence[str]) -> tuple[DriveType, ...]:
     """
-    DriveGroup drives by name: `LF_HAA` and `RH_HAA` are of type HAA, `arm_1` is a type of its own.
+    Group drives by name: `LF_HAA` and `RH_HAA` are of type HAA, `arm_1` is a type of its own.
 
-    What follows a leg's prefix (LF, RH, FL, left, …) is the type; so is an ending that several
-    drives share (`a_hip`, `b_hip`). Every other drive is its own type.
+    The type is the name without the leg's prefix (LF, RH, FL, left, …), or an ending that several
+    drives share (`a_hip`, `b_hip`). Every other drive is a type of its own.
     """
     endings = Counter(drive.split('_', 1)[1] for drive in drives if '_' in drive)
     types: dict[str, list[str]] = {}
@@ -54,7 +54,7 @@ def infer_types(drives: Sequence[str]) -> tuple[DriveType, ...]:
 
 
 def parse_types(texts: Sequence[str]) -> tuple[DriveType, ...]:
-    """Drive types from `NAME=PATTERN[,PATTERN…]`; InputError for another form or a name twice."""
+    """Parse `NAME=PATTERN[,PATTERN…]`; InputError for another form or a name twice."""
     types = []
     for text in texts:
         name, equals, patterns = text.partition('=')
@@ -68,7 +68,7 @@ def parse_types(texts: Sequence[str]) -> tuple[DriveType, ...]:
 
 
 def assign(drives: Sequence[str], types: Sequence[DriveType]) -> dict[str, list[int]]:
-    """Columns of each type among the drives, by type name; a drive goes to its first match."""
+    """Return the columns of each type among the drives, by type name; the first match counts."""
     columns: dict[str, list[int]] = {t.name: [] for t in types}
     for column, drive in enumerate(drives):
         for t in types:

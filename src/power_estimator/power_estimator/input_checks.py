@@ -1,4 +1,4 @@
-"""What is wrong with recordings before a model is trained or judged on them."""
+"""Checks of recordings before a model is trained or evaluated on them."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ _AT_REST = 20.0  # W beside it
 
 def check_sampling(recordings: Sequence[Recording]) -> None:
     """
-    InputError for joint states that come too slowly or at rates that change.
+    Raise InputError for joint states whose rate is too low or changes.
 
     A filter or a bin of another rate is another feature; models are not trained on a mixture.
     """
@@ -52,7 +52,7 @@ def check_sampling(recordings: Sequence[Recording]) -> None:
 
 
 def check_units(data: AlignedDataset) -> None:
-    """InputError that names recording, drive and field if a signal cannot be in SI units."""
+    """Raise InputError, with recording, drive and field, for a signal not in SI units."""
     for index, where in enumerate(data.recordings):
         rows = data.rows(data.recording == index)
         _check_size(rows, where)
@@ -61,7 +61,7 @@ def check_units(data: AlignedDataset) -> None:
 
 
 def check_complete(data: AlignedDataset) -> None:
-    """InputError if a drive's power was measured in a recording without one of its signals."""
+    """Raise InputError if a drive's power was measured but one of its signals was not."""
     for index, where in enumerate(data.recordings):
         rows = data.recording == index
         power = np.isfinite(data.power[rows]).any(axis=0)

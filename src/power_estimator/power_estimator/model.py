@@ -1,4 +1,4 @@
-"""The protocol of all power models."""
+"""Protocol of all power models."""
 
 from typing import Protocol
 

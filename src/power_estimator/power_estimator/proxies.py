@@ -1,4 +1,4 @@
-"""The stand-ins for power that rewards commonly penalise (Fig. 4), scaled to the measured mean."""
+"""Proxies of power that rewards commonly penalise (Fig. 4), scaled to the measured mean."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -37,7 +37,7 @@ class Proxy:
     A signal times one factor per drive type, so that its mean equals that of the measured power.
 
     The factor comes from `fit`; a proxy without one takes it from the power measured in the data
-    that it is asked about, as Section II-A of the paper does.
+    of the prediction, as Section II-A of the paper does.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Proxy:
             raise InputError(f'proxy {self.name!r} is not one of {", ".join(PROXIES)}')
 
     def fit(self, data: AlignedDataset, types: tuple[DriveType, ...] = ()) -> 'Proxy':
-        """The same proxy with its mean set to the measured mean, per drive type."""
+        """Return the proxy with its mean scaled to the measured mean, per drive type."""
         types = types or infer_types(data.names)
         signal = PROXIES[self.name](data)
         factors = {}
@@ -61,7 +61,7 @@ class Proxy:
         return replace(self, types=types, factors=factors)
 
     def predict(self, data: AlignedDataset) -> Floats:
-        """Scaled signal in W [T, D]; NaN for drives without a factor."""
+        """Return the scaled signal in W [T, D]; NaN for drives without a factor."""
         proxy = self if self.factors else self.fit(data)
         if not proxy.factors:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Recordings as models are trained and judged on them: aligned, identified, with their cards."""
+"""Recordings for training and evaluation: aligned, identified by hash, with their cards."""
 
 import hashlib
 from collections.abc import Sequence
@@ -23,14 +23,14 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """What networks are trained on."""
+    """Aligned recordings and the features of the live node for the same samples."""
 
     data: AlignedDataset
     live: Floats  # features of the same samples as the live node forms them [T, D, 3]
     recordings: tuple[TrainingRecording, ...]
 
     def as_live(self) -> AlignedDataset:
-        """The data with the live node's features in place of the smoothed signals."""
+        """Return the data with the live node's features in place of the smoothed signals."""
         error, torque, velocity = np.moveaxis(self.live, 2, 0)
         position = np.where(np.isfinite(error), 0, np.nan).astype(np.float32)
         return replace(
@@ -40,9 +40,9 @@ class TrainingSet:
 
 def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingSet:
     """
-    Several recordings as one set.
+    Load several recordings as one set.
 
-    InputError for a recording that is given twice, cannot be read or is sampled otherwise.
+    Raises InputError for a recording that is given twice, cannot be read or has another rate.
     """
     known = tuple(describe(path) for path in paths)
     if len({r.sha256 for r in known}) < len(known):
@@ -55,9 +55,9 @@ def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingS
 
 def load(recordings: Sequence[Path | Recording], drives: Sequence[str]) -> AlignedDataset:
     """
-    Aligned recordings at 200 Hz with the drives whose names fit one of the patterns, or all.
+    Align recordings at 200 Hz with the drives whose names fit one of the patterns, or all.
 
-    Without some of the drives the robot's supply means nothing to them and is left out.
+    The robot's supply is left out if some of its drives are.
     """
     data = load_aligned(recordings, rate=200.0)
     if not drives:
@@ -76,7 +76,7 @@ def load(recordings: Sequence[Path | Recording], drives: Sequence[str]) -> Align
 
 def live_features(recordings: Sequence[Path | Recording], data: AlignedDataset) -> Floats:
     """
-    Features [T, D, 3] of the same samples as the live node forms them: unfiltered and causal.
+    Return features [T, D, 3] of the same samples as the live node forms them: unfiltered, causal.
 
     Each is the mean of the joint states at 400 Hz in the 5 ms around the sample's time: the one
     at that time and the next. So four of them end with the newest joint state, and a live
@@ -97,7 +97,7 @@ def live_features(recordings: Sequence[Path | Recording], data: AlignedDataset) 
 
 
 def describe(path: Path) -> TrainingRecording:
-    """Name, card and hash of a recording (of its MCAP files, so that a moved one is known)."""
+    """Return name, card and hash of a recording; the hash is of its MCAP files alone."""
     files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
     digest = hashlib.sha256()
     for file in files:
@@ -122,9 +122,9 @@ def held_out(
     drive_type: str,
 ) -> NDArray[np.bool_]:
     """
-    Rows [T] on which a network of that drive type may be judged.
+    Return the rows [T] on which a network of that drive type may be evaluated.
 
-    All rows of a recording that it was not trained on, its test part of one that it was.
+    These are all rows of a recording that it was not trained on, else the recording's test part.
     """
     by_hash = {r.sha256: r for r in known}
     allowed = np.ones(len(data.time), bool)

@@ -62,7 +62,7 @@ def test_a_stopped_sweep_goes_on_and_ends_with_the_same_points(
     swept, bag, tmp_path, monkeypatch, capsys
 ):
     output = tmp_path / 'sweep'
-    judge, calls = Sweep._judge, []
+    judge, calls = Sweep._test, []
 
     def stop_at_the_third(self, *given):
         calls.append(given)
@@ -70,7 +70,7 @@ def test_a_stopped_sweep_goes_on_and_ends_with_the_same_points(
             raise KeyboardInterrupt
         return judge(self, *given)
 
-    monkeypatch.setattr(Sweep, '_judge', stop_at_the_third)
+    monkeypatch.setattr(Sweep, '_test', stop_at_the_third)
     command = [str(bag), '-o', str(output), *SWEEP]
     assert sweep_command.main(command) == 130
     monkeypatch.undo()

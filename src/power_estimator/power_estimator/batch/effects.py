@@ -1,4 +1,4 @@
-"""Models of effects and proxies over many robots, from the samples that were simulated last."""
+"""Models of effects and proxies over many robots, from the latest simulated samples."""
 
 from collections.abc import Sequence
 
@@ -20,19 +20,19 @@ from power_estimator.proxies import PROXIES, Proxy
 Doubles = NDArray[np.float64]
 RATE = 200.0  # Hz of the samples
 KEPT = 8  # samples of the past beside the new ones, for derivatives and the spring
-_PROBE = 2000  # samples over which an effect may show that it remembers more
+_PROBE = 2000  # samples, over which an effect's memory is measured
 _NEW = 4  # of them, in a policy step
-_FORGETS = 0.1  # of an effect's size, that what lies further back may change
+_FORGETS = 0.1  # share of an effect's size that an older past may change
 
 
 class EffectBatch:
     """
-    A model of named effects, evaluated anew on the last samples of each robot.
+    A model of named effects, evaluated at each step on the last samples of each robot.
 
-    The newest derivative is one-sided. Each robot has a bus of its own, and of its past the last
-    eight samples are kept: a model with an effect that remembers more, as a winding that warms, is
-    refused. Position, bus voltage and temperature are not known while training: the voltage is
-    the nominal one, and a model with an effect that needs one of the others is refused too.
+    The newest derivative is one-sided. Each robot has a bus of its own. The last eight samples of
+    its past are kept; a model with an effect of longer memory, such as the winding's temperature,
+    is refused. Position and temperature are unknown in training: a model with an effect that needs
+    them is refused. The bus voltage is the nominal one.
     """
 
     warm_up = 1
@@ -80,7 +80,7 @@ class EffectBatch:
         self._fresh[slice(None) if robots is None else robots.numpy()] = True
 
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
-        """Mean power in W [N, D] over S samples [N, S, D]."""
+        """Return the mean power in W [N, D] over S samples [N, S, D]."""
         new = torch.stack([torque, speed]).permute(2, 0, 1, 3).numpy().astype(float)
         self._past[:, :, self._fresh] = new[:1, :, self._fresh]
         self._fresh[:] = False
@@ -91,7 +91,7 @@ class EffectBatch:
         return torch.from_numpy(by_robot.mean(axis=1).astype(np.float32))
 
     def _remembers_more(self) -> str:
-        """The effect that needs a longer past than is kept for the newest samples, or ''."""
+        """Return the effect that needs a longer past than is kept, or ''."""
         random = np.random.default_rng(0)
         shape = (_PROBE, 2, 1, len(self._names))
         rows = random.normal(1.0, 1.0, shape) * np.array([10.0, 2.0])[:, None, None]
@@ -106,7 +106,7 @@ class EffectBatch:
         return ''
 
     def _signals(self, rows: Doubles) -> Signals:
-        """The robots as recordings of the same drives, end to end; rows is [S, 2, N, D]."""
+        """Return signals, the robots as recordings of the same drives; rows is [S, 2, N, D]."""
         count, _, robots, drives = rows.shape
         whole = [slice(0, count)]
         torque, speed = rows[:, 0], rows[:, 1]
@@ -160,10 +160,10 @@ class ProxyBatch:
         self._signal = PROXIES[model.name]
 
     def reset(self, robots: Tensor | None) -> None:
-        """Nothing is kept of the past."""
+        """Do nothing: no past is kept."""
 
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
-        """Mean power in W [N, D] over S samples [N, S, D]; S ≥ 2 where it differentiates."""
+        """Return the mean power in W [N, D] over S samples [N, S, D]; S ≥ 2 for acceleration."""
         robots, count, drives = torque.shape
         flat = [x.permute(1, 0, 2).reshape(count, -1).numpy() for x in (torque, speed)]
         signal = self._signal(_dataset(*flat)).reshape(count, robots, drives)

@@ -1,4 +1,4 @@
-"""Power of many robots side by side while they are simulated, for rewards in training."""
+"""Power of many simulated robots side by side, for rewards in training."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,15 +24,15 @@ Array = NDArray[np.float32] | Tensor
 
 
 class Advance(Protocol):
-    """A power model that keeps what it needs of each robot's past."""
+    """A power model with the state of each robot."""
 
-    warm_up: int  # samples after a reset without an estimate to rely on
+    warm_up: int  # samples after a reset without a reliable estimate
 
     def reset(self, robots: Tensor | None) -> None:
         """Forget the past of the robots [n], or of all."""
 
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
-        """Mean power in W [N, D] over S samples [N, S, D]."""
+        """Return the mean power in W [N, D] over S samples [N, S, D]."""
 
 
 class BatchPower:
@@ -41,12 +41,12 @@ class BatchPower:
 
     With a network one policy step of 20 ms is one call with S = 4 samples at 200 Hz; the state is
     carried from call to call and dropped robot by robot with `reset`. `ready` says whose estimate
-    may be relied on: not within the warm-up after a reset, where a reward should leave it out.
+    is reliable: not during the warm-up after a reset, where a reward should leave it out.
     Runs on the CPU with as many threads as torch is set to, and gives no gradient.
     """
 
     def __init__(self, model: PowerModel, drives: Sequence[str], robots: int) -> None:
-        """InputError for a model that does not know all drives or cannot be run step by step."""
+        """Raise InputError for a model that lacks a drive or cannot be run step by step."""
         if robots < 1:
             raise InputError(f'robots = {robots} is not 1 or more')
         self.drives = tuple(drives)
@@ -57,12 +57,12 @@ class BatchPower:
 
     @classmethod
     def load(cls, spec: str, drives: Sequence[str], robots: int) -> 'BatchPower':
-        """From `ppn:RUN` or a model file, as `load_model` finds them."""
+        """Load `ppn:RUN` or a model file, as `load_model` finds them."""
         return cls(load_model(spec), drives, robots)
 
     @property
     def ready(self) -> NDArray[np.bool_]:
-        """Whether the estimate of each robot [N] is past its warm-up."""
+        """Mark the robots [N] whose estimate is past its warm-up."""
         return self._since > self._model.warm_up
 
     def reset(self, ids: Sequence[int] | NDArray[np.integer] | Tensor | None = None) -> None:
@@ -77,7 +77,7 @@ class BatchPower:
 
     def step(self, position_error: Array, torque: Array, speed: Array) -> Array:
         """
-        Mean power in W [N, D] of the next samples, [N, S, D] in rad, N·m and rad/s.
+        Return the mean power in W [N, D] of the next samples, [N, S, D] in rad, N·m and rad/s.
 
         [N, D] stands for S = 1. Tensors give a tensor, arrays an array. ValueError for another
         shape; robots with a NaN among their samples get NaN until they are reset.
@@ -133,7 +133,7 @@ class NetworkBatch:
             part.reset(robots, self._robots)
 
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
-        """Mean power in W [N, D]."""
+        """Return the mean power in W [N, D]."""
         result = torch.empty(self._robots, self._drives)
         features = torch.stack([error, torque, speed], dim=-1).transpose(0, 1)
         for part in self._parts:
@@ -165,7 +165,7 @@ class _Part:
                 state.view(count, len(self.columns), self._hidden)[robots] = 0
 
     def advance(self, features: Tensor) -> Tensor:
-        """Mean power in W [N, k] of the type's drives from features [S, N, D, 3]."""
+        """Return the mean power in W [N, k] of the type's drives from features [S, N, D, 3]."""
         own = features[:, :, self.columns]
         rows = own.reshape(len(own), -1, own.shape[-1])
         power, (self._h, self._c) = self._network(rows, (self._h, self._c))

@@ -44,7 +44,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='ros2 run power_estimator benchmark',
         description='Compare power models on recordings: R², errors in W and in energy. Networks '
-        'are judged on what they were not trained on. Proxies are ' + ', '.join(PROXIES) + '.',
+        'are evaluated on what they were not trained on. Proxies are ' + ', '.join(PROXIES) + '.',
         epilog='example: ros2 run power_estimator benchmark bags/walk --models ppn:runs/first '
         'torque_squared mechanical_power --json benchmark.json',
     )

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from power_estimator.training.cross_validation import Job
-    from power_estimator.training.distillation import Judgement
+    from power_estimator.training.distillation import DistillationResult
     from power_estimator.training.trainer import Trainer
 
 
@@ -69,10 +69,10 @@ def main(args: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f'stopped; {options.output} goes on with the same command and --resume')
         raise
-    with progress.status('judging on held-out data'):
+    with progress.status('testing on held-out data'):
         checkpoint = distillation.checkpoint(trainers, str(options.teacher))
         folder.save_model(0, checkpoint)
-        found = distillation.judge(checkpoint)
+        found = distillation.test(checkpoint)
         student = PowerPredictionNetwork(checkpoint, STUDENT)
         drives = [n for n in given.data.names if any(t.matches(n) for t in validation.types)]
         cost = {
@@ -103,7 +103,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _print(
     console: 'Console',
-    found: 'Judgement',
+    found: 'DistillationResult',
     cost: Mapping[str, Mapping[str, float]],
     sizes: Mapping[str, int],
     drives: int,

@@ -107,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='ros2 run power_estimator sweep',
         description='Train networks of several sizes (with carried state) and, at 100 units, of '
-        'several histories (windowed), judge them on the same held-out data, and draw where more '
+        'several histories (windowed), test them on the same held-out data, and draw where more '
         'no longer helps. Costs are µs per sample of twelve drives on this machine.',
         epilog='example: ros2 run power_estimator sweep bags/paper/* -o runs/sweep '
         '--hidden 16 32 64 100 150 --history 0.05 0.1 0.2 0.3 0.5',

@@ -74,7 +74,7 @@ def main(args: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f'stopped; {options.output} goes on with the same command and --resume')
         raise
-    with progress.status('judging on held-out data'):
+    with progress.status('testing on held-out data'):
         tests, pictures = [], []
         for fold in range(protocol.folds):
             checkpoint = validation.checkpoint(fold, trainers)
@@ -132,7 +132,7 @@ def _next(run: Path, bags: Sequence[Path]) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='ros2 run power_estimator train',
-        description='Train a Power Prediction Network per drive type on recordings and judge it '
+        description='Train a Power Prediction Network per drive type on recordings and test it '
         'and the usual proxies on held-out parts of them.',
         epilog='example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',
     )

@@ -1,4 +1,4 @@
-"""All effects by name: those shipped, and those of a user's own file."""
+"""Catalogue of effects: those shipped and those of users' files."""
 
 import inspect
 import re
@@ -26,8 +26,8 @@ from power_estimator.effects.library.measurement import (
     OffsetDrift,
     PowerGain,
     TimeOffset,
-    TorqueBend,
     TorqueBias,
+    TorqueNonlinearity,
     VelocityLag,
 )
 from power_estimator.effects.library.regeneration_efficiency import RegenerationEfficiency
@@ -61,7 +61,7 @@ _BUILTIN: tuple[type[Effect], ...] = (
     PowerGain,
     CurrentOffset,
     TorqueBias,
-    TorqueBend,
+    TorqueNonlinearity,
     VelocityLag,
     OffsetDrift,
     TimeOffset,
@@ -85,7 +85,7 @@ class Catalogue(Mapping[str, Effect]):
         return len(self._effects)
 
     def get_known(self, name: str, where: str) -> Effect:
-        """The effect of that name; InputError that lists what exists."""
+        """Return the effect of that name; InputError, with the names there are, for another."""
         if name not in self._effects:
             raise InputError(
                 f'{where}: unknown effect {name!r}; known are {", ".join(self._effects)}'
@@ -103,13 +103,13 @@ class Catalogue(Mapping[str, Effect]):
 
 
 def builtin_catalogue() -> Catalogue:
-    """The effects that are shipped."""
+    """Return the shipped effects."""
     return Catalogue([effect() for effect in _BUILTIN])
 
 
 def load_catalogue(paths: Sequence[Path] = ()) -> Catalogue:
     """
-    The shipped effects and those defined in the given Python files.
+    Return the shipped effects and those defined in the given Python files.
 
     The files are run: name only files that you trust. InputError if a file cannot be read or
     run, defines no effect, redefines a name, or defines one that is incomplete.
@@ -127,9 +127,9 @@ def load_catalogue(paths: Sequence[Path] = ()) -> Catalogue:
 
 def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
     """
-    What the effect computes, checked: finite, [T, D, n].
+    Return the effect's regressors [T, D, n], checked.
 
-    InputError names an effect that raises, or returns another shape or NaN.
+    Raises InputError for an effect that raises, or returns another shape or NaN.
     """
     try:
         columns = np.asarray(effect.regressors(signals, **shape), dtype=np.float64)

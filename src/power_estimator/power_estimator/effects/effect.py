@@ -1,4 +1,4 @@
-"""What a physical effect is to a power model."""
+"""Interface of a physical effect."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ Shape = Mapping[str, float]
 @dataclass(frozen=True)
 class Term:
     """
-    One coefficient of an effect: its symbol, its SI unit and the bounds physics sets it.
+    One coefficient of an effect: symbol, SI unit and physical bounds.
 
     Bounds, prior and least are those of the reference drive (`DriveScale`).
     """
@@ -28,13 +28,13 @@ class Term:
     lower: float = 0.0
     upper: float = np.inf
     prior: float = np.inf  # spread known beforehand; finite for measurement terms
-    least: float = 0.0  # a coefficient below this is not worth a name
-    attained: bool = False  # drives may well stand at the upper bound: nothing comes back
+    least: float = 0.0  # a smaller coefficient is not named
+    attained: bool = False  # real drives may lie at the upper bound
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """A motion that sets an effect apart from its look-alikes; units are SI."""
+    """A motion that tells an effect from similar ones; SI units."""
 
     text: str
     mode: Literal['velocity', 'position', 'torque'] = 'velocity'
@@ -68,9 +68,9 @@ class Effect(ABC):
     acts_on: ClassVar[Literal['power', 'torque', 'speed']] = 'power'
     kind: ClassVar[Literal['physics', 'measurement', 'discrepancy']] = 'physics'
     needs_joint_torque: ClassVar[bool] = False
-    """Torque of the motor has the effect in it already."""
-    ties: ClassVar[tuple[str, ...]] = ()  # cannot be told apart in any recording
-    near: ClassVar[tuple[str, ...]] = ()  # told apart by its excitation only
+    """The torque of the motor contains the effect already."""
+    ties: ClassVar[tuple[str, ...]] = ()  # effects that no recording can tell from it
+    near: ClassVar[tuple[str, ...]] = ()  # effects that only its excitation tells from it
     shapes: ClassVar[tuple[Shape, ...]] = ({},)
     fixed: ClassVar[float | None] = None  # a coefficient that physics fixes
     follows: ClassVar[frozenset[str]] = frozenset()  # estimates it uses: motor_torque, drawn
@@ -83,7 +83,7 @@ class Effect(ABC):
 
     @abstractmethod
     def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """[T, D, n] for the n terms: W, N·m or rad/s per unit coefficient, by acts_on."""
+        """Return [T, D, n] for the n terms: W, N·m or rad/s per unit coefficient, by acts_on."""
 
     def torque_slope(self, signals: Signals, coefficients: Floats) -> Floats | None:
         """Derivative of this effect's power by the motor's torque, W/(N·m) [T, D]."""
@@ -94,13 +94,13 @@ class Effect(ABC):
         return None
 
     discrepancy_limit: ClassVar[float] = 0.0
-    """How far the true shape may depart from the formula, as a share of the first coefficient."""
+    """Largest departure from the formula, as a share of the first coefficient."""
 
     def discrepancy(self, signals: Signals, **shape: float) -> Floats | None:
         """
-        How real drives depart from the formula, [T, D] in the regressors' unit.
+        Typical departure of real drives from the formula, [T, D] in the regressors' unit.
 
-        A judge lets every active effect bend this way before another effect gets the blame.
+        A diagnosis fits it beside every active effect before it names a further effect.
         """
         return None
 
@@ -114,23 +114,23 @@ class Effect(ABC):
         return np.stack([scale.factor(t.unit, of_sensor=of_sensor) for t in self.terms], axis=-1)
 
     def shapes_of(self, scale: DriveScale) -> tuple[Shape, ...]:
-        """Shapes that come into question for drives of this scale."""
+        """Return the shapes to be tried for drives of this scale."""
         return self.shapes
 
 
 def log_speed(velocity: Floats) -> Floats:
-    """Logarithm of the speed over the highest, for exponents that are not quite the formula's."""
+    """Return the logarithm of the speed over its maximum, as a small change of an exponent."""
     speed = np.abs(velocity)
     top = np.maximum(np.quantile(speed, 0.995, axis=0), STANDSTILL)
     return np.log(np.clip(speed / top, 0.01, None))
 
 
 def share_of_top(values: Floats) -> Floats:
-    """Size over the highest, 0 to about 1."""
+    """Return the magnitude over its maximum, 0 to about 1."""
     size = np.abs(values)
     return size / np.maximum(np.quantile(size, 0.995, axis=0), 1e-9)
 
 
 def smooth_sign(velocity: Floats, standstill: Floats | float = STANDSTILL) -> Floats:
-    """Sign of the velocity [T, D], fading out below the speed standstill in rad/s."""
+    """Return the sign of the velocity [T, D], which fades out below standstill in rad/s."""
     return np.asarray(np.tanh(velocity / standstill))

@@ -1,1 +1,1 @@
-"""PowerComparison of power models on held-out data."""
+"""Evaluation of power models on held-out data."""

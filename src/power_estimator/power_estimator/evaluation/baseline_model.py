@@ -1,4 +1,4 @@
-"""The plain model of a drive that networks are set beside: shaft + copper loss + idle."""
+"""Baseline model that networks are compared with: shaft + copper loss + idle."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class BaselineModel:
     models: tuple[EffectModel, ...] = ()  # one a drive type
 
     def fit(self, data: AlignedDataset, types: Sequence[DriveType]) -> 'BaselineModel':
-        """The same fitted to data; InputError if a measured type moves too little or too short."""
+        """Return the model fitted to data; InputError if a type moves too little or too short."""
         catalogue = builtin_catalogue()
         active = [Active.of(catalogue[name]) for name in EFFECTS]
         models = []
@@ -48,7 +48,7 @@ class BaselineModel:
         return BaselineModel(self.name, tuple(models))
 
     def predict(self, data: AlignedDataset) -> NDArray[np.float32]:
-        """Electrical power in W [T, D]; NaN for drives that it was not fitted to."""
+        """Return the electrical power in W [T, D]; NaN for drives that it was not fitted to."""
         result = np.full(data.torque.shape, np.nan, np.float32)
         for model in self.models:
             power = model.predict(data)

@@ -1,4 +1,4 @@
-"""Models against each other on recordings, judged only on what none of them was trained on."""
+"""Benchmark of models on recordings, on samples that none of them was trained on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -33,17 +33,17 @@ from power_estimator.proxies import Proxy
 from power_estimator.training.protocol import Part
 
 SPREAD = 6  # stretches whose R² gives the spread, as many as the protocol has segments
-SHORTEST = 10.0  # s of a stretch; R² of less, perhaps of standing still, says nothing
+SHORTEST = 10.0  # s of a stretch; R² of a shorter one means little
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What a benchmark found."""
+    """Result of a benchmark."""
 
     table: dict[str, Any]
     traces: Traces
-    seconds: float  # judged
-    held_out: bool  # whether a network had been trained on other parts of a recording
+    seconds: float  # of data evaluated on
+    held_out: bool  # a network was trained on other parts of a recording
 
 
 class NamedModel:
@@ -54,18 +54,18 @@ class NamedModel:
         self._model = model
 
     def predict(self, data: AlignedDataset) -> NDArray[np.float32]:
-        """As the model's own."""
+        """Return the model's prediction."""
         return self._model.predict(data)
 
 
 def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) -> Benchmark:
     """
-    Score models on recordings; InputError if there is nothing to judge them on.
+    Score models on recordings; InputError if no samples are left to evaluate on.
 
-    A network is judged only on the test part of a recording that it was trained on, and all other
-    models on the same samples. Proxies are scaled to the mean of the samples that are left out,
-    or, on recordings that no network knows, to the mean of what they are judged on, which favours
-    them; so it is with the plain model and its fit.
+    A network is evaluated only on the test part of a recording that it was trained on, and all
+    other models on the same samples. Proxies and the baseline model are fitted to the samples that
+    are left out or, on recordings that no network was trained on, to the evaluated samples, which
+    favours them.
     """
     if len(set(specs)) < len(specs):
         raise InputError(f'--models names a model twice: {", ".join(specs)}')
@@ -76,13 +76,13 @@ def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) 
     if not measured:
         raise InputError(f'{", ".join(map(str, bags))}: no drive has measured power')
     types = networks[0].types if networks else infer_types(data.names)
-    judged = _judged(data, bags, networks, types)
-    if not judged.any():
+    evaluated = _evaluated(data, bags, networks, types)
+    if not evaluated.any():
         raise InputError(
             f'{", ".join(map(str, bags))}: nothing is left that no network was trained on; '
             f'give another recording'
         )
-    labels = np.where(judged, Part.TEST, Part.TRAIN).astype(np.int8)
+    labels = np.where(evaluated, Part.TEST, Part.TRAIN).astype(np.int8)
     test = rows_of(data, labels, Part.TEST, 8)
     rest = rows_of(data, labels, Part.TRAIN, 8)
     scaled_on = rest if len(rest.time) > len(test.time) / 10 else test
@@ -109,7 +109,7 @@ def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) 
     r2 = {drive: s.r2 for drive, s in scores[specs[0]].drives.items()}
     seconds = len(test.time) / test.rate
     return Benchmark(
-        result, traces(comparison, r2, robot, specs[0]), seconds, not bool(judged.all())
+        result, traces(comparison, r2, robot, specs[0]), seconds, not bool(evaluated.all())
     )
 
 
@@ -119,21 +119,21 @@ def _open(spec: str, bags: Sequence[Path]) -> PowerModel:
     return BaselineModel() if spec == BASELINE else load_model(spec)
 
 
-def _judged(
+def _evaluated(
     data: AlignedDataset,
     bags: Sequence[Path],
     networks: Sequence[PowerPredictionNetwork],
     types: Sequence[DriveType],
 ) -> NDArray[np.bool_]:
-    judged = np.ones(len(data.time), bool)
+    evaluated = np.ones(len(data.time), bool)
     if not networks:
-        return judged
+        return evaluated
     known: list[TrainingRecording] = [recordings.describe(bag) for bag in bags]
     present = [name for name, columns in assign(data.names, types).items() if columns]
     for network in networks:
         for name in present:
-            judged &= recordings.held_out(data, known, network.checkpoint.recordings, name)
-    return judged
+            evaluated &= recordings.held_out(data, known, network.checkpoint.recordings, name)
+    return evaluated
 
 
 def _require(scores: dict[str, Evaluation], specs: Sequence[str], bags: Sequence[Path]) -> None:

@@ -1,4 +1,4 @@
-"""Models side by side on the same samples, and the table that says how they did."""
+"""Comparison of models on the same samples, and its table."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -20,7 +20,7 @@ RATE = 50.0  # Hz at which estimates are compared (Section II-A)
 
 @dataclass(frozen=True)
 class PowerComparison:
-    """Measured and estimated power on one grid of 50 Hz; NaN where any model cannot tell."""
+    """Measured and estimated power on one grid of 50 Hz; NaN where any model has no estimate."""
 
     names: tuple[str, ...]  # D drives
     time: NDArray[np.float64]  # s [N], middle of each block
@@ -42,7 +42,7 @@ class Evaluation:
 def rows_of(
     data: AlignedDataset, labels: NDArray[np.int8], part: Part, shortest: int = 1
 ) -> AlignedDataset:
-    """The samples of one part; each stretch becomes a segment, so that nothing looks across."""
+    """Return the samples of one part; each stretch becomes a segment of its own."""
     stretches = list(runs(labels, data.segment, part, shortest))
     index = np.concatenate([np.arange(s.start, s.stop) for s in stretches] or [np.arange(0)])
     chosen = data.rows(index)
@@ -75,7 +75,7 @@ def compare(models: Sequence[PowerModel], data: AlignedDataset) -> PowerComparis
 
 
 def evaluate(comparison: PowerComparison, types: Sequence[DriveType]) -> dict[str, Evaluation]:
-    """Scores of each model per drive, per drive type and for the sum of the drives."""
+    """Score each model per drive, per drive type and for the sum of the drives."""
     measured, names = comparison.measured, comparison.names
     there = [c for c in range(len(names)) if np.isfinite(measured[:, c]).any()]
     columns = {t: [c for c in cs if c in there] for t, cs in assign(names, types).items()}
@@ -91,7 +91,7 @@ def evaluate(comparison: PowerComparison, types: Sequence[DriveType]) -> dict[st
 
 
 def merge(parts: Sequence[Mapping[str, Evaluation]]) -> dict[str, Evaluation]:
-    """Evaluations of disjoint drives in one; there is no total."""
+    """Merge evaluations of disjoint drives; there is no total."""
     return {
         model: Evaluation(
             {k: v for part in parts for k, v in part[model].drives.items()},
@@ -104,7 +104,7 @@ def merge(parts: Sequence[Mapping[str, Evaluation]]) -> dict[str, Evaluation]:
 
 def table(folds: Sequence[Mapping[str, Evaluation]]) -> dict[str, Any]:
     """
-    Mean over folds in the form of the benchmark's JSON; `r2_std` is the spread between them.
+    Average over folds in the form of the benchmark's JSON; `r2_std` is the spread between them.
 
     {`models`: [{`name`, `drives` {name: {`r2`, `r2_std`, `rmse_w`, …}}, `types`, `total`,
     `supply`}]}.

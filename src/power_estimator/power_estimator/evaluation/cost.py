@@ -1,4 +1,4 @@
-"""What a network costs: µs on the machine that asks, at its best of several tries."""
+"""Computing cost of networks: µs on this machine, the best of several tries."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ _SCALING = Scaling((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, 1.0)
 
 
 def best_of(body: Callable[[], object], tries: int) -> float:
-    """Shortest time of a call, s: what it costs where nothing else runs."""
+    """Return the shortest time of several calls, s: the cost on an idle machine."""
     shortest = float('inf')
     for _ in range(tries):
         started = time.perf_counter()
@@ -26,7 +26,7 @@ def best_of(body: Callable[[], object], tries: int) -> float:
 
 def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIVES) -> float:
     """
-    µs per sample at 200 Hz of all drives, in the live node's arithmetic.
+    Return µs per sample at 200 Hz of all drives, in the live node's arithmetic.
 
     With carried state that is one step; windowed, a fourth of the `history` steps that each
     estimate at 50 Hz takes.
@@ -45,7 +45,7 @@ def sample_cost(hidden: int, history: int | None = None, drives: int = LIVE_DRIV
 def policy_step_cost(
     model: PowerModel, drives: Sequence[str], robots: int, tries: int = 5
 ) -> float:
-    """µs per robot of one policy step: four samples of all its drives, robots side by side."""
+    """Return µs per robot and policy step: four samples of all drives, robots side by side."""
     batch = BatchPower(model, drives, robots)
     rng = np.random.default_rng(0)
     x = rng.normal(size=(3, robots, 4, len(drives))).astype(np.float32) * np.float32(0.1)

@@ -1,4 +1,4 @@
-"""How often the measured power lies in the interval around the estimate."""
+"""Coverage of the intervals around estimates of power."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,7 +21,7 @@ def with_coverage(
     network: PowerPredictionNetwork,
     types: Sequence[DriveType],
 ) -> Evaluation:
-    """The evaluation of a network with coverage and width of its intervals, if it has any."""
+    """Add coverage and width of a network's intervals, if it has any, to its evaluation."""
     estimated, measured = comparison.estimated[name], comparison.measured
     low, high = network.interval(estimated, comparison.names)
 

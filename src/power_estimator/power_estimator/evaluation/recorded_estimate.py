@@ -1,4 +1,4 @@
-"""What the live node had estimated while a recording was made, as a model beside the others."""
+"""Estimates of the live node in a recording, as a power model."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,8 +21,8 @@ class RecordedEstimate:
     """
     The `power_estimate` topic of recordings.
 
-    An estimate is the mean of the 20 ms that end at its stamp; it is placed in their middle, and
-    between neighbours goes a straight line. Estimates whose status is not 0 count as unknown.
+    An estimate is the mean of the 20 ms that end at its stamp. It is placed in their middle and
+    interpolated linearly. Estimates whose status is not 0 count as unknown.
     """
 
     name = RECORDED
@@ -40,7 +40,7 @@ class RecordedEstimate:
             self._estimates.append(recording.power_estimate())
 
     def predict(self, data: AlignedDataset) -> Floats:
-        """Recorded estimates in W [T, D]; data must come from the same recordings in order."""
+        """Return the estimates in W [T, D]; data must be of the same recordings in order."""
         power = np.full(data.power.shape, np.nan, np.float32)
         for number, estimates in enumerate(self._estimates):
             rows = np.flatnonzero(data.recording == number)

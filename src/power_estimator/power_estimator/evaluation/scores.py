@@ -1,4 +1,4 @@
-"""How good an estimate of power is: R² as the paper defines it, errors in watts and in joules."""
+"""Scores of estimates of power: R² as the paper defines it, errors in watts and in joules."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Score:
-    """What is said of one estimate; NaN where it cannot be said."""
+    """Scores of one estimate; NaN for a score that is undefined."""
 
     r2: float
     rmse_w: float
@@ -23,20 +23,20 @@ class Score:
 
 
 def r2(measured: ArrayLike, estimated: ArrayLike) -> float:
-    """R² = 1 − SS_res/SS_tot (Section II-A); NaN if what was measured is constant."""
+    """Return R² = 1 − SS_res/SS_tot (Section II-A); NaN if the measurement is constant."""
     y, f = _pairs(measured, estimated)
     total = np.sum((y - y.mean()) ** 2) if y.size else 0.0
     return float(1 - np.sum((y - f) ** 2) / total) if total > 0 else float('nan')
 
 
 def rmse(measured: ArrayLike, estimated: ArrayLike) -> float:
-    """Root of the mean squared error, in the unit of the inputs."""
+    """Return the root of the mean squared error, in the unit of the inputs."""
     y, f = _pairs(measured, estimated)
     return float(np.sqrt(np.mean((y - f) ** 2))) if y.size else float('nan')
 
 
 def bias(measured: ArrayLike, estimated: ArrayLike) -> float:
-    """Mean of estimated minus measured, in the unit of the inputs."""
+    """Return the mean of estimated minus measured, in the unit of the inputs."""
     y, f = _pairs(measured, estimated)
     return float(np.mean(f - y)) if y.size else float('nan')
 
@@ -45,9 +45,9 @@ def energy_error(
     measured: ArrayLike, estimated: ArrayLike, rate: float, window: float = 60.0
 ) -> float:
     """
-    Mean |error| of the energy over windows (s), as a fraction of the mean measured energy.
+    Return the mean |error| of the energy over windows (s), over the mean measured energy.
 
-    Whatever is left after the last full window counts only if there is no full window.
+    An incomplete window counts only if there is no full one.
     """
     y, f = _pairs(measured, estimated)
     n = min(round(window * rate), y.size)
@@ -61,14 +61,14 @@ def energy_error(
 
 
 def score(measured: ArrayLike, estimated: ArrayLike, rate: float) -> Score:
-    """All scores of one estimate sampled at rate (Hz); pairs with a NaN are left out."""
+    """Return all scores of one estimate sampled at rate (Hz); pairs with a NaN are left out."""
     y, f = _pairs(measured, estimated)
     return Score(r2(y, f), rmse(y, f), bias(y, f), energy_error(y, f, rate), int(y.size))
 
 
 def block_means(values: Floats, runs: Iterable[slice], block: int = 4) -> Floats:
     """
-    Mean of each block of rows: the paper's 200 Hz → 50 Hz (Section II-A).
+    Return the mean of each block of rows: the paper's 200 Hz → 50 Hz (Section II-A).
 
     values [T, …] → [N, …]; blocks lie inside the runs, rows that fill no block are left out, and
     a block with a NaN is NaN.

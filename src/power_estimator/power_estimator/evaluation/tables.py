@@ -12,14 +12,14 @@ from rich.table import Table
 
 
 def terminal() -> Console:
-    """Standard output; wide enough for a table where it goes to a file."""
+    """Return a console on stdout, of a fixed width where that is no terminal."""
     return Console(width=None if sys.stdout.isatty() else 140)
 
 
 def print_table(
     console: Console, table: Mapping[str, Any], title: str, group: str = 'types'
 ) -> None:
-    """R² ± spread per drive type (or `drives`) and of the sum, a row a model; best in bold."""
+    """Print R² ± spread per drive type (or `drives`) and of the sum; best in bold."""
     models = table['models']
     keys = list(dict.fromkeys(key for m in models for key in m[group]))
     view = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
@@ -90,7 +90,7 @@ class TrainingBars:
         self._progress.stop()
 
     def show(self, job: str, number: int, loss: float, r2: float, done: bool) -> None:
-        """A job has reached an epoch, and perhaps its end; loss and R² are its latest."""
+        """Show that a job has reached an epoch, and its loss and R²."""
         state = f'loss {loss:.4f}  R² {r2:.4f}'
         if done:
             if job in self._tasks:

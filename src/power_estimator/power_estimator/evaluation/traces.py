@@ -1,4 +1,4 @@
-"""The stretch of held-out data that the picture after Fig. 3 shows."""
+"""Stretch of held-out data for the figure after Fig. 3."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -39,10 +39,10 @@ def traces(
     model: str = 'ppn',
 ) -> Traces:
     """
-    Choose what to show: the drive that draws most unevenly, in the longest stretch.
+    Choose the drive whose power varies most, in the longest stretch.
 
-    Among stretches of about the same length it is the one in which that drive varies most; not
-    more than 4 s of it are shown.
+    Among stretches of about the same length it is the one in which that drive varies most; at most
+    4 s of it are shown.
     """
     spread = np.nan_to_num(np.nanstd(comparison.measured, axis=0))
     column = int(np.argmax(spread))

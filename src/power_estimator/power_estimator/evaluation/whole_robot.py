@@ -1,4 +1,4 @@
-"""The sum of all drives and the electronics against the robot's supply (Fig. 3, bottom)."""
+"""Sum of all drives and the electronics against the robot's supply (Fig. 3, bottom)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ LAGS = 0.05  # s, the longest lag of a supply's readings that is looked for
 
 @dataclass(frozen=True)
 class WholeRobot:
-    """Power at the supply and what models make of it, at 50 Hz."""
+    """Power at the supply, measured and estimated, at 50 Hz."""
 
     supply: Floats  # W [N], brought forward by lag
     estimated: Mapping[str, Floats]  # W [N], by model; drives and electronics
@@ -26,7 +26,7 @@ class WholeRobot:
     lag: float  # s by which the supply's readings come late
 
     def scores(self) -> dict[str, Score]:
-        """Score of each model against the supply."""
+        """Score each model against the supply."""
         return {name: score(self.supply, p, RATE) for name, p in self.estimated.items()}
 
 
@@ -36,9 +36,9 @@ def whole_robot(
     """
     Sum the estimates of all drives; None if the supply or a drive's signals are missing.
 
-    Two constants come from the training rows: what the electronics draw (supply less the measured
-    drives where all of them were measured, else less the estimated ones) and by how much the
-    supply's readings come late, as one whose readings are means of the time before them does.
+    Two constants come from the training rows: the power of the electronics (supply less the
+    measured drives if all were measured, else less the estimated ones) and the lag of the supply's
+    readings, which may be means of the time before their stamps.
     """
     block = max(1, round(test.rate / RATE))
     complete = set(training.measured_drives()) == set(training.names)
@@ -64,7 +64,7 @@ def whole_robot(
 
 
 def shifted(values: Floats, data: AlignedDataset, samples: int) -> Floats:
-    """Values [T] brought forward by a number of samples inside each segment; NaN at its end."""
+    """Shift values [T] forward by a number of samples in each segment; NaN at its end."""
     result = np.full_like(values, np.nan)
     for run in data.segments():
         if run.stop - run.start > samples:

@@ -1,4 +1,4 @@
-"""Estimates while samples arrive: causal sampling, carried state, and what may be trusted."""
+"""Live estimates: causal sampling, carried state, and the status of an estimate."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ _SIGNALS = ('position', 'velocity', 'torque', 'command')
 
 
 class Status(IntEnum):
-    """As in drive_power_msgs/PowerEstimate."""
+    """Status of an estimate, as in drive_power_msgs/PowerEstimate."""
 
     OK = 0
     WARMING_UP = 1
@@ -51,7 +51,7 @@ class LiveSample:
     velocity: Doubles  # rad/s [D]
     torque: Doubles  # N·m [D]
     command: Doubles  # rad [D], in force
-    fresh: bool  # the past does not lead up to it
+    fresh: bool  # it does not follow the sample before
 
 
 @dataclass(frozen=True)
@@ -64,17 +64,17 @@ class Estimate:
 
     @property
     def total(self) -> float:
-        """Sum over the drives that are known, W; NaN while nothing is."""
+        """Return the sum over the known drives, W; NaN if there are none."""
         known = np.isfinite(self.power)
         return float(self.power[known].sum()) if known.any() else float('nan')
 
 
 class CausalSampler:
     """
-    Joint states at any rate → samples at the model's rate, without looking ahead.
+    Causal resampling of joint states at any rate to the model's rate.
 
-    Time is cut into bins of 1/rate by the stamps; a sample is the mean of the joint states in its
-    bin and is given out with the last of them, not with the first of the next bin. At 400 Hz that
+    Time is cut into bins of 1/rate by the stamps. A sample is the mean of the joint states in its
+    bin and is returned with the last of them, not with the first of the next bin. At 400 Hz that
     is the mean of two: a delay of 1.25 ms and −3 dB at 100 Hz. Up to `bridged` empty bins repeat
     the sample before them; after a longer gap, or a step back in time, the sample is fresh.
     """
@@ -91,7 +91,7 @@ class CausalSampler:
         self._previous: Doubles | None = None
 
     def add(self, stamp: int, signals: Doubles) -> Iterator[tuple[int, Doubles, bool]]:
-        """Take one joint state, signals [4, D]; give (stamp, mean [4, D], fresh) as bins fill."""
+        """Take one joint state, signals [4, D]; yield (stamp, mean [4, D], fresh) of full bins."""
         if self._origin is None:
             self._origin = stamp - self._width / 4
         else:
@@ -129,10 +129,10 @@ class EstimateStream(Protocol):
     warm_up: int  # samples after a fresh one without an estimate
 
     def advance(self, samples: Sequence[LiveSample]) -> Floats:
-        """Power in W [n, D] at the next n samples; NaN for drives that are not known."""
+        """Return the power in W [n, D] at the next n samples; NaN for unknown drives."""
 
     def outside(self, samples: Sequence[LiveSample], margin: float) -> bool:
-        """Whether a drive moves as it never did in the training data."""
+        """Return whether a drive moves outside the training data."""
 
 
 class NetworkStream:
@@ -145,16 +145,16 @@ class NetworkStream:
         self._guard = model.guard(drives)
 
     def advance(self, samples: Sequence[LiveSample]) -> Floats:
-        """Power in W [n, D]."""
+        """Return the power in W [n, D]."""
         fresh = np.array([[s.fresh] * len(s.position) for s in samples])
         return self._bank.run(_features(samples), fresh)
 
     def outside(self, samples: Sequence[LiveSample], margin: float) -> bool:
         """
-        Whether the samples leave the training data.
+        Return whether the samples lie outside the training data.
 
-        Alone, by a feature beyond its range by more than margin of it, or together, by a
-        combination or a change that is unlike those that were seen.
+        They do by a feature beyond its range by more than margin of that range, or by the
+        out-of-distribution score of a block.
         """
         slack = margin * (self._high - self._low)
         x = _features(samples)
@@ -163,7 +163,7 @@ class NetworkStream:
 
 
 class WindowStream:
-    """Any other power model: asked anew about the last half second at each estimate."""
+    """Any other power model, run on the last half second at each estimate."""
 
     warm_up = 8
 
@@ -174,7 +174,7 @@ class WindowStream:
         self._window: deque[LiveSample] = deque(maxlen=max(config.block, round(config.rate / 2)))
 
     def advance(self, samples: Sequence[LiveSample]) -> Floats:
-        """Power in W [n, D]."""
+        """Return the power in W [n, D]."""
         for sample in samples:
             if sample.fresh:
                 self._window.clear()
@@ -182,7 +182,7 @@ class WindowStream:
         return self._model.predict(self._dataset())[-len(samples) :]
 
     def outside(self, samples: Sequence[LiveSample], margin: float) -> bool:
-        """Never: such models carry no training data."""
+        """Return False: such models have no training data."""
         return False
 
     def _dataset(self) -> AlignedDataset:
@@ -200,8 +200,8 @@ class LiveEstimator:
     """
     Joint states and commands in, estimates at rate/block (50 Hz) out.
 
-    A command counts from its stamp on and is held until the next one; one without targets (the
-    drives are damped) means that there is no estimate. Joint states with a NaN are left out.
+    A command holds from its stamp until the next one. Without targets (the drives are damped)
+    there is no estimate. Joint states with a NaN are left out.
     """
 
     def __init__(
@@ -223,7 +223,7 @@ class LiveEstimator:
         self._since_fresh = 0
 
     def command(self, stamp: int, position: Doubles) -> None:
-        """Take position targets [D] in rad, NaN for none, that count from stamp (ns) on."""
+        """Take position targets [D] in rad, NaN for none, that hold from stamp (ns) on."""
         while self._waiting and stamp < self._waiting[-1][0]:
             self._waiting.pop()
         self._waiting.append((stamp, position))
@@ -231,7 +231,7 @@ class LiveEstimator:
     def joint_state(
         self, stamp: int, position: Doubles, velocity: Doubles, torque: Doubles
     ) -> Estimate | None:
-        """Take a joint state [D] of stamp (ns); give an estimate when one is due."""
+        """Take a joint state [D] of stamp (ns); return an estimate when one is due."""
         while self._waiting and self._waiting[0][0] <= stamp:
             self._command = self._waiting.popleft()
         if self._command is None:

@@ -1,4 +1,4 @@
-"""A recording through the live estimator, faster than it happened."""
+"""Live estimator on a recording, faster than real time."""
 
 from collections.abc import Iterator
 
@@ -15,9 +15,9 @@ def estimates(
     recording: Recording, model: PowerModel, config: LiveConfig | None = None
 ) -> tuple[tuple[str, ...], Iterator[Estimate]]:
     """
-    The drives (joints that have a command) and what the live node would have said about them.
+    Return the drives (joints with a command) and the estimates of the live node for them.
 
-    A command counts from its stamp on, as if it had arrived in time.
+    A command holds from its stamp on, as if it had arrived in time.
     """
     states, commands = recording.joint_states(), recording.joint_commands()
     drives = tuple(name for name in states.names if name in commands.names)
@@ -49,7 +49,7 @@ def estimates(
 
 
 def messages(estimates: list[Estimate], drives: tuple[str, ...], model: str) -> list[bytes]:
-    """PowerEstimate messages as CDR bytes."""
+    """Encode PowerEstimate messages as CDR bytes."""
     return encode(
         POWER_ESTIMATE,
         np.array([e.stamp for e in estimates], np.int64),

@@ -10,13 +10,13 @@ from power_estimator.evaluation.scores import r2
 
 class LiveScore:
     """
-    Pairs each estimate with the mean of the measured power over the time it stands for.
+    Pairs of each estimate with the mean of the measured power over its time.
 
     An estimate waits until measurements reach its stamp, so that late samples count as well.
     """
 
     def __init__(self, width: float, window: float = 30.0) -> None:
-        """width: s that an estimate stands for; window: s that are looked back on."""
+        """width: s of an estimate's time; window: s that are scored."""
         self.window = window
         self._width = round(width * 1e9)
         self._second = max(1, round(1 / width))
@@ -41,7 +41,7 @@ class LiveScore:
             self._waiting.append((stamp, watts))
 
     def figures(self) -> dict[str, str]:
-        """Means of the last second and R² of the sum over the window; empty before a second."""
+        """Return means of the last second and R² over the window; empty before a second."""
         if len(self._pairs) < self._second:
             return {}
         measured, estimated = np.array(self._pairs).T
@@ -56,7 +56,7 @@ def measured_power(
     drives: int, voltage: ArrayLike, current: ArrayLike, status: ArrayLike
 ) -> NDArray[np.float64]:
     """
-    Power in W [samples, drives] of a DriveSupply message, NaN where a status is not 0.
+    Return the power in W [samples, drives] of a DriveSupply message, NaN where a status is not 0.
 
     voltage, current, status: row-major [samples × drives]. ValueError for other lengths.
     """

@@ -24,7 +24,7 @@ MESSAGES = {
 
 @dataclass(frozen=True)
 class Vector:
-    """Numbers by name, as a message carries them."""
+    """Values by name, as a message has them."""
 
     stamp: int  # ns
     names: tuple[str, ...]
@@ -32,14 +32,14 @@ class Vector:
 
 
 class _Columns:
-    """Finds the drives among the names of a message, whose order may be any."""
+    """Columns of the drives among the names of a message, in any order."""
 
     def __init__(self, drives: Sequence[str]) -> None:
         self._drives = drives
         self._known: dict[tuple[str, ...], list[int] | None] = {}
 
     def of(self, vector: Vector) -> Doubles | None:
-        """Values [rows, D]; None if a drive is missing."""
+        """Return values [rows, D]; None if a drive is missing."""
         if vector.names not in self._known:
             there = all(drive in vector.names for drive in self._drives)
             columns = [vector.names.index(d) for d in self._drives] if there else None
@@ -82,7 +82,7 @@ class LiveSession:
 
     @property
     def drives(self) -> tuple[str, ...]:
-        """The drives that are estimated; empty until both topics have been heard."""
+        """Return the estimated drives; empty until both topics have been received."""
         return () if self._live is None else self._live.drives
 
     def command(self, command: Vector, arrival: float) -> None:
@@ -98,7 +98,7 @@ class LiveSession:
             self._live.command(command.stamp, found[0])
 
     def joint_state(self, state: Vector, arrival: float) -> Estimate | None:
-        """Take position, velocity and torque [3, names]; give an estimate when one is due."""
+        """Take position, velocity and torque [3, names]; return an estimate when one is due."""
         self._hear('joint_states', arrival)
         if self._live is None and not self._begin(state, arrival):
             return None
@@ -127,7 +127,7 @@ class LiveSession:
             self._score.measured(measured.stamp, float(good.sum(axis=1).mean()))
 
     def stale(self, now: float) -> Estimate | None:
-        """An estimate that says that there is none, if an input has stopped or lacks targets."""
+        """Return an empty estimate if an input has stopped or lacks targets."""
         if self._live is None or now - self._estimated <= self._stale_after:
             return None
         stamp = self._last.stamp if self._last else 0
@@ -135,11 +135,11 @@ class LiveSession:
         return self._say(Estimate(stamp, unknown, Status.INPUT_STALE))
 
     def sent(self, age: float) -> None:
-        """Note how old (s) an estimate's newest joint state was when it was sent."""
+        """Note the age (s) of an estimate's newest joint state when it was sent."""
         self._ages.append(age)
 
     def report(self, now: float) -> tuple[bool, str, dict[str, str]]:
-        """Whether all is well, in a sentence, and figures since the last report."""
+        """Return whether all is well, a sentence, and figures since the last report."""
         counts, self._counts = self._counts, dict.fromkeys(self._counts, 0)
         status = self._last.status if self._last else Status.WARMING_UP
         sentence = MESSAGES.get(status, '')

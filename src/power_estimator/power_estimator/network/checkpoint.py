@@ -98,7 +98,7 @@ class _NetworkCard:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Networks by drive type, how they were trained and on what."""
+    """Networks by drive type, with the settings and recordings of their training."""
 
     config: NetworkConfig
     networks: tuple[Network, ...]
@@ -140,7 +140,7 @@ class Checkpoint:
 
 
 def _without_none(content: dict[str, Any]) -> dict[str, Any]:
-    """Leave out what a type has not; readers of former versions expect no null there."""
+    """Leave out absent entries of a type: readers of former versions expect no null."""
     for entry in content['types'].values():
         for key in [key for key, value in entry.items() if value is None]:
             del entry[key]

@@ -1,4 +1,4 @@
-"""What power models look at: position error, torque and speed of each drive (Section II-A)."""
+"""Inputs of power models: position error, torque and speed of each drive (Section II-A)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ PLAUSIBLE = (10.0, 2000.0, 200.0)  # above: not rad, N·m, rad/s of a robot's jo
 
 
 def features(data: AlignedDataset) -> Floats:
-    """Features [T, D, 3] in the order and units of FEATURES; NaN where one was not recorded."""
+    """Return features [T, D, 3] in the order and units of FEATURES; NaN where one is missing."""
     return np.stack([data.position_error, data.torque, data.velocity], axis=2)
 
 
 def finite_runs(values: Floats, data: AlignedDataset, shortest: int = 1) -> Iterator[slice]:
-    """Stretches of rows [T, …] without NaN that lie in one segment of the dataset."""
+    """Yield stretches of rows [T, …] without NaN that lie in one segment of the dataset."""
     good = np.all(np.isfinite(values.reshape(len(values), -1)), axis=1)
     for run in data.segments():
         inside = np.flatnonzero(np.diff(np.r_[False, good[run], False].astype(np.int8)))
@@ -48,7 +48,7 @@ class Scaling:
     @classmethod
     def of(cls, values: Floats, power: Floats, mirror: bool = False) -> 'Scaling':
         """
-        Of features [N, 3] and power [N] without NaN; InputError if one of them is constant.
+        Return the scaling of features [N, 3] and power [N] without NaN; InputError for constants.
 
         With `mirror` the mean is 0, so that a motion and its mirror image differ in sign alone.
         """

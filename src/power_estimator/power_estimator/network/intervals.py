@@ -41,7 +41,7 @@ class Intervals:
     @classmethod
     def fit(cls, measured: Floats, estimated: Floats, level: float = LEVEL) -> 'Intervals | None':
         """
-        From pairs [N] at 50 Hz that the network was not trained on; None if there are few.
+        Fit to pairs [N] at 50 Hz that the network was not trained on; None if there are few.
 
         Equal estimates stay in one bin, and no bin has fewer than 100 pairs.
         """
@@ -61,14 +61,14 @@ class Intervals:
         return cls(level, edges, tuple(below), tuple(above))
 
     def around(self, estimated: Floats) -> tuple[Floats, Floats]:
-        """Lowest and highest power in W to be expected, of the shape of the estimates."""
+        """Return the lowest and highest power to be expected, W, in the shape of the estimates."""
         index = np.searchsorted(np.array(self.edges), estimated, side='right')
         low = estimated - np.array(self.below, np.float32)[index]
         return low, estimated + np.array(self.above, np.float32)[index]
 
 
 def _edges(estimated: NDArray[np.float64], bins: int) -> tuple[float, ...]:
-    """Quantiles between at most `bins` bins; fewer where ties would leave one with too few."""
+    """Return the edges of at most `bins` bins; fewer where ties would leave one too small."""
     ordered = np.sort(estimated)
     kept: list[float] = []
     begin = 0

@@ -1,4 +1,4 @@
-"""The network's arithmetic in numpy: one time step for many drives, without torch."""
+"""LSTM in numpy: one time step for many drives, without torch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class Weights:
 
 class LstmBank:
     """
-    Several networks of one size side by side, each for its own drives, with carried state.
+    Networks of one size, each for its own drives, with carried state.
 
     Takes features in SI units and gives watts: the scaling is folded into the weights. Drives
     that belong to no network get NaN.
@@ -143,7 +143,7 @@ class LstmBank:
 
 
 def _fold(weights: Weights, scaling: Scaling) -> tuple[NDArray[np.float64], ...]:
-    """Scaling into the weights, gates to (i, f, o, g), and σ(x) as ½(1 + tanh(x/2))."""
+    """Fold scaling into the weights, gates to (i, f, o, g), and σ(x) as ½(1 + tanh(x/2))."""
     n = weights.hidden
     order = np.r_[0 : 2 * n, 3 * n : 4 * n, 2 * n : 3 * n]
     halves = np.r_[np.full(3 * n, 0.5), np.ones(n)]

@@ -23,9 +23,9 @@ class OutOfDistributionScore:
     """
     Mahalanobis distance of an estimate's block of samples from those of the training data.
 
-    It looks at the mean of position error, torque and speed over the block and at their change
-    within it, so that it notices what is usual one by one but not together: torque that does not
-    go with the error, or motion much faster than any that was seen.
+    It is of the mean of position error, torque and speed over the block and of their change within
+    it. So it grows with combinations outside the training data, such as torque that does not match
+    the error, and with motion faster than in training.
     """
 
     mean: tuple[_Number, ...]  # [6]
@@ -62,7 +62,7 @@ class Guard:
     """Out-of-distribution test of blocks of samples, for D drives at once."""
 
     def __init__(self, known: Iterable[OutOfDistributionScore | None]) -> None:
-        """known: what each drive is compared with; None says nothing about a drive."""
+        """known: the score of each drive; a drive without one is never marked."""
         drives = list(known)
         self._mean = np.zeros((len(drives), SIZE))
         self._inverse = np.zeros((len(drives), SIZE, SIZE))
@@ -81,6 +81,6 @@ class Guard:
 
 
 def describe(blocks: Floats) -> Floats:
-    """Mean over and change within blocks [..., S, 3] → [..., 6]."""
+    """Return mean over and change within blocks [..., S, 3] → [..., 6]."""
     change = blocks[..., -1, :] - blocks[..., 0, :]
     return np.concatenate([blocks.mean(axis=-2), change], axis=-1)

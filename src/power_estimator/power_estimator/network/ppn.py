@@ -1,4 +1,4 @@
-"""The Power Prediction Network as a power model: windowed, and with carried state."""
+"""Power Prediction Network as a power model, windowed and with carried state."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,8 +22,8 @@ class PowerPredictionNetwork:
     """
     LSTM from position error, torque and speed to watts (Section II-A), one per drive type.
 
-    `predict` carries the state from sample to sample; `predict_windowed` is the paper's form,
-    which starts anew from 0.3 s of history for each estimate.
+    `predict` carries the state from sample to sample. `predict_windowed` is the paper's form:
+    0.3 s of history from a state of zero for each estimate.
     """
 
     def __init__(self, checkpoint: Checkpoint, name: str = 'ppn') -> None:
@@ -34,11 +34,11 @@ class PowerPredictionNetwork:
 
     @classmethod
     def load(cls, path: Path) -> 'PowerPredictionNetwork':
-        """From a run folder or a file; InputError names the file and what is wrong."""
+        """Load a run folder or a file; InputError names the file and the fault."""
         return cls(Checkpoint.load(path))
 
     def stream(self, drives: Sequence[str]) -> LstmBank:
-        """One network per drive with carried state; InputError if no drive is known."""
+        """Return a network per drive with carried state; InputError if no drive is known."""
         columns = assign(drives, self.types)
         if not any(columns.values()):
             patterns = ', '.join(p for t in self.types for p in t.patterns)
@@ -48,7 +48,7 @@ class PowerPredictionNetwork:
         return LstmBank(self._networks, columns, len(drives))
 
     def range_of(self, drives: Sequence[str]) -> tuple[Floats, Floats]:
-        """Lowest and highest features [D, 3] in the training data; NaN for unknown drives."""
+        """Return the lowest and highest features [D, 3] in training; NaN for unknown drives."""
         low = np.full((len(drives), len(FEATURES)), np.nan, np.float32)
         high = low.copy()
         columns = assign(drives, self.types)
@@ -58,7 +58,7 @@ class PowerPredictionNetwork:
         return low, high
 
     def guard(self, drives: Sequence[str]) -> Guard:
-        """What tells whether drives move unlike their training data; never for unknown ones."""
+        """Return the out-of-distribution test of the drives."""
         known: list[OutOfDistributionScore | None] = [None] * len(drives)
         columns = assign(drives, self.types)
         for network in self.checkpoint.networks:
@@ -68,7 +68,7 @@ class PowerPredictionNetwork:
 
     def interval(self, power: Floats, drives: Sequence[str]) -> tuple[Floats, Floats]:
         """
-        Lowest and highest power in W [N, D] to be expected of estimates [N, D] at 50 Hz.
+        Return the lowest and highest power to be expected of estimates, W [N, D] at 50 Hz.
 
         NaN for drives of no known type and for networks without intervals.
         """
@@ -83,7 +83,7 @@ class PowerPredictionNetwork:
 
     def predict(self, data: AlignedDataset) -> Floats:
         """
-        Watts [T, D] with carried state.
+        Return watts [T, D] with carried state.
 
         NaN for drives of no known type, where a feature is missing and for warm_up samples after.
         Data at a multiple of the network's rate is averaged down and the estimate held.
@@ -121,7 +121,7 @@ class PowerPredictionNetwork:
 
     def predict_windowed(self, data: AlignedDataset) -> Floats:
         """
-        Estimates [N, D] at 50 Hz, each from its own window of history and a state of zero.
+        Return estimates [N, D] at 50 Hz, each from its own window of history and a state of zero.
 
         One per block of four rows inside each segment, as `block_means` cuts them; NaN where the
         window reaches over the start of a gap-free stretch.

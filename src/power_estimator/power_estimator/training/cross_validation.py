@@ -1,4 +1,4 @@
-"""From aligned recordings to cross-validated networks, one per drive type."""
+"""Cross-validated networks from aligned recordings, one per drive type."""
 
 import threading
 import zlib
@@ -57,17 +57,17 @@ class Job:
 
     @property
     def name(self) -> str:
-        """How files and progress bars call it."""
+        """Name in files and progress bars."""
         return f'{self.type.name}-{self.fold}'
 
 
 class CrossValidation:
     """
-    Trains and judges one network per drive type and fold (Section II-A).
+    Training and test of one network per drive type and fold (Section II-A).
 
-    data holds the smoothed signals that targets and scores are made of; `others` are other
-    features [T, D, 3] of the same samples (as the live node forms them), which training mixes in.
-    targets are what the networks learn, W [T, D], if not the measured power (a teacher's output).
+    data: smoothed signals for targets and scores. others: further features [T, D, 3] of the same
+    samples (as the live node forms them), which training mixes in. targets: W [T, D], the measured
+    power by default (else a teacher's output).
     """
 
     def __init__(
@@ -113,11 +113,11 @@ class CrossValidation:
         self.jobs = tuple(Job(t, fold) for fold in range(protocol.folds) for t in self.types)
 
     def labels(self, job: Job) -> NDArray[np.int8]:
-        """Part of each sample [T] for the job."""
+        """Return the part of each sample [T] for the job."""
         return self._protocol.labels(self._segments[job.type.name], job.fold)
 
     def trainer(self, job: Job) -> Trainer:
-        """A fresh trainer of the job's network."""
+        """Return a new trainer of the job's network."""
         labels = self.labels(job)
         seed = np.random.SeedSequence(
             [self._training.seed, job.fold, zlib.crc32(job.type.name.encode())]
@@ -145,7 +145,7 @@ class CrossValidation:
         """
         Train all jobs on `workers` threads, each on a core of its own, keeping their state.
 
-        Ctrl-C ends at the next epoch; what was reached stays in the folder.
+        Ctrl-C ends at the next epoch; the state reached stays in the folder.
         """
         stop = threading.Event()
 
@@ -174,7 +174,7 @@ class CrossValidation:
         return {job: future.result() for future, job in futures.items()}
 
     def checkpoint(self, fold: int, trainers: Mapping[Job, Trainer]) -> Checkpoint:
-        """The networks of a fold with all that is needed to use and to judge them."""
+        """Return the networks of a fold with all that their use and evaluation need."""
         networks = []
         held_out: dict[str, list[slice]] = {}
         for job, trainer in trainers.items():
@@ -208,9 +208,9 @@ class CrossValidation:
 
     def test(self, fold: int, checkpoint: Checkpoint) -> tuple[dict[str, Evaluation], Traces]:
         """
-        Scores of the networks, all proxies and the plain model on the fold's test part.
+        Score the networks, all proxies and the baseline model on the fold's test part.
 
-        And what a picture of it shows.
+        Returns evaluations by model and the traces for a figure.
         """
         ppn = PowerPredictionNetwork(checkpoint)
         jobs = [job for job in self.jobs if job.fold == fold]
@@ -327,7 +327,7 @@ def _restore(trainer: Trainer, kept: Mapping[str, NDArray[np.floating]], job: Jo
 
 
 def _completed(futures: Mapping[Future[Trainer], Job]) -> Iterator[Future[Trainer]]:
-    """Futures as they end; waits in pieces, so that Ctrl-C is served."""
+    """Yield futures as they end; short waits let Ctrl-C through."""
     pending = set(futures)
     while pending:
         done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)

@@ -1,4 +1,4 @@
-"""A small network that says what a large one says, cheap enough for a reward in training."""
+"""Distillation of a large network into a small one, cheap enough for rewards in training."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,8 +29,8 @@ TEACHER, STUDENT = 'teacher', 'student'
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """Teacher and student on what neither was trained on."""
+class DistillationResult:
+    """Scores of teacher and student on samples that neither was trained on."""
 
     smoothed: Mapping[str, Evaluation]  # against measured power, by model
     live: Mapping[str, Evaluation]  # the same with the features that a live node forms
@@ -39,10 +39,10 @@ class Judgement:
 
 class Distillation:
     """
-    Trains a student on the teacher's outputs for the recordings' signals.
+    Training of a student on the teacher's outputs for the recordings' signals.
 
-    The recordings are shared out as for the teacher, so that what it has not seen is kept from
-    the student too. Both are judged there against the measured power.
+    The recordings are split as for the teacher, so that its test part is new to the student too.
+    Both are evaluated there against the measured power.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Distillation:
         hidden: int,
         training: TrainerConfig,
     ) -> None:
-        """InputError if the recordings are too short or the teacher does not know the drives."""
+        """Raise InputError for recordings that are too short or drives unknown to the teacher."""
         config = teacher.checkpoint.config
         if hidden >= config.hidden:
             raise InputError(f'hidden = {hidden} is not below the {config.hidden} of the teacher')
@@ -73,12 +73,12 @@ class Distillation:
         )
 
     def checkpoint(self, trainers: Mapping[Job, Trainer], spec: str) -> Checkpoint:
-        """The student; spec says who its teacher was."""
+        """Return the student; spec names its teacher."""
         found = self.validation.checkpoint(0, trainers)
         return replace(found, training={**found.training, 'teacher': spec})
 
-    def judge(self, checkpoint: Checkpoint) -> Judgement:
-        """R² of both on the test parts, with smoothed and with live features."""
+    def test(self, checkpoint: Checkpoint) -> DistillationResult:
+        """Return R² of both on the test parts, with smoothed and with live features."""
         student = PowerPredictionNetwork(checkpoint, STUDENT)
         teacher = PowerPredictionNetwork(self.teacher.checkpoint, TEACHER)
         smoothed, live, imitation = [], [], {}
@@ -89,7 +89,7 @@ class Distillation:
             imitation[job.type.name] = evaluate(said, [job.type])[STUDENT].types[job.type.name].r2
             found = self._compare([teacher, student], self._given.as_live(), job)
             live.append(evaluate(found, [job.type]))
-        return Judgement(merge(smoothed), merge(live), imitation)
+        return DistillationResult(merge(smoothed), merge(live), imitation)
 
     def _compare(
         self, models: Sequence[PowerPredictionNetwork], data: AlignedDataset, job: Job
@@ -105,6 +105,6 @@ class Distillation:
 
 
 def in_order_of(teacher: PowerPredictionNetwork, bags: Sequence[Path]) -> list[Path]:
-    """Recordings in the order in which the teacher was trained on them; new ones come last."""
+    """Sort recordings in the order of the teacher's training; new ones come last."""
     order = {r.sha256: i for i, r in enumerate(teacher.checkpoint.recordings)}
     return sorted(bags, key=lambda bag: order.get(describe(bag).sha256, len(order)))

@@ -1,4 +1,4 @@
-"""Who may see which sample: the paper's six segments of 80/10/10, its folds, no overlap."""
+"""Split of samples for training and test: six segments of 80/10/10, folds, no overlap."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ TENTHS = 10
 
 
 class Part(IntEnum):
-    """What a sample is for."""
+    """Use of a sample."""
 
     UNUSED = -1
     TRAIN = 0
@@ -26,13 +26,13 @@ class Part(IntEnum):
 @dataclass(frozen=True)
 class Protocol:
     """
-    How measured samples are shared out (Section II-A).
+    Split of the measured samples (Section II-A).
 
     The samples are cut into `segments` equal stretches and each of them into ten parts: eight
     train, one validates, one tests. Fold 0 tests on the last tenth; the other folds move the
     testing tenth (and the validating one before it) evenly through the stretch, so that with up
     to ten folds no sample is tested twice. Where the set changes, `margin` samples are dropped, so
-    that neither a window of that history nor a zero-phase filter looks into another set.
+    that neither a window of that history nor a zero-phase filter reaches into another set.
     """
 
     segments: Annotated[int, Quantity(1, 60)] = 6
@@ -43,12 +43,12 @@ class Protocol:
         check_quantities(self)
 
     def minimum(self) -> int:
-        """Samples below which the protocol has parts too short to learn from or to test on."""
+        """Return the least number of samples for parts of sufficient length."""
         return self.segments * TENTHS * max(2 * self.margin, 8)
 
     def labels(self, segment: NDArray[np.integer], fold: int) -> NDArray[np.int8]:
         """
-        Part of each sample [T] in one fold.
+        Return the part of each sample [T] in one fold.
 
         segment [T] numbers the gap-free stretches; below zero is a sample that cannot be used.
         """
@@ -77,7 +77,7 @@ class Protocol:
 def runs(
     labels: NDArray[np.int8], segment: NDArray[np.integer], part: Part, shortest: int = 1
 ) -> Iterator[slice]:
-    """Stretches of rows of one part that lie in one segment and have at least `shortest` rows."""
+    """Yield stretches of rows of one part, each in one segment, of at least `shortest` rows."""
     inside = labels == part
     border = np.flatnonzero((np.diff(inside.astype(np.int8)) != 0) | (np.diff(segment) != 0)) + 1
     edges = [0, *border.tolist(), len(labels)]

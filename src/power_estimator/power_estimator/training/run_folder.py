@@ -1,4 +1,4 @@
-"""The folder that a training run writes and continues from."""
+"""Folder of a training run."""
 
 import json
 from collections.abc import Mapping
@@ -24,10 +24,11 @@ CURVES = 'curves.json'
 
 class NetworkRunFolder:
     """
-    config.yaml, recordings.yaml (cards and hashes), curves.json, table.json, model.safetensors.
+    Files of a training run.
 
-    `folds/N.safetensors` holds the networks of each fold; model.safetensors is fold 0. While a run
-    is under way `state/` holds what `--resume` goes on from.
+    config.yaml, recordings.yaml (cards and hashes), curves.json, table.json, model.safetensors
+    (fold 0) and folds/N.safetensors. During a run state/ holds the state that --resume continues
+    from.
     """
 
     def __init__(self, path: Path) -> None:
@@ -48,7 +49,7 @@ class NetworkRunFolder:
         self._yaml(CONFIG, config)
 
     def resume(self, config: Mapping[str, Any], recordings: list[dict[str, Any]]) -> None:
-        """Go on with a run; InputError if it was started on something else."""
+        """Continue a run; InputError if it was started with other settings or recordings."""
         for file, now in ((CONFIG, config), (RECORDINGS, recordings)):
             try:
                 before = read_yaml(self.path / file, 'run')
@@ -69,12 +70,12 @@ class NetworkRunFolder:
         self._folds.mkdir(exist_ok=True)
 
     def save_state(self, job: str, tensors: Mapping[str, NDArray[np.generic]]) -> None:
-        """Keep what a job goes on from."""
+        """Write the state of a job."""
         content = save({key: np.ascontiguousarray(value) for key, value in tensors.items()})
         write_whole(self._state / f'{job}.safetensors', content)
 
     def load_state(self, job: str) -> dict[str, NDArray[Any]] | None:
-        """Return what the job kept, None if it has not begun; InputError for a damaged file."""
+        """Return the state of a job, None before its start; InputError for a damaged file."""
         file = self._state / f'{job}.safetensors'
         if not file.exists():
             return None
@@ -94,7 +95,7 @@ class NetworkRunFolder:
         write_whole(self.path / file, json.dumps(content, indent=1, allow_nan=False) + '\n')
 
     def finish(self) -> None:
-        """Drop what only `--resume` needs."""
+        """Remove the files that only --resume needs."""
         for file in self._state.glob('*.safetensors'):
             file.unlink()
         self._state.rmdir()

@@ -1,4 +1,4 @@
-"""How much network is needed: R² over hidden units and over history, and what each costs."""
+"""Sweep over hidden units and history: R² and computing cost."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -35,18 +35,18 @@ _SHORTEST_CHUNK = 20
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """A network to be tried: its units, and the history it sees; None carries the state."""
+    """Hidden units and history of a network; history None: carried state."""
 
     hidden: int
     history: int | None = None  # samples
 
     @property
     def name(self) -> str:
-        """Of its folder."""
+        """Name of the point's folder."""
         return f'{self.hidden}_{"carried" if self.history is None else self.history}'
 
     def network(self) -> NetworkConfig:
-        """Shape of the network; InputError for units or a history that is out of range."""
+        """Return the shape of the network; InputError for units or a history out of range."""
         if self.history is None:
             return replace(CHOSEN, hidden=self.hidden)
         warm_up = min(CHOSEN.warm_up, self.history // 2)
@@ -54,7 +54,7 @@ class SweepPoint:
 
     def training(self, base: TrainerConfig) -> TrainerConfig:
         """
-        Trained as it is used: statefully, or from a state of zero in windows of the history.
+        Return the training for its use: with carried state, or windows of the history.
 
         Batches have about as many samples at every history.
         """
@@ -67,7 +67,7 @@ class SweepPoint:
 
 def points(hidden: Sequence[int], history: Sequence[float]) -> tuple[SweepPoint, ...]:
     """
-    The points of a sweep: units with carried state, and histories (s) at 100 units.
+    Return the points of a sweep: units with carried state, and histories (s) at 100 units.
 
     100 units with carried state and with 0.3 s are always among them.
     """
@@ -81,7 +81,7 @@ def points(hidden: Sequence[int], history: Sequence[float]) -> tuple[SweepPoint,
 
 @dataclass(frozen=True)
 class Result:
-    """What a point reached on held-out data, and what it costs."""
+    """R² of a point on held-out data, and its computing cost."""
 
     point: SweepPoint
     r2: Mapping[str, tuple[float, float]]  # mean and spread over folds, by drive type
@@ -89,7 +89,7 @@ class Result:
     epochs: float = field(default=0.0)  # in the mean
 
     def content(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the result as JSON has it."""
         history = self.point.history
         return {
             'hidden': self.point.hidden,
@@ -102,7 +102,7 @@ class Result:
 
     @classmethod
     def load(cls, file: Path, point: SweepPoint) -> 'Result':
-        """From `content`; InputError names a damaged file."""
+        """Read a result; InputError for a damaged file."""
         try:
             found = json.loads(read_text(file, 'point'))
             scores = {k: (float(v['r2']), float(v['r2_std'])) for k, v in found['types'].items()}
@@ -113,9 +113,9 @@ class Result:
 
 class Sweep:
     """
-    Trains and judges one point after the other, all on the same held-out samples.
+    Training and test of one point after the other, all on the same held-out samples.
 
-    A finished point leaves `points/NAME/point.json` and is not done again.
+    A finished point leaves `points/NAME/point.json` and is not repeated.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class Sweep:
         progress: Callable[[SweepPoint, Job, Trainer], None],
         workers: int = 1,
     ) -> Iterator[Result]:
-        """Results as they are reached; Ctrl-C keeps what the present point has learned."""
+        """Yield results; Ctrl-C keeps the state of the present point."""
         for point in self._wanted:
             folder = NetworkRunFolder(path / 'points' / point.name)
             file = folder.path / RESULT
@@ -156,13 +156,13 @@ class Sweep:
                 progress(point, job, trainer)
 
             trainers = validation.run(folder, show, workers)
-            result = self._judge(point, validation, trainers)
+            result = self._test(point, validation, trainers)
             folder.finish()
             write_whole(file, json.dumps(result.content(), indent=1) + '\n')
             yield result
 
     def validation(self, point: SweepPoint) -> CrossValidation:
-        """What trains the point."""
+        """Return the cross-validation of a point."""
         return CrossValidation(
             self._given.data,
             self._types,
@@ -173,7 +173,7 @@ class Sweep:
             recordings=self._given.recordings,
         )
 
-    def _judge(
+    def _test(
         self, point: SweepPoint, validation: CrossValidation, trainers: Mapping[Job, Trainer]
     ) -> Result:
         scores: dict[str, list[float]] = {}

@@ -1,4 +1,4 @@
-"""Picture of a sweep: R² and cost over hidden units and over history."""
+"""Figure of a sweep: R² and cost over hidden units and over history."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ from power_estimator.training.sweep import CHOSEN, Result
 
 
 def draw_sweep(path: Path, results: Sequence[Result], *, dark: bool = False) -> None:
-    """Two columns, units and history; R² above and µs per sample below, the choice marked."""
+    """Draw units and history in columns, R² above and µs per sample below."""
     carried = sorted((r for r in results if r.point.history is None), key=lambda r: r.point.hidden)
     windows = sorted(
         (r for r in results if r.point.history is not None), key=lambda r: r.point.history or 0

@@ -33,7 +33,7 @@ class Tracks:
 
     @classmethod
     def join(cls, tracks: Sequence[tuple[Floats, Floats]]) -> 'Tracks':
-        """From (features [V, n, 3], power [n]) of each stretch."""
+        """Join (features [V, n, 3], power [n]) of each stretch."""
         if not tracks:
             raise InputError('no stretch of data is long enough')
         return cls(
@@ -43,7 +43,7 @@ class Tracks:
         )
 
     def cut(self, length: int) -> 'Tracks':
-        """The same samples in tracks of at most `length`."""
+        """Return the samples in tracks of at most `length`."""
         edges = [np.arange(a, b, length) for a, b in pairwise(self.edges.tolist())]
         return Tracks(self.features, self.power, np.r_[*edges, self.edges[-1]].astype(np.intp))
 
@@ -59,12 +59,12 @@ class PowerLstm(nn.Module):
     def forward(
         self, x: Tensor, state: tuple[Tensor, Tensor] | None = None
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        """Outputs and the state (h, c), each [1, B, H], after the last sample."""
+        """Return outputs and the state (h, c), each [1, B, H], after the last sample."""
         hidden, state = self.lstm(x, state)
         return self.output(hidden)[..., 0], state
 
     def weights(self) -> Weights:
-        """The weights as numpy arrays."""
+        """Return the weights as numpy arrays."""
         arrays = {k: v.detach().numpy().copy() for k, v in self.state_dict().items()}
         return Weights(
             arrays['lstm.weight_ih_l0'],
@@ -75,7 +75,7 @@ class PowerLstm(nn.Module):
         )
 
     def set_weights(self, weights: Weights) -> None:
-        """Take over weights of the same size."""
+        """Set the weights, of the same size."""
         arrays = {
             'lstm.weight_ih_l0': weights.input,
             'lstm.weight_hh_l0': weights.recurrent,
@@ -89,7 +89,7 @@ class PowerLstm(nn.Module):
 
 @dataclass(frozen=True)
 class Epoch:
-    """What one pass over the training data reached."""
+    """Result of one pass over the training data."""
 
     number: int  # from 1
     loss: float  # mean squared error in units of the power's variance
@@ -99,12 +99,12 @@ class Epoch:
 
 class Trainer:
     """
-    Trains one network sequence to sequence and keeps the weights that validate best.
+    Sequence-to-sequence training of one network; the weights of the best validation are kept.
 
-    Each of `batch` sequences walks through the data chunk by chunk; its state goes along without
-    gradient, is dropped at gaps and now and then at random, and the warm_up samples after that
-    bear no loss. So the network is good soon after a reset and stays good for hours: the windowed
-    and the carried form agree. With a reset before each chunk it is trained, and validated, on
+    Each of `batch` sequences passes through the data chunk by chunk. Its state is carried without
+    gradient and reset at gaps and sometimes at random; the warm_up samples after a reset have no
+    loss. So estimates are accurate soon after a reset and stay so for hours: the windowed and the
+    carried form agree. With a reset before each chunk the network is trained, and validated, on
     windows of that length instead.
     """
 
@@ -139,13 +139,13 @@ class Trainer:
 
     @property
     def done(self) -> bool:
-        """Whether all epochs are over, or no better validation is to be expected."""
+        """Return whether all epochs, or those of patience, are over."""
         number = len(self.history)
         since = number - max((e.number for e in self.history if e.best), default=number)
         return number >= self.config.epochs or since >= self.config.patience
 
     def epoch(self) -> Epoch:
-        """One pass over the training data and a validation."""
+        """Pass once over the training data and validate."""
         number = len(self.history) + 1
         self._carried = None
         rng = np.random.default_rng([self.config.seed, number])
@@ -159,7 +159,7 @@ class Trainer:
         return result
 
     def validate(self) -> float:
-        """R² at 50 Hz on the validation tracks with the present weights and carried state."""
+        """Return R² at 50 Hz on the validation tracks, with carried state."""
         edges = self._validation.edges
         lengths = np.diff(edges)
         x = torch.zeros(int(lengths.max()), len(lengths), len(FEATURES))
@@ -177,7 +177,7 @@ class Trainer:
         return scores.r2(np.concatenate(measured), np.concatenate(estimated))
 
     def state(self) -> dict[str, Floats]:
-        """All that `restore` needs to go on as if there had been no break."""
+        """Return the state that `restore` continues from exactly."""
         tensors = {f'now/{k}': v.numpy().copy() for k, v in self.network.state_dict().items()}
         tensors |= {f'best/{k}': v for k, v in vars(self.best).items()}
         for index, moments in self._optimiser.state_dict()['state'].items():
@@ -186,7 +186,7 @@ class Trainer:
         return tensors | {'history': np.array(rows, np.float64).reshape(-1, 3)}
 
     def restore(self, tensors: Mapping[str, NDArray[np.floating]]) -> None:
-        """Go on from `state`; KeyError or RuntimeError if it belongs to another network."""
+        """Continue from `state`; KeyError or RuntimeError if it belongs to another network."""
         self.network.load_state_dict(
             {k: torch.from_numpy(tensors[f'now/{k}'].copy()) for k in self.network.state_dict()}
         )
@@ -232,7 +232,7 @@ class Trainer:
     def _chunks(
         self, number: int, rng: np.random.Generator
     ) -> Iterator[tuple[Tensor, Tensor, Tensor, Tensor, float]]:
-        """Views, signs and first rows [B] of the sequences' next chunks, and learning rates."""
+        """Yield views, signs, first rows and resets [B] of the next chunks, and learning rates."""
         starts, fresh = plan(self._training.edges, self.config, rng)
         count = len(self._training.features)
         views: NDArray[np.int64] = np.zeros(starts.shape[1], np.int64)
@@ -275,10 +275,10 @@ def plan(
     edges: NDArray[np.intp], config: TrainerConfig, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """
-    Which chunk each sequence sees at each step of an epoch.
+    Return the order of chunks in an epoch: first rows [S, B] and resets before them [S, B].
 
-    Returns first rows [S, B] and whether the state is dropped before the chunk [S, B]. Tracks
-    come in random order and are entered at a random row, so that chunks differ between epochs.
+    Tracks come in random order and are entered at a random row, so that chunks differ between
+    epochs.
     """
     pieces = []
     for track in rng.permutation(len(edges) - 1):

@@ -34,7 +34,7 @@ class Screened:
 
     @property
     def mean_mse(self) -> Floats:
-        """W² [D]."""
+        """Mean squared error, W² [D]."""
         return np.nanmean(self.mse, axis=0)
 
 
@@ -171,14 +171,14 @@ class CandidateScreener:
 
     @cached_property
     def _gram(self) -> Floats:
-        """[B, D, M, M]."""
+        """Return the normal matrices [B, D, M, M]."""
         mask = self.fitter.blocks.mask.transpose(0, 2, 1)[:, :, None, :]
         x = self._columns[self._rows].transpose(0, 2, 3, 1) * mask
         return x @ x.transpose(0, 1, 3, 2)
 
     @cached_property
     def _targets(self) -> Floats:
-        """W [S, B, D, L]."""
+        """Return the targets at each delay, W [S, B, D, L]."""
         power = self.fitter.prepared.power[:, self._rows].astype(np.float64)
         less = power - self._constant[self._rows]
         mask = self.fitter.blocks.mask
@@ -186,7 +186,7 @@ class CandidateScreener:
 
     @cached_property
     def _moment(self) -> Floats:
-        """[S, B, D, M]."""
+        """Return the moments at each delay [S, B, D, M]."""
         x = self._columns[self._rows].transpose(0, 2, 3, 1)  # [B, D, M, L]
         y = self._targets.transpose(1, 2, 3, 0)  # [B, D, L, S]
         return (x @ y).transpose(3, 0, 1, 2)

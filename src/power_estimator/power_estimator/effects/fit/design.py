@@ -24,27 +24,27 @@ class Active:
 
     @classmethod
     def of(cls, effect: Effect, shape: Shape | None = None) -> 'Active':
-        """With the given shape, or the effect's first."""
+        """Make an active effect with the given shape, or its first."""
         return cls(effect, tuple((shape if shape is not None else effect.shapes[0]).items()))
 
     @property
     def name(self) -> str:
-        """Of the effect."""
+        """Name of the effect."""
         return self.effect.name
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Shape parameters by name."""
+        """Return the shape parameters by name."""
         return dict(self.shape)
 
     def columns(self, signals: Signals) -> Floats:
-        """[T, D, n], checked."""
+        """Return the regressors [T, D, n], checked."""
         return regressors_of(self.effect, signals, self.parameters)
 
 
 @dataclass(frozen=True)
 class Structure:
-    """Which effects a model has, in order; measurement terms among them."""
+    """Effects of a model, in order, with the measurement terms."""
 
     actives: tuple[Active, ...]
 
@@ -74,7 +74,7 @@ class Structure:
         """
         Lower and upper bound of each column [D, m] for drives of a scale.
 
-        A bend may take a share of its effect's coefficient, as it is in coefficients [D, m].
+        A discrepancy may take a share of its effect's coefficient in coefficients [D, m].
         """
         terms = [term for active in self.free for term in active.effect.terms]
         factors = self._factors(scale)
@@ -99,26 +99,26 @@ class Structure:
         return np.concatenate([np.empty((len(scale.torque), 0)), *parts], axis=1)
 
     def with_discrepancies(self) -> 'Structure':
-        """With a bend beside every effect that has one."""
-        bends = [
+        """Return the structure with the discrepancy of every effect that has one."""
+        discrepancies = [
             Active(ModelDiscrepancy(active.effect, active.parameters))
             for active in self.actives
             if active.effect.kind == 'physics'
             and active.effect.discrepancy_limit > 0
             and f'{active.name}~' not in self.names
         ]
-        return self.plus(*bends)
+        return self.plus(*discrepancies)
 
     def columns_of(self, name: str) -> list[int]:
         """Columns that belong to the effect."""
         return [i for i, (owner, _) in enumerate(self.labels) if owner == name]
 
     def plus(self, *actives: Active) -> 'Structure':
-        """With more effects."""
+        """Return the structure with more effects."""
         return Structure((*self.actives, *actives))
 
     def without(self, name: str) -> 'Structure':
-        """With one effect less."""
+        """Return the structure without an effect."""
         return Structure(tuple(active for active in self.actives if active.name != name))
 
 
@@ -147,7 +147,7 @@ class BasePower:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Where a structure is linearised, with the model's own estimates there."""
+    """Point of linearisation of a structure, with the model's estimates there."""
 
     structure: Structure
     coefficients: Floats  # [D, m]
@@ -208,7 +208,7 @@ class DesignBuilder:
         return self.prepared.reduced(power)
 
     def constant(self, point: Linearisation, columns: Floats) -> Floats:
-        """What is left of the model's power at the point beside its columns, W [N, D]."""
+        """Return the part of the model's power at the point that its columns lack, W [N, D]."""
         return self.prepared.reduced(point.power) - _weighted(columns, point.coefficients)
 
     def _by_speed(self, active: Active, point: Linearisation) -> Floats:
@@ -259,7 +259,7 @@ def estimates(
     source: Source = _fresh,
 ) -> Signals:
     """
-    The signals with the model's own estimates.
+    Return the signals with the model's own estimates.
 
     coefficients is [D, m]; base is a model underneath.
     """
@@ -328,7 +328,7 @@ def _with_motion(
 
 
 def _weighted(columns: Floats, coefficients: Floats) -> Floats:
-    """[T, D, n] times [D, n] → [T, D]."""
+    """Multiply [T, D, n] by [D, n] and sum to [T, D]."""
     return np.einsum('tdn,dn->td', columns, coefficients)
 
 

@@ -31,7 +31,7 @@ _NEAR = 3  # delays on either side of a known one
 
 @dataclass(frozen=True)
 class Blocks:
-    """Stretches of a second of reduced samples, less of a short recording: what is scored."""
+    """Blocks of a second of reduced samples, shorter in a short recording, that errors are of."""
 
     starts: NDArray[np.intp]  # [B] first row of each
     length: int
@@ -68,7 +68,7 @@ class Blocks:
 
     @property
     def rows(self) -> NDArray[np.intp]:
-        """[B, length] row indices."""
+        """Return row indices [B, length]."""
         return self.starts[:, None] + np.arange(self.length)
 
     @property
@@ -78,7 +78,7 @@ class Blocks:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """[B, length, D] rows that count."""
+        """Mark the rows that count [B, length, D]."""
         return self.use & self.valid[:, None, :]
 
 
@@ -94,7 +94,7 @@ class Normal:
 
     @classmethod
     def of(cls, columns: Floats, target: Floats, blocks: Blocks) -> 'Normal':
-        """From columns [N, D, m] and target [N, D]."""
+        """Make normal equations from columns [N, D, m] and target [N, D]."""
         rows = blocks.rows
         x = columns[rows].transpose(0, 2, 3, 1)  # [B, D, m, L]
         y = np.where(blocks.mask, np.nan_to_num(target[rows]), 0.0).transpose(0, 2, 1)
@@ -168,7 +168,7 @@ class Fitter:
 
     @property
     def scale(self) -> DriveScale:
-        """Of the meters."""
+        """Scale of the meters."""
         return self.prepared.scale
 
     def leave_out(self, events: NDArray[np.bool_]) -> None:
@@ -362,7 +362,7 @@ def robust_weights(error: Floats, valid: NDArray[np.bool_]) -> Floats:
     Weight of each block from its mean squared error [B, D]; 1 for the drive's median block.
 
     A stumble or a push that no model follows weighs little, as it does in the mean of the log
-    error by which models are judged.
+    error by which models are compared.
     """
     middle = np.nanmedian(np.where(valid, error, np.nan), axis=0)
     middle = np.maximum(np.nan_to_num(middle), 1e-6)

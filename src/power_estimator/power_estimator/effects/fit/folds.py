@@ -1,4 +1,4 @@
-"""Which blocks of a recording are fitted on and which are tested: blocked cross-validation."""
+"""Blocked cross-validation: the blocks of a recording that are fitted and tested."""
 
 from dataclasses import dataclass
 
@@ -13,14 +13,14 @@ FOLDS = 5
 PIECE = 10
 """Blocks (of 1 s) that stay together in a fold."""
 EMBARGO = 1
-"""Blocks left out of the training on either side of what is tested."""
+"""Blocks left out of the training on either side of the tested ones."""
 LEAST_MSE = 1e-4
 """W²: errors below this are alike; keeps the logarithm from rewarding luck."""
 
 
 @dataclass(frozen=True)
 class Folds:
-    """Which blocks are tested together, and which may be trained on then."""
+    """Blocks that are tested together, and those that may then be trained on."""
 
     test: NDArray[np.int32]  # [B], fold of each block
     training: Floats  # [F, B], 1 where the block may be trained on
@@ -30,8 +30,8 @@ class Folds:
         """
         Split by recording where there are five or more, else by pieces of 10 s in turn.
 
-        What was not measured on any drive counts in no piece, so that short stretches of
-        measurement far apart come to lie in all folds.
+        Blocks without a measured drive count in no piece, so that short stretches of measurement
+        far apart are in all folds.
         An embargo of 1 s beside each tested piece keeps what is autocorrelated out of training.
         """
         recordings = np.unique(blocks.recording)

@@ -33,7 +33,7 @@ class Material:
 
     prepared: Prepared
     types: tuple[DriveType, ...]
-    underlay: BasePower | None = None
+    base_power: BasePower | None = None
 
     def structure(self, actives: Sequence[Active]) -> Structure:
         """Structure of the effects as these signals may show them."""
@@ -42,12 +42,12 @@ class Material:
         return Structure(tuple(actives))
 
     def fitter(self, *, per_drive: bool = False) -> Fitter:
-        """With drives of a type sharing coefficients unless per_drive."""
+        """Make a fitter with drives of a type sharing coefficients unless per_drive."""
         if self.prepared.whole:
-            return Fitter(self.prepared, base=self.underlay)
+            return Fitter(self.prepared, base=self.base_power)
         columns = assign(self.prepared.names, self.types)
         groups = None if per_drive else [own for own in columns.values() if own]
-        return Fitter(self.prepared, groups=groups, base=self.underlay)
+        return Fitter(self.prepared, groups=groups, base=self.base_power)
 
 
 def material(
@@ -60,7 +60,7 @@ def material(
     window: float = 0.0,
 ) -> Material:
     """
-    Prepare aligned data (400 Hz, not smoothed) for fitting and judging.
+    Prepare aligned data (400 Hz, not smoothed) for fitting and diagnosis.
 
     base: power of the model that effects are added to, W [T, D] for the drives of data. InputError
     for data that are too short or too still to decide anything, saying what is missing. window: as
@@ -74,14 +74,14 @@ def material(
     types = infer_types(drives)
     if per == 'drive' or prepared.whole:
         types = tuple(DriveType(name, (name,)) for name in drives)
-    underlay = None
+    base_power = None
     if base is not None:
         columns = [data.names.index(name) for name in drives]
         power = np.nan_to_num(np.asarray(base[:, columns], dtype=np.float64))
         if len(power) != len(prepared.signals.time):
             raise InputError('the recording has samples without position, velocity or torque')
-        underlay = BasePower(power, _copper(prepared, catalogue))
-    return Material(prepared, types, underlay)
+        base_power = BasePower(power, _copper(prepared, catalogue))
+    return Material(prepared, types, base_power)
 
 
 def fit_model(
@@ -152,7 +152,7 @@ def _groups(
             if active.effect.kind == 'measurement'
         }
         measurement['time_offset'] = FittedValue(fit.delay, (fit.delay, fit.delay))
-        copper = 0.0 if material.underlay is None else float(material.underlay.copper[first])
+        copper = 0.0 if material.base_power is None else float(material.base_power.copper[first])
         constant = float(prepared.torque_constant[first])
         groups.append(
             DriveGroup(
@@ -205,7 +205,7 @@ def _without_unknown(data: AlignedDataset, base: NDArray[np.float32]) -> Aligned
 
 
 def _copper(prepared: Prepared, catalogue: Catalogue | None) -> Floats:
-    """What torque costs, W/(N·m)² [D], from a plain model fitted for that alone."""
+    """Return the copper loss, W/(N·m)² [D], of a baseline model fitted for that alone."""
     known = catalogue or builtin_catalogue()
     names = ('shaft', 'copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')
     structure = Structure(tuple(Active.of(known[name]) for name in names))

@@ -30,7 +30,7 @@ class DriveShare(Effect):
         self.discrepancy_limit = of.discrepancy_limit  # type: ignore[misc]
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """Those of the effect, by the drives' shares."""
+        """Return the effect's regressors by the drives' shares."""
         return np.asarray(self._of.regressors(signals, **shape)) * self.share
 
     def torque_slope(self, signals: Signals, coefficients: Floats) -> Floats | None:
@@ -42,12 +42,12 @@ class DriveShare(Effect):
         return self._of.drawn_slope(signals, coefficients * self.share, **shape)
 
     def discrepancy(self, signals: Signals, **shape: float) -> Floats | None:
-        """That of the effect, by the drives' shares of the first coefficient."""
+        """Return the effect's discrepancy by the drives' shares of the first coefficient."""
         found = self._of.discrepancy(signals, **shape)
         return None if found is None else found * self.share[:, 0]
 
     def usable(self, signals: Signals, **shape: float) -> bool:
-        """As the effect itself."""
+        """Return whether the effect is usable."""
         return self._of.usable(signals, **shape)
 
     def factors(self, scale: DriveScale) -> Floats:
@@ -55,7 +55,7 @@ class DriveShare(Effect):
         return np.ones((len(scale.torque), len(self.terms)))
 
     def shapes_of(self, scale: DriveScale) -> tuple[Shape, ...]:
-        """As the effect itself, for one scale."""
+        """Return the effect's shapes for one scale."""
         return self.shapes
 
 
@@ -123,7 +123,7 @@ class WholeBuilder(DesignBuilder):
         return super().columns(active, point).sum(axis=1, keepdims=True)
 
     def constant(self, point: Linearisation, columns: Floats) -> Floats:
-        """What is left of the robot's power at the point beside its columns, W [N, 1]."""
+        """Return the part of the robot's power at the point that its columns lack, W [N, 1]."""
         power = self.prepared.reduced(point.power).sum(axis=1, keepdims=True)
         known: Floats = np.einsum('tdn,dn->td', columns, point.coefficients[:1])
         return power - known

@@ -7,7 +7,7 @@ from power_estimator.effects.signals.state import Signals
 
 
 class Cogging(Effect):
-    """The magnets hold to the teeth."""
+    """Attraction between the magnets and the stator's teeth."""
 
     name = 'cogging'
     physics = 'magnets and teeth pull the rotor to and fro, a fixed number of times per turn'
@@ -33,5 +33,5 @@ class Cogging(Effect):
         return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
 
     def usable(self, signals: Signals, **shape: float) -> bool:
-        """Only where the position was recorded."""
+        """Return whether the position was recorded."""
         return super().usable(signals) and bool(np.isfinite(signals.position).all())

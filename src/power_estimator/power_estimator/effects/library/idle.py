@@ -1,4 +1,4 @@
-"""What a drive draws at rest."""
+"""Power of a drive at rest."""
 
 import numpy as np
 

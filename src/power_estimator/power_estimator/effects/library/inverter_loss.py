@@ -10,7 +10,7 @@ NOMINAL = 48.0
 
 
 class InverterLoss(Effect):
-    """Conduction drop of the switches, and what each switching costs."""
+    """Conduction loss and switching loss of the transistors."""
 
     name = 'inverter_loss'
     physics = 'the switches cost in proportion to the current, and to the bus voltage they switch'
@@ -27,7 +27,7 @@ class InverterLoss(Effect):
     )
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """The motor torque's size, and the same times the voltage."""
+        """Magnitude of the motor torque, and the same times the voltage."""
         size = np.abs(signals.motor_torque)
         return np.stack([size, size * signals.voltage / NOMINAL], axis=-1)
 
@@ -37,5 +37,5 @@ class InverterLoss(Effect):
         return both * np.tanh(signals.motor_torque / (0.5 * signals.scale.torque))
 
     def discrepancy(self, signals: Signals, **shape: float) -> Floats:
-        """Switches that drop more under load."""
+        """Voltage drop that rises with the load."""
         return np.abs(signals.motor_torque) * share_of_top(signals.motor_torque)

@@ -20,9 +20,8 @@ class IronLoss(Effect):
     """
     Hysteresis and eddy currents.
 
-    Whether the current that feeds them also heats the winding (carried = 1, as when they brake
-    the rotor) depends on the machine; then they differ from friction in size only, hence the
-    bounds.
+    In some machines the current that feeds them also heats the winding (carried = 1, as when they
+    brake the rotor). They then differ from friction in size only, hence the bounds.
     """
 
     name = 'iron_loss'
@@ -41,7 +40,7 @@ class IronLoss(Effect):
     )
 
     def regressors(self, signals: Signals, *, carried: float = 0.0, **_: float) -> Floats:
-        """Speed and speed squared, with what their torque costs."""
+        """Speed and speed squared, with the copper loss of their torque."""
         speed = np.abs(signals.motor_velocity)
         cost = carried * signals.torque_cost * ~signals.at_motor
         return np.stack(

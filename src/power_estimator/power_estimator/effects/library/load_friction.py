@@ -7,7 +7,7 @@ from power_estimator.effects.signals.state import Signals
 
 
 class LoadFriction(Effect):
-    """The gear's teeth rub harder under load."""
+    """Friction between the gear's teeth in proportion to the load."""
 
     name = 'load_friction'
     physics = 'gear friction in proportion to the load: the efficiency of the gear'
@@ -26,7 +26,7 @@ class LoadFriction(Effect):
     )
 
     def regressors(self, signals: Signals, *, motor: float = 0.0, **_: float) -> Floats:
-        """The load's size with the sign of the speed; the load is the joint's or the motor's."""
+        """Magnitude of the load, the joint's or the motor's, with the sign of the speed."""
         load = signals.torque + motor * (signals.motor_torque - signals.torque)
         return (np.abs(load) * smooth_sign(signals.motor_velocity, signals.scale.standstill))[
             ..., None

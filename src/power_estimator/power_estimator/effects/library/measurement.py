@@ -1,4 +1,4 @@
-"""Faults of the measurement, which look like physics unless every model may have them."""
+"""Errors of the measurement, fitted beside every model as they resemble physical effects."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from power_estimator.effects.signals.state import Signals
 
 
 class PowerGain(Effect):
-    """The meter reads a fixed share too much."""
+    """Gain error of the power meter."""
 
     name = 'power_gain'
     physics = (
@@ -30,7 +30,7 @@ class PowerGain(Effect):
 
 
 class CurrentOffset(Effect):
-    """The current sensor reads something at zero."""
+    """Offset of the current sensor."""
 
     name = 'current_offset'
     physics = 'a zero error of the current sensor times the bus voltage'
@@ -46,7 +46,7 @@ class CurrentOffset(Effect):
 
 
 class TorqueBias(Effect):
-    """The torque sensor reads something at zero."""
+    """Offset of the torque sensor."""
 
     name = 'torque_bias'
     physics = 'a zero error of the torque sensor'
@@ -62,7 +62,7 @@ class TorqueBias(Effect):
 
 
 class OffsetDrift(Effect):
-    """The current sensor's zero wanders."""
+    """Drift of the current sensor's offset."""
 
     name = 'offset_drift'
     physics = 'the zero of the current sensor moves while it warms'
@@ -82,8 +82,8 @@ class OffsetDrift(Effect):
         return (minutes[:, None] * signals.voltage)[..., None]
 
 
-class TorqueBend(Effect):
-    """The torque sensor's gain changes with the load."""
+class TorqueNonlinearity(Effect):
+    """Non-linearity of the torque sensor: a gain that changes with the load."""
 
     name = 'torque_bend'
     physics = 'a torque sensor that is not quite linear'
@@ -100,7 +100,7 @@ class TorqueBend(Effect):
 
 
 class VelocityLag(Effect):
-    """The velocity comes late through its filter."""
+    """Delay of the velocity by its filter."""
 
     name = 'velocity_lag'
     physics = 'the velocity passes a filter that the torque does not pass'
@@ -116,7 +116,7 @@ class VelocityLag(Effect):
 
 
 class TimeOffset(Effect):
-    """The power comes late or early against the joint signals."""
+    """Time offset of the power against the joint signals."""
 
     name = 'time_offset'
     physics = 'power and joint signals are stamped by clocks that differ'

@@ -5,7 +5,7 @@ from power_estimator.effects.signals.state import Signals
 
 
 class ModelDiscrepancy(Effect):
-    """How a real drive departs from the formula of one effect."""
+    """Departure of a real drive from the formula of one effect."""
 
     kind = 'discrepancy'
     physics = 'the effect as real drives have it, not quite the formula'
@@ -22,8 +22,8 @@ class ModelDiscrepancy(Effect):
         self._shape = dict(shape)
 
     def regressors(self, signals: Signals, **_: float) -> Floats:
-        """The parent's bend."""
+        """Departure of the parent effect."""
         values = self.of.discrepancy(signals, **self._shape)
         if values is None:
-            raise ValueError(f'effect {self.of.name!r} has a discrepancy_limit but no bend')
+            raise ValueError(f'effect {self.of.name!r} has a discrepancy_limit but no discrepancy')
         return values[..., None]

@@ -1,4 +1,4 @@
-"""Losses on the way back into the bus."""
+"""Loss of power that returns to the bus."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from power_estimator.effects.signals.state import Signals
 
 
 class RegenerationEfficiency(Effect):
-    """Only a part of the power that flows back arrives."""
+    """Share of the returned power that is lost."""
 
     name = 'regeneration_efficiency'
     physics = 'of the power that a braking drive returns only the part eta arrives at the bus'

@@ -1,4 +1,4 @@
-"""A bus that takes nothing back."""
+"""Power that the bus does not take back."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from power_estimator.effects.signals.state import Signals
 
 
 class RegenerationLimit(Effect):
-    """Returned power is blocked when all drives together would return it."""
+    """Blocked return of power while the sum of all drives is negative."""
 
     name = 'regeneration_limit'
     physics = 'the supply takes nothing back: what the drives return together is burnt'
@@ -22,7 +22,7 @@ class RegenerationLimit(Effect):
     )
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """The drive's share of what the bus cannot take back."""
+        """The drive's share of the power that is blocked."""
         returned = np.maximum(0.0, -signals.drawn)
         blocked = np.maximum(0.0, -signals.drawn.sum(axis=1, keepdims=True))
         share = returned / np.maximum(returned.sum(axis=1, keepdims=True), 1e-9)

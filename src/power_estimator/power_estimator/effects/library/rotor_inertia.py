@@ -5,7 +5,7 @@ from power_estimator.effects.signals.state import Signals
 
 
 class RotorInertia(Effect):
-    """The motor speeds up its rotor and gear before anything reaches the joint."""
+    """Inertia of rotor and gear, as seen at the joint."""
 
     name = 'rotor_inertia'
     physics = 'accelerating the rotor takes torque that no joint sensor sees'

@@ -5,7 +5,7 @@ from power_estimator.effects.signals.state import Signals
 
 
 class Shaft(Effect):
-    """Power that leaves through the joint."""
+    """Mechanical power: torque times speed."""
 
     name = 'shaft'
     physics = 'mechanical power delivered to the joint, negative while the joint drives the motor'

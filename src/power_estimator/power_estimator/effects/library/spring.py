@@ -9,7 +9,7 @@ from power_estimator.effects.signals.state import Signals
 
 class Spring(Effect):
     """
-    The motor runs ahead of the joint while the series spring is being loaded.
+    Motion of the motor relative to the joint while the series spring is loaded.
 
     A spring that is damped follows a change of torque with a relaxation time (damping over
     stiffness), and so does the motor.

@@ -8,7 +8,7 @@ from power_estimator.effects.signals.state import Signals
 
 
 class StribeckFriction(Effect):
-    """Friction that the lubricant film lifts as the speed rises."""
+    """Friction that falls with speed as a lubricant film builds up."""
 
     name = 'stribeck_friction'
     physics = 'surfaces touch at low speed until the lubricant carries them'

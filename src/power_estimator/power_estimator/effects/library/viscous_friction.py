@@ -5,7 +5,7 @@ from power_estimator.effects.signals.state import Signals
 
 
 class ViscousFriction(Effect):
-    """Grease and seals drag in proportion to speed."""
+    """Friction of grease and seals in proportion to speed."""
 
     name = 'viscous_friction'
     physics = 'grease drags in proportion to speed, and the motor carries that torque as well'
@@ -26,5 +26,5 @@ class ViscousFriction(Effect):
         return signals.motor_velocity[..., None]
 
     def discrepancy(self, signals: Signals, **shape: float) -> Floats:
-        """An exponent that is not quite 1: grease thins."""
+        """Exponent other than 1, as of grease that thins with speed."""
         return signals.motor_velocity * log_speed(signals.motor_velocity)

@@ -14,7 +14,7 @@ COPPER = 0.0039
 
 
 class WindingHeating(Effect):
-    """Copper loss grows as the winding warms."""
+    """Rise of the copper loss with the winding's temperature."""
 
     name = 'winding_heating'
     physics = 'a warm winding has more resistance: +0.39 % copper loss per kelvin'
@@ -50,7 +50,7 @@ class WindingHeating(Effect):
         return np.stack([squared * COPPER * rise, squared * COPPER * remaining], axis=-1)
 
     def usable(self, signals: Signals, *, time_constant: float = 0.0, **_: float) -> bool:
-        """The measured temperature counts only if it was recorded and moved."""
+        """Return whether this shape's temperature was recorded and changed."""
         if time_constant > 0.0:
             return True
         seen = np.isfinite(signals.temperature)
@@ -59,7 +59,7 @@ class WindingHeating(Effect):
 
 def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floats]:
     """
-    First-order response to the torque squared, and what is left of the start's state [T, D].
+    First-order response to the torque squared, and the decay of the initial state [T, D].
 
     Gaps inside a recording count as time without load; a new recording starts anew.
     """

@@ -1,4 +1,4 @@
-"""A power model made of named effects: what is active, its coefficients, its history."""
+"""Power model of named effects: structure, coefficients and history."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,7 +28,7 @@ class FittedValue:
 
     value: float
     interval: tuple[float, float]
-    at_bound: Literal['', 'lower', 'upper'] = ''  # where the catalogue's bound held it
+    at_bound: Literal['', 'lower', 'upper'] = ''  # the catalogue's bound that it lies at
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class DriveGroup:
     measurement: Mapping[str, FittedValue]  # of the recordings it was fitted on
     velocity_lag: float = 0.0  # s, of the velocity's filter
     voltage: float = NOMINAL_VOLTAGE  # V, where none is measured
-    copper: float = 0.0  # W/(N·m)², what torque costs in a base model that does not say
+    copper: float = 0.0  # W/(N·m)², copper loss of a base model, per torque²
     scale: tuple[float, ...] = REFERENCE  # factors of DriveScale
     torque_constant: float | None = None  # N·m/A, for drives that have a current for torque
 
@@ -50,8 +50,7 @@ class EffectModel:
     """
     Active effects and, once fitted, their coefficients by drive type or by drive.
 
-    Implements PowerModel. A model may stand on another (base: `ppn:RUN` or a proxy), whose power
-    the effects are added to.
+    Implements PowerModel. Effects may be added to a base model's power (`ppn:RUN` or a proxy).
     """
 
     name: str
@@ -65,19 +64,19 @@ class EffectModel:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names of the active effects."""
+        """Return the names of the active effects."""
         return self.structure.names
 
     @property
     def fitted(self) -> bool:
-        """Whether it has coefficients."""
+        """Return whether it has coefficients."""
         return bool(self.groups)
 
     def predict(
         self, data: AlignedDataset, *, as_measured: bool = False, base: Floats | None = None
     ) -> NDArray[np.float32]:
         """
-        Electrical power in W [T, D]; NaN for drives of no known type.
+        Return the electrical power in W [T, D]; NaN for drives of no known type.
 
         as_measured adds the errors of the meter that it was fitted with (gain, offset, bias), so
         that it can be set against that meter. base is the base model's power on the same samples,
@@ -120,7 +119,7 @@ class EffectModel:
         return result
 
     def value(self, group: DriveGroup, effect: str) -> tuple[FittedValue, ...]:
-        """Coefficients of an effect; fixed ones have an interval of no width."""
+        """Return the coefficients of an effect; fixed ones have an interval of width 0."""
         found = next(active for active in self.structure.actives if active.name == effect)
         if found.effect.fixed is not None:
             return (FittedValue(found.effect.fixed, (found.effect.fixed, found.effect.fixed)),)
@@ -160,11 +159,11 @@ class EffectModel:
         )
 
     def renamed(self, name: str) -> 'EffectModel':
-        """The same under another name."""
+        """Return the model under another name."""
         return replace(self, name=name)
 
     def with_history(self, *entries: Mapping[str, Any]) -> 'EffectModel':
-        """The same with these entries as its history."""
+        """Return the model with these entries as its history."""
         return replace(self, history=tuple(entries))
 
 

@@ -78,7 +78,7 @@ class _ModelContent:
 
 
 def write_model(model: EffectModel, path: Path) -> None:
-    """Write whole or not at all."""
+    """Write a model file, whole or not at all."""
     content: dict[str, Any] = {'format': FORMAT, 'name': model.name}
     if model.base:
         content['base'] = model.base
@@ -156,7 +156,7 @@ def read_model(path: Path, catalogue: Catalogue) -> EffectModel:
 
 
 def _in_full(content: Any, where: str) -> Any:
-    """Content with short forms written out: effects as a list, values as numbers alone."""
+    """Write short forms out: effects as a list, values as numbers alone."""
     if not isinstance(content, dict):
         return content
     effects = content.get('effects')

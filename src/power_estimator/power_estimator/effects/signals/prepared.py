@@ -1,4 +1,4 @@
-"""From aligned recordings to what effects are fitted on: corrected signals, reduced products."""
+"""Signals and reduced products of aligned recordings, which effects are fitted to."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -125,7 +125,7 @@ class Prepared:
 
     @property
     def scale(self) -> DriveScale:
-        """Of the meters."""
+        """Scale of the meters."""
         return self.signals.scale.whole() if self.whole else self.signals.scale
 
     @property
@@ -135,7 +135,7 @@ class Prepared:
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
-        """[N, M] where the power was measured."""
+        """Mark where the power was measured [N, M]."""
         return np.asarray(np.isfinite(self.power).all(axis=0))
 
     @cached_property
@@ -220,7 +220,7 @@ class Prepared:
 def signals_of(
     data: AlignedDataset, lag: Floats | None = None, scale: DriveScale | None = None
 ) -> Signals:
-    """The dataset's drives as Signals, the velocity's lag (s [D]) taken out where it is given."""
+    """Return the dataset's drives as Signals, with the velocity's lag (s [D]) removed."""
     velocity = np.asarray(data.velocity, dtype=np.float64)
     torque = np.asarray(data.torque, dtype=np.float64)
     position = np.asarray(data.position, dtype=np.float64)
@@ -255,7 +255,7 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
     """
     Correct, check and reduce the drives whose power was measured.
 
-    window: s over which energy is judged, of meters that are slow; 0 for all others.
+    window: s over which energy is compared, of meters that are slow; 0 for all others.
 
     InputError for data without electrical measurements, with signals missing, or with units that
     contradict each other.

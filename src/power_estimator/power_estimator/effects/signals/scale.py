@@ -43,7 +43,7 @@ class DriveScale:
 
     @classmethod
     def stack(cls, drives: list[tuple[float, ...]]) -> Self:
-        """From the factors of each drive, in the order of the fields."""
+        """Stack the factors of each drive, in the order of the fields."""
         table = np.array(drives, dtype=np.float64).reshape(-1, 5)
         return cls(*table.T)
 
@@ -107,7 +107,7 @@ def scale_of(
     at_motor: NDArray[np.bool_],
 ) -> DriveScale:
     """
-    Scale of D drives from what was recorded: N·m, rad/s and V [T, D], W [T, D] with NaN.
+    Return the scale of D drives from their recording: N·m, rad/s and V [T, D], W [T, D] with NaN.
 
     groups: columns of drives that are built alike and share the largest figures. Torque scales
     down only where it visibly costs more copper loss than the reference drive could have: a

@@ -1,4 +1,4 @@
-"""The signals that effects are computed from."""
+"""Signals that effects are computed from."""
 
 import itertools
 from dataclasses import dataclass, fields, replace
@@ -16,7 +16,7 @@ class Signals:
     """
     Signals of D drives at the rate at which products are formed, [T, D] unless said otherwise.
 
-    What starts with motor_, torque_cost and drawn are the model's own estimates so far: the
+    motor_*, torque_cost and drawn are the model's own estimates so far: the
     motor's motion behind a spring, its torque including friction and rotor inertia, the slope of
     the losses by that torque, and the power drawn at the drive's input. They let an effect depend
     on what the other effects add.
