@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from power_recordings.alignment.positions import is_rate, unwrapped
+from power_recordings.alignment.positions import is_rate, rests, unwrapped
 
 TIME = np.arange(2000) / 100.0
 VELOCITY = np.float32(10.0 * np.sin(2 * np.pi * 0.1 * TIME) + 5.0)
@@ -29,3 +29,8 @@ def test_many_turns_count_where_the_velocity_is_their_rate():
     assert is_rate(TIME, np.float32(TRUE), VELOCITY)
     assert not is_rate(TIME, np.float32(np.rad2deg(TRUE)), VELOCITY)
     assert not is_rate(TIME, np.float32(TRUE), np.zeros_like(VELOCITY))
+
+
+def test_a_drive_that_rests_two_turns_away_is_not_taken_for_one_in_degrees():
+    assert rests(np.full(100, 12.6, np.float32))
+    assert not rests(np.float32(TRUE))

@@ -9,6 +9,7 @@ Times = NDArray[np.float64]
 _TURN = 2 * np.pi
 _JUMP = 0.75 * _TURN  # between two samples: an encoder that starts anew
 _ALIKE = (0.7, 1.4)  # rate of the position over the velocity, both in radians
+_REST = 0.1  # rad or degrees
 _CLEAR = 0.8  # correlation of the two
 
 
@@ -30,6 +31,11 @@ def unwrapped(time: Times, position: Floats, velocity: Floats) -> Floats:
     if not np.isfinite(rest).all() or np.median(rest) > 0.25 * _TURN:
         return position
     return np.asarray(position + _TURN * np.concatenate([[0.0], np.cumsum(turns)]), np.float32)
+
+
+def rests(position: Floats) -> bool:
+    """Return whether the drive stays where it is, so that no rate tells the unit."""
+    return float(np.nanmax(position) - np.nanmin(position)) < _REST
 
 
 def is_rate(time: Times, position: Floats, velocity: Floats) -> bool:

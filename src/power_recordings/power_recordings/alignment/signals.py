@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
-from power_recordings.alignment.positions import is_rate, unwrapped
+from power_recordings.alignment.positions import is_rate, rests, unwrapped
 from power_recordings.alignment.stream import Floats, Stream, Times, held
 from power_recordings.messages.samples import DriveSamples, JointSamples, Samples
 from power_recordings.reading.reader import Recording
@@ -171,7 +171,8 @@ class _Collector:
         )
         beyond = (np.abs(parts[0]) > _MOST_RADIANS).mean(axis=0)
         for worst in np.flatnonzero(beyond > _OFTEN).tolist():
-            if is_rate(seconds, parts[0][:, worst], parts[1][:, worst]):
+            position = parts[0][:, worst]
+            if rests(position) or is_rate(seconds, position, parts[1][:, worst]):
                 continue
             raise InputError(
                 f'{path}: joint_states.position of {self._names[worst]} reaches '
