@@ -10,7 +10,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.prepared import Prepared
 from wattwalk_core.pages.page import Page, escape
 
-from power_lab.compare.comparison import Comparison, compare
+from power_lab.compare.comparison import Comparison, by_drive, compare
 from power_lab.diagnose.measurement_check import UNITS as TERM_UNITS
 from power_lab.diagnose.outcome import Outcome
 from power_lab.diagnose.verdict import plain
@@ -176,8 +176,10 @@ def _section_failures(
         faint=True,
     )
     panels = {}
+    residuals = {key: by_drive(values, prepared) for key, values in residuals.items()}
+    measured = by_drive(measured, prepared)
     for column in _worst_first(residuals):
-        name = prepared.names[column]
+        name = prepared.signals.names[column]
         own = {key: values[:, column] for key, values in residuals.items()}
         first = next(iter(own.values()))
         limit = max(0.2, float(np.nanquantile(np.abs(first), 0.97)))
