@@ -1,1 +1,1 @@
-"""Single drives through motion files, safely, recorded and checked."""
+"""Motions of single drives, supervised, recorded and checked."""

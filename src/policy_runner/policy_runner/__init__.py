@@ -1,1 +1,1 @@
-"""Runs walking policies and excitation signals on a robot, safely."""
+"""Walking policies on a robot under a safety supervisor."""

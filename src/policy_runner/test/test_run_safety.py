@@ -377,7 +377,7 @@ def test_the_first_targets_after_a_start_begin_at_the_measured_pose():
 @pytest.mark.parametrize('field', ['stale_after', 'tilt', 'target_rate'])
 @pytest.mark.parametrize('value', [0.0, -1.0, float('nan')])
 def test_limits_that_would_switch_safety_off_are_refused(field, value):
-    with pytest.raises(ValueError, match=f'{field} is'):
+    with pytest.raises(InputError, match=f'{field} is'):
         SafetyConfig(**{field: value})
 
 

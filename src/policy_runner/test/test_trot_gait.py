@@ -4,6 +4,7 @@ from policy_runner.policies.kinematics import forward, inverse
 from policy_runner.policies.trot import TARGET_LIMITS, TROTS, Feedback, ScriptedTrot, TrotConfig
 from policy_runner.policies.trot_gait import GaitCycle
 from wattwalk_core.anymal import DEFAULT_POSE, LIMITS
+from wattwalk_core.errors import InputError
 
 LEVEL = np.array([0.0, 0.0, -1.0])
 STILL = np.zeros(3)
@@ -157,10 +158,10 @@ def test_time_standing_still_or_going_back_does_no_harm():
     ('field', 'value'), [('frequency', 9.0), ('duty', 0.3), ('height', 0.7), ('stiffness', 0.0)]
 )
 def test_impossible_gaits_are_refused_with_value_and_range(field, value):
-    with pytest.raises(ValueError, match=rf'{field} is {value}.*must lie in'):
+    with pytest.raises(InputError, match=rf'{field}: expected .* there is {value}'):
         TrotConfig(**{field: value})
 
 
 def test_impossible_feedback_is_refused():
-    with pytest.raises(ValueError, match='foothold is 3'):
+    with pytest.raises(InputError, match=r'foothold: expected 0 to 0\.4 s, there is 3'):
         Feedback(foothold=3)

@@ -1,4 +1,4 @@
-"""`ros2 run drive_bench run`: a motion of single drives, recorded and checked on request."""
+"""`ros2 run drive_bench run`: execute a motion of single drives, optionally recorded."""
 
 import sys
 from collections.abc import Sequence

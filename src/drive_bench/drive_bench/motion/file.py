@@ -1,4 +1,4 @@
-"""Motion files: the segments that a drive is put through (`format: motion/1`)."""
+"""Motion files: segments of a drive's motion (`format: motion/1`)."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -42,7 +42,7 @@ class MotionContent:
 @dataclass(frozen=True)
 class MotionFile:
     """
-    Segments to execute one after the other, with the drives and supply voltages (V) to use.
+    Sequence of segments, with the drives and supply voltages (V) to use.
 
     mode: the one of the file's `modes` that the segments are of, empty if it has none.
     shares: torques and loads are shares of the pendulum's pull, see `with_pull`.
@@ -58,7 +58,7 @@ class MotionFile:
 
     @property
     def seconds(self) -> float:
-        """Length of all segments."""
+        """Duration of all segments, s."""
         return sum(segment.seconds for segment in self.segments)
 
     @property
@@ -68,12 +68,12 @@ class MotionFile:
 
     @property
     def free(self) -> bool:
-        """Whether a drive leaves position mode."""
+        """True if a drive leaves position mode."""
         return any(segment.free for segment in self.segments)
 
     @property
     def warms(self) -> bool:
-        """Whether it depends on the temperature of the winding."""
+        """True if it depends on the winding temperature."""
         return any(segment.until_warmer for segment in self.segments)
 
     def with_pull(self, pull: float) -> 'MotionFile':

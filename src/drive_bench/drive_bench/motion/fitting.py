@@ -1,4 +1,4 @@
-"""Motions made to fit the limits of a joint: shorter passes, smaller swings, lower torques."""
+"""Adaptation of motions to joint limits: shorter passes, smaller swings, lower torques."""
 
 import math
 from dataclasses import replace
@@ -22,10 +22,10 @@ def fitted(
     ramps: Ramps | None = None,
 ) -> tuple[MotionFile, tuple[str, ...]]:
     """
-    The motion within the limits of a joint that starts at a position, rad, and what was changed.
+    Return the motion within the limits of a joint from a position, rad, and the changes.
 
-    Passes there and back are cut into more and shorter ones that last as long together; swings,
-    speeds and torques are lowered. What cannot be fitted stays as it is, for Plan.check to refuse.
+    Passes there and back are split into shorter ones of the same total duration; swings,
+    speeds and torques are reduced. Plan.check refuses what cannot be adapted.
     """
     fitter = _Fitter(start, mounting, limits, ramps or Ramps())
     segments, index = list(motion.segments), 0
@@ -51,7 +51,7 @@ class _Fitter:
         self._limits, self._ramps = limits, ramps
 
     def pair(self, there: Segment) -> None:
-        """Passes there and back."""
+        """Add passes there and back."""
         asked, there = there, self._capped(there)
         up, down = self._limits.high - self._position, self._position - self._limits.low
         ahead, behind = (up, down) if there.speed > 0.0 else (down, up)
@@ -69,7 +69,7 @@ class _Fitter:
         return speed * (segment.seconds - speed / self._ramps.acceleration)
 
     def _cut(self, asked: Segment, there: Segment, room: float) -> None:
-        """Passes within room, rad, each long enough to gain and lose its speed."""
+        """Add passes within room, rad, each long enough to accelerate and brake."""
         acceleration = self._ramps.acceleration
         fastest = math.sqrt(room * acceleration / (_LEAST_RAMPS - 1.0))
         speed = math.copysign(min(abs(there.speed), fastest), there.speed)
@@ -84,13 +84,13 @@ class _Fitter:
         )
 
     def single(self, segment: Segment) -> None:
-        """Any other segment."""
+        """Add any other segment."""
         fit = self._within(self._capped(segment))
         self.segments.append(fit)
         self._position = path_of(fit, self._position, self._mounting, self._ramps).end
 
     def _within(self, segment: Segment) -> Segment:
-        """With an amplitude or a length that keeps it in the joint's range."""
+        """Return the segment with an amplitude or a duration within the joint's range."""
         path = path_of(segment, self._position, self._mounting, self._ramps)
         low, high = path.extent
         room_up = self._limits.high - _MARGIN
@@ -113,7 +113,7 @@ class _Fitter:
         return self._lowered(segment, abs(segment.amplitude) / over)
 
     def _capped(self, segment: Segment) -> Segment:
-        """With speeds and torques that the joint may have and the load can give."""
+        """Return the segment within the joint's speed and torque and the load's pull."""
         limits, pull = self._limits, self._mounting.pendulum
         if segment.turns and abs(segment.speed) > limits.speed:
             self.notes.append(f'{segment}: only {limits.speed:g} rad/s')

@@ -1,4 +1,4 @@
-"""Weights on an arm as the load of a drive."""
+"""Load of a drive: a weight on an arm."""
 
 import re
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ _LOAD: Final = re.compile(r'(?P<mass>[\d.]+) ?kg ?@ ?(?P<length>[\d.]+) ?m')
 
 @dataclass(frozen=True)
 class Load:
-    """A weight on an arm: mass (kg) at a length (m) from the joint."""
+    """Weight on an arm: mass (kg) at a length (m) from the joint."""
 
     mass: float
     length: float

@@ -1,4 +1,4 @@
-"""The path of one joint through a motion file, and whether that path may be driven."""
+"""Path of one joint through a motion, and its check against the limits."""
 
 from bisect import bisect_right
 from dataclasses import replace
@@ -14,9 +14,9 @@ from drive_bench.motion.wave_path import WavePath
 
 class Plan:
     """
-    The targets of a whole motion for a joint that starts at a position, rad.
+    Targets of a whole motion for a joint that starts at a position, rad.
 
-    With ramps, a swing fades in and out within a turn, and at the end the joint is led back to
+    With ramps, a swing fades in and out within a period, and at the end the joint returns to
     where it carries no load.
     """
 
@@ -30,7 +30,7 @@ class Plan:
         self.begin_anew(0, start)
 
     def begin_anew(self, first: int, start: float) -> None:
-        """Plan the segments from index first on again, from where the joint is, rad."""
+        """Plan the segments from index first on again, from a position, rad."""
         del self.paths[first:], self._begins[first:]
         position, free = start, False
         for segment in self._segments[first:]:
@@ -48,22 +48,22 @@ class Plan:
         self.paths.append(path)
 
     def place(self, time: float) -> int:
-        """Index of the segment at a time, s; the last one from its start on."""
+        """Return the index of the segment at a time, s."""
         return max(bisect_right(self._begins, time) - 1, 0)
 
     def at(self, time: float) -> Target:
-        """The target at a time, s; afterwards the last one."""
+        """Return the target at a time, s; after the end the last one."""
         index = self.place(time)
         path = self.paths[index]
         return path.at(min(max(time - self._begins[index], 0.0), path.seconds))
 
     def skip(self, time: float) -> float:
-        """How far to leap from a time, s, for its segment to come to its end without a jump."""
+        """Return the time, s, by which the present segment can be shortened without a jump."""
         index = self.place(time)
         return self.paths[index].skip(time - self._begins[index])
 
     def check(self, drive: str, limits: JointLimits) -> None:
-        """InputError for the first segment that a drive cannot or may not be put through."""
+        """Raise InputError for the first segment that exceeds limits or does not suit the load."""
         for number, path in enumerate(self.paths[: self._count], 1):
             where = f'segment {number} ({path.segment})'
             for value, most, unit, exempt in (
@@ -124,13 +124,13 @@ def _check_mounting(segment: Segment, mounting: Mounting, where: str) -> None:
 
 
 def path_of(segment: Segment, start: float, mounting: Mounting, ramps: Ramps) -> SegmentPath:
-    """The path of one segment for a joint that starts at a position, rad."""
+    """Return the path of one segment for a joint that starts at a position, rad."""
     kind = WavePath if segment.shape and not segment.swings else SegmentPath
     return kind(_settled(segment), start, mounting, ramps)
 
 
 def _settled(segment: Segment) -> Segment:
-    """Turning at speed 0 is holding the load."""
+    """Return a segment that turns at speed 0 as one that holds the load."""
     if segment.mode == 'velocity' and not (segment.turns or segment.shape):
         return replace(segment, mode='torque', torque=segment.load, frequency=0.0)
     return segment

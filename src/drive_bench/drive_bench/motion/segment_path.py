@@ -1,7 +1,7 @@
 """
-The path of one joint through one segment of a motion.
+Path of one joint through one segment of a motion.
 
-How a load is put on is a matter of what the drive turns (Mounting). With a pendulum or a hung leg
+The mounting determines how a load acts. With a pendulum or a hung leg
 the load is what gravity gives: a held torque is the angle at which it pulls as much, and at speed
 the load swings as the pendulum goes round. With a locked joint the drive itself pushes.
 """
@@ -18,7 +18,7 @@ from drive_bench.motion.segments import Segment
 @dataclass(frozen=True)
 class Mounting:
     """
-    What a drive turns.
+    Load that a drive turns.
 
     pendulum: torque with which gravity pulls at a right angle, N·m; 0 for none. hanging: angle at
     which it hangs, rad. locked: the joint cannot turn. InputError for what cannot be.
@@ -37,13 +37,13 @@ class Mounting:
             raise InputError('a locked joint swings no pendulum; give one of the two')
 
     def angle(self, torque: float) -> float:
-        """Angle from hanging, rad, at which the drive holds a torque, N·m, against gravity."""
+        """Return the angle from hanging, rad, at which gravity pulls with a torque, N·m."""
         if self.locked or not self.pendulum:
             return 0.0
         return math.asin(max(-1.0, min(1.0, torque / self.pendulum)))
 
     def middle(self, position: float) -> float:
-        """Where the joint carries no load, next to a position, rad."""
+        """Return the angle without load that is nearest to a position, rad."""
         if not self.pendulum:
             return position
         turn = 2.0 * math.pi
@@ -53,7 +53,7 @@ class Mounting:
 @dataclass(frozen=True)
 class Ramps:
     """
-    How a joint is led from one target to the next.
+    Limits of the transitions from one target to the next.
 
     way: largest speed on the way to where a segment begins, rad/s. acceleration: of what a
     segment asks for, rad/s². torque: N·m/s at which a locked joint is loaded.
@@ -64,22 +64,22 @@ class Ramps:
     torque: float = 40.0
 
     def way_seconds(self, distance: float) -> float:
-        """Time of a way, s: a half cosine whose greatest speed and acceleration keep to these."""
+        """Return the duration of a half cosine over a distance, rad, within these limits, s."""
         d = abs(distance)
         by_speed = 0.5 * math.pi * d / self.way
         return max(by_speed, math.pi * math.sqrt(0.5 * d / self.acceleration))
 
 
 JUMPS: Final = Ramps(math.inf, math.inf, math.inf)
-"""Targets that jump, for simulated drives that take no harm."""
+"""No limits: targets jump, for simulated drives."""
 
 
 @dataclass(frozen=True)
 class Target:
     """
-    What a drive is told: position, rad, with velocity, rad/s, and effort, N·m, fed forward.
+    Command of a drive: position, rad, with velocity, rad/s, and effort, N·m, as feed-forward.
 
-    In mode velocity or torque it is told only that, and position is where it should be by then.
+    In mode velocity or torque only that is commanded; position is the expected one.
     """
 
     position: float
@@ -90,9 +90,9 @@ class Target:
 
 class SegmentPath:
     """
-    The targets of one segment, and of the way to where it begins.
+    Targets of one segment and of the transition to its beginning.
 
-    Time counts from the start of that way, which comes on top of the segment's own seconds.
+    Time counts from the start of the transition, which adds to the segment's seconds.
     """
 
     def __init__(self, segment: Segment, start: float, mounting: Mounting, ramps: Ramps) -> None:
@@ -114,7 +114,7 @@ class SegmentPath:
             self.change_seconds = ramps.way_seconds(self._low - self._goal)
 
     def skip(self, time: float) -> float:
-        """How far to leap, s, for the segment to come to its end soon and without a jump."""
+        """Return the time, s, by which the segment can be shortened without a jump."""
         segment, since = self.segment, time - self.way_seconds
         if not segment.frequency or math.isinf(self._ramps.acceleration):
             return max(self.seconds - time, 0.0)
@@ -123,7 +123,7 @@ class SegmentPath:
 
     @property
     def end(self) -> float:
-        """The last target, rad."""
+        """Last target, rad."""
         return self.at(self.seconds).position
 
     @property
@@ -136,7 +136,7 @@ class SegmentPath:
         return min(ends), max(ends)
 
     def at(self, time: float) -> Target:
-        """The target at a time, s."""
+        """Return the target at a time, s."""
         segment = self.segment
         if segment.turns:
             return self._turning(time)
@@ -187,6 +187,6 @@ class SegmentPath:
 
 
 def half_cosine(share: float) -> tuple[float, float]:
-    """Place 0..1 and its derivative at a share 0..1 of the time."""
+    """Return the place 0..1 and its derivative at a share 0..1 of the time."""
     angle = math.pi * share
     return 0.5 * (1.0 - math.cos(angle)), 0.5 * math.pi * math.sin(angle)

@@ -1,4 +1,4 @@
-"""Segment player: a motion over time for one drive, with its position and temperature fed back."""
+"""Segment player: execution of a motion for one drive, with feedback of its state."""
 
 import math
 
@@ -27,7 +27,7 @@ class SegmentPlayer:
 
     @property
     def left(self) -> float:
-        """Time to the end, s; an upper bound for segments with until_warmer."""
+        """Remaining time, s; an upper bound for segments with until_warmer."""
         return max(self.plan.seconds - self.elapsed, 0.0)
 
     @property
@@ -42,7 +42,7 @@ class SegmentPlayer:
 
     @property
     def needs_temperature(self) -> bool:
-        """Whether the end of the segment depends on the winding's temperature."""
+        """True if the end of the segment depends on the winding temperature."""
         return bool(self.segment.until_warmer) and self._warmed != self._place
 
     def step(self, seconds: float, position: float, temperature: float = math.nan) -> Target:

@@ -1,4 +1,4 @@
-"""Segments of a motion: what a drive does for a time, and the checks of its entries."""
+"""Segments of a motion."""
 
 import math
 from collections.abc import Mapping
@@ -68,28 +68,28 @@ class Segment:
 
     @property
     def free(self) -> bool:
-        """Whether the drive leaves position mode."""
+        """True if the drive leaves position mode."""
         return bool(self.shape) and self.mode in ('velocity', 'torque')
 
     @property
     def waves(self) -> bool:
-        """Whether it has an amplitude that is used."""
+        """True if the segment uses its amplitude."""
         return bool(self.shape) or self.swings
 
     @property
     def turns(self) -> bool:
-        """Whether the joint turns at one speed throughout, whatever the mode is called."""
+        """True if the joint turns at constant speed."""
         return not self.shape and self.speed != 0.0 and self.mode in ('velocity', 'torque')
 
     @property
     def swings(self) -> bool:
-        """Whether the joint swings in a sine."""
+        """True if the joint swings in a sine."""
         sine = self.shape in ('', 'sine')
         return sine and self.mode == 'position' and self.amplitude * self.frequency != 0.0
 
     @property
     def alternates(self) -> bool:
-        """Whether the torque alternates between high and low."""
+        """True if the torque alternates between high and low."""
         return not self.shape and self.mode == 'torque' and self.frequency > 0.0
 
     @property

@@ -42,7 +42,7 @@ class WavePath(SegmentPath):
 
     @property
     def rung(self) -> float:
-        """How long a level is held, s; infinite for other shapes."""
+        """Duration of a level, s; infinite for other shapes."""
         return math.inf if self._levels is None else min(self._levels.rung, self.segment.seconds)
 
     @property
@@ -58,7 +58,7 @@ class WavePath(SegmentPath):
         return min(ends), max(ends)
 
     def at(self, time: float) -> Target:
-        """The target at a time, s."""
+        """Return the target at a time, s."""
         mode = self.segment.mode
         if mode == 'torque':
             return Target(self._start, effort=self._value(time), mode=mode)
@@ -85,7 +85,7 @@ class WavePath(SegmentPath):
         return Target(self._goal + size * before + change * place, change * speed / seconds)
 
     def _value(self, time: float) -> float:
-        """Speed, rad/s, or torque, N·m, of a drive that is not in position mode."""
+        """Return speed, rad/s, or torque, N·m, of a drive that is not in position mode."""
         size = self.segment.amplitude
         if self._wave is not None:
             return size * self._wave.at(min(time, self.segment.seconds))
@@ -102,13 +102,13 @@ class WavePath(SegmentPath):
 
     @property
     def _slope(self) -> float:
-        """rad/s² or N·m/s at which a drive goes from level to level."""
+        """Slope between levels, rad/s² or N·m/s."""
         if self.segment.mode == 'velocity':
             return self._ramps.acceleration
         return math.inf if self.segment.shape == 'square' else self._ramps.torque
 
     def _change(self, share: float) -> float:
-        """Time that a change of the level takes, s."""
+        """Return the duration of a change by a share of the amplitude, s."""
         distance = share * abs(self.segment.amplitude)
         if self.segment.free:
             return distance / self._slope

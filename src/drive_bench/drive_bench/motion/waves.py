@@ -1,4 +1,4 @@
-"""Shapes over time of amplitude 1: sine, chirp, and those that go from level to level."""
+"""Shapes of amplitude 1 over time: sine, chirp, and sequences of levels."""
 
 from math import inf, log, pi, sin
 from typing import Final
@@ -10,9 +10,9 @@ _RUNG: Final = 2.0  # s
 
 class Oscillation:
     """
-    A sine of `frequency` (Hz), or one that rises to it from `lowest` within `seconds`.
+    Sine of `frequency` (Hz), or a chirp from `lowest` to it within `seconds`.
 
-    It grows and fades within a turn at both ends, unless it is abrupt.
+    It fades in and out within a period, unless it is abrupt.
     """
 
     def __init__(
@@ -23,7 +23,7 @@ class Oscillation:
         self._all = self.turns(seconds)
 
     def turns(self, time: float) -> float:
-        """Turns since the start."""
+        """Return the periods since the start."""
         if not self._lowest or self._lowest == self._frequency:
             return self._frequency * time
         rate = self._frequency / self._lowest
@@ -31,14 +31,14 @@ class Oscillation:
         return self._lowest * self._seconds * share / log(rate)
 
     def at(self, time: float) -> float:
-        """Value at a time, s."""
+        """Return the value at a time, s."""
         turns = self.turns(time)
         share = 1.0 if self._abrupt else max(0.0, min(1.0, turns, self._all - turns))
         return share * sin(2.0 * pi * turns)
 
 
 class LevelSequence:
-    """LevelSequence of -1 to 1, each held for `rung` seconds: square, ladder or hold."""
+    """Levels of -1 to 1, each held for `rung` seconds: square, ladder or hold."""
 
     def __init__(self, shape: str, frequency: float) -> None:
         self.levels = {'square': (1.0, -1.0), 'ladder': _LADDER, 'hold': (1.0,)}[shape]
@@ -47,7 +47,7 @@ class LevelSequence:
         )
 
     def at(self, time: float) -> tuple[float, float, float]:
-        """Level before, level now (0 before the first), and how long the latter is held, s."""
+        """Return the previous level (0 before the first), the present one and its age, s."""
         count = int(time / self.rung)
         before = self.levels[(count - 1) % len(self.levels)] if count else 0.0
         within = time - count * self.rung if count else time

@@ -1,1 +1,1 @@
-"""Node that puts drives through a motion."""
+"""Node that executes a motion."""

@@ -1,4 +1,4 @@
-"""Node that puts drives through a motion: joint states in, joint commands out."""
+"""Node that executes a motion: joint states in, joint commands out."""
 
 from collections.abc import Callable
 
@@ -77,7 +77,7 @@ class MotionNode(Node):
         self.create_timer(1.0, self._check, clock=steady)
 
     def stop(self) -> int | None:
-        """Damp drives that are moving and file the recording; the exit code if it is known."""
+        """Damp moving drives and file the recording; return the exit code if it is known."""
         code: int | None = self.done.result() if self.done.done() else None
         if self._run is not None and self._run.active:
             self._run.stop(self._now())

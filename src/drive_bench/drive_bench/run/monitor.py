@@ -22,7 +22,7 @@ _NO_LIMITS = JointLimits(speed=np.inf, torque=np.inf)
 
 @dataclass
 class JointInputs(Inputs):
-    """Measurements of the joints of any robot; of the topics only joint_states is required."""
+    """Measurements of the joints of any robot; only joint_states is required."""
 
     needed: tuple[str, ...] = ('joint_states',)
     effort: Floats = field(default_factory=lambda: np.zeros(0))  # N·m, zeros where not measured
@@ -44,7 +44,7 @@ class JointInputs(Inputs):
 
     @property
     def there(self) -> list[bool]:
-        """Whether each joint is present: drives missing on a bus read zeros only."""
+        """Presence of each joint: drives missing on a bus read zeros only."""
         effort = self.effort if len(self.effort) else np.zeros(len(self.joint_names))
         read = np.stack((self.position, self.velocity, effort))
         found: list[bool] = np.any(read, axis=0).tolist()

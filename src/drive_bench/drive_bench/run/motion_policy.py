@@ -1,4 +1,4 @@
-"""A motion as a policy of the supervisor: some drives move, the others hold."""
+"""Motion as a policy of the supervisor: some drives move, the others hold."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -101,7 +101,7 @@ class MotionPolicy:
 
     @property
     def active(self) -> bool:
-        """Whether drives are commanded."""
+        """True while drives are commanded."""
         return self._last is not None
 
     @property
@@ -115,7 +115,7 @@ class MotionPolicy:
 
     @property
     def left(self) -> float:
-        """Time to the end of the motion, s."""
+        """Remaining time of the motion, s."""
         return max((player.left for player in self._players.values()), default=0.0)
 
     @property

@@ -1,4 +1,4 @@
-"""A motion under the supervisor that also runs policies: start, monitoring, damping."""
+"""Motion under the supervisor that also runs policies: start, monitoring, damping."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class Command:
 
 class MotionRun:
     """
-    A motion on the joints of a robot, under the supervisor that also runs policies.
+    Motion on the joints of a robot, under the supervisor that also runs policies.
 
     limits: by joint, at least for the drives. damp_others: a drive may leave position mode though
     other joints are present, which are then damped instead of held. fit: change a motion that
@@ -85,7 +85,7 @@ class MotionRun:
 
     @property
     def active(self) -> bool:
-        """Whether the motion is under way."""
+        """True while the motion is under way."""
         return self._supervisor.state in (State.STANDING_UP, State.RUNNING)
 
     @property

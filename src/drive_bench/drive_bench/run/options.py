@@ -39,7 +39,7 @@ examples:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options as given; record: the bag, '' for one with a new name, None for no recording."""
+    """Options; record: the bag, '' for one with a new name, None for no recording."""
 
     motion: str
     drive: tuple[str, ...] = ()
@@ -81,13 +81,13 @@ class RunOptions:
 
     @property
     def mounting(self) -> Mounting:
-        """What the drive turns."""
+        """Load that the drive turns."""
         pull = self.pendulum if self.load is None else self.load.pull
         return Mounting(pull, self.hanging, self.locked)
 
     @property
     def load_text(self) -> str:
-        """The load in a word or two."""
+        """Load in a word or two."""
         if self.load is not None:
             return str(self.load)
         if self.locked:

@@ -1,4 +1,4 @@
-"""The recorder as a process of its own, started, monitored and ended by `run --record`."""
+"""Recorder process of `run --record`."""
 
 import signal
 import sys
@@ -16,7 +16,7 @@ _PATIENCE: Final = 30.0  # s to close a bag
 
 class RecorderProcess:
     """
-    `ros2 run power_daq record` under another name, in a session without the terminal's Ctrl-C.
+    Child process of `ros2 run power_daq record`, in a session without the terminal's Ctrl-C.
 
     The drives have to be damped first, so the recorder is ended by `stop` only, or by itself
     after `longest` s in case that this process is killed.
@@ -35,7 +35,7 @@ class RecorderProcess:
 
     @property
     def ended(self) -> str:
-        """The reason why it ended, or '' while it runs."""
+        """Reason for its end, or '' while it runs."""
         code = self._process.returncode
         if code is None:
             return ''

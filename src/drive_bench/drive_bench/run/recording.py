@@ -1,4 +1,4 @@
-"""Recording of a motion: the recorder's start before it, its supervision, and the filing after."""
+"""Recording of a motion: start of the recorder, supervision and filing."""
 
 import sys
 import time

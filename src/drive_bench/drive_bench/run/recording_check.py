@@ -1,4 +1,4 @@
-"""What a recording of a motion holds against what was asked: samples, losses, coverage."""
+"""Check of a recording against its motion: samples, losses, coverage."""
 
 import math
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ _SMOOTH = 5  # samples of speed over which acceleration is taken
 
 @dataclass(frozen=True)
 class CheckRow:
-    """One thing that was looked at; what is amiss is empty where all is well."""
+    """One line of the check; amiss is empty if all is well."""
 
     name: str
     asked: str
@@ -34,20 +34,20 @@ class CheckRow:
 
 @dataclass(frozen=True)
 class RecordingCheck:
-    """Rows of a table, and figures by name for cards and files; None where nothing is known."""
+    """Rows of a table, and figures by name; None for unknown ones."""
 
     rows: tuple[CheckRow, ...]
     figures: dict[str, float | None]
 
     @property
     def usable(self) -> bool:
-        """Whether there are good samples of drives, and samples of joints."""
+        """True with valid samples of drives, and samples of joints."""
         known = self.figures.get('power_mean') is not None
         return known and bool(self.figures.get('joint_samples'))
 
     @property
     def amiss(self) -> tuple[str, ...]:
-        """All that is not well."""
+        """Deficiencies in words."""
         return tuple(f'{row.name}: {row.amiss}' for row in self.rows if row.amiss)
 
 
@@ -226,13 +226,13 @@ def _electrical(
 
 
 def _most(values: Floats) -> float:
-    """Size that only single values exceed, NaN ones left out; NaN if there are no others."""
+    """Return the 99.9th percentile of the sizes without NaN; NaN if there are no others."""
     known = np.abs(values[np.isfinite(values)])
     return float(np.percentile(known, _MOST)) if len(known) else math.nan
 
 
 def _sharpest(segment: Segment) -> float:
-    """Largest acceleration asked for by a sine or chirp, rad/s²; 0 for others."""
+    """Return the largest commanded acceleration of a sine or chirp, rad/s²; 0 for others."""
     turn = 2.0 * math.pi * segment.frequency
     if segment.shape == 'chirp' or segment.swings or segment.shape == 'sine':
         if segment.mode == 'position':
@@ -243,7 +243,7 @@ def _sharpest(segment: Segment) -> float:
 
 
 def table(rows: Sequence[CheckRow]) -> str:
-    """The rows as text, aligned."""
+    """Return the rows as aligned text."""
     cells = [('', 'asked', 'reached', '')]
     cells += [
         (row.name, row.asked, row.reached, '! ' + row.amiss if row.amiss else 'ok') for row in rows

@@ -1,4 +1,4 @@
-"""Winding temperatures with their ages."""
+"""Winding temperatures by drive, with their ages."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ STALE_AFTER: Final = 2.0  # s
 
 
 class WindingTemperature:
-    """The latest winding temperature of each drive, °C, with its time of arrival, s."""
+    """Latest winding temperature of each drive, °C, with its time of arrival, s."""
 
     def __init__(self) -> None:
         self._read: dict[str, tuple[float, float]] = {}

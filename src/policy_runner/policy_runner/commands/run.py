@@ -1,4 +1,4 @@
-"""`ros2 run policy_runner run`: a walking policy on the robot, safely."""
+"""`ros2 run policy_runner run`: run a walking policy on the robot, safely."""
 
 import argparse
 import sys

@@ -27,7 +27,7 @@ _COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class PolicyRunner(Node):
-    """Feeds a supervisor from topics at a fixed rate and sends what it gives."""
+    """Node of a supervisor at a fixed rate, with topics as input and output."""
 
     def __init__(self, options: Options) -> None:
         super().__init__('policy_runner')
@@ -100,7 +100,7 @@ class PolicyRunner(Node):
         return SetParametersResult(successful=True)
 
     def stop(self) -> None:
-        """Send a last damping command, if any was sent before."""
+        """Send a last damping command, unless none was sent before."""
         if self._supervisor.state is not State.IDLE:
             self._send(SupervisorOutput(None))
 
@@ -138,7 +138,7 @@ class PolicyRunner(Node):
         self._commands.publish(message)
 
     def _tell_velocity(self) -> None:
-        """Let recordings know what the robot was told, as if a person had told it."""
+        """Publish the velocity command in force, for recordings."""
         message = TwistStamped()
         message.header.stamp = self.get_clock().now().to_msg()
         vx, vy, yaw = self._supervisor.command(self._now()).tolist()

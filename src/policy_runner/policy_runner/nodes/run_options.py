@@ -12,7 +12,7 @@ from policy_runner.policies.velocity_commands import RandomCommands, SteadyComma
 
 @dataclass(frozen=True)
 class Options:
-    """Options of the runner; InputError for values that cannot be."""
+    """Options of the runner; InputError for values out of range."""
 
     policy: str = 'trot'
     start: bool = False
@@ -34,7 +34,7 @@ class Options:
             raise InputError(f'--seed is {self.seed}; give 0 or more')
 
     def source(self) -> Callable[[float], NDArray[np.float64]] | None:
-        """Velocity commands by time since walking began; None for those of cmd_vel."""
+        """Return velocity commands by time since walking began; None for those of cmd_vel."""
         if self.random_commands:
             return RandomCommands(max(self.seed, 0))
         try:

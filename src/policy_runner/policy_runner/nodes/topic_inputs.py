@@ -1,4 +1,4 @@
-"""Fills a policy's inputs from topics."""
+"""Inputs of a policy from topics."""
 
 from collections.abc import Callable
 

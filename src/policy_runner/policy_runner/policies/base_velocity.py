@@ -1,4 +1,4 @@
-"""Velocity of the base from legs and IMU, where nobody measures it."""
+"""Estimate of the base velocity from legs and IMU."""
 
 from typing import Final
 
@@ -19,7 +19,7 @@ _LONGEST_STEP: Final = 0.1  # s
 
 class BaseVelocity:
     """
-    A complementary filter: the accelerometer carries on, feet that stand correct.
+    Complementary filter: integration of the accelerometer, corrected by stance feet.
 
     A foot that stands moves, seen from the base, as the ground does; the lowest foot stands, and
     so does one that is hardly higher.
@@ -30,7 +30,7 @@ class BaseVelocity:
         self.velocity = np.zeros(3)
 
     def reset(self) -> None:
-        """Forget the past: the robot stands."""
+        """Reset to a robot that stands."""
         self._time = None
         self.velocity = np.zeros(3)
 
@@ -45,7 +45,7 @@ class BaseVelocity:
         acceleration: Floats | None = None,
     ) -> Floats:
         """
-        Velocity in the base's frame now, m/s [3].
+        Return the velocity in the base's frame, m/s [3].
 
         position rad [12], joint_velocity rad/s [12], gravity unit vector [3], rate rad/s [3], and
         acceleration (with gravity, as an IMU feels it) m/s² [3] if known.
@@ -71,6 +71,6 @@ class BaseVelocity:
 
 
 def _shank_rates(angles: Floats, turning: Floats) -> Floats:
-    """Angular velocity of each shank against the base, rad/s [4, 3]; round feet roll with it."""
+    """Return the angular velocity of each shank in the base, rad/s [4, 3]; round feet roll."""
     haa, pitching = angles[:, 0], turning[:, 1] + turning[:, 2]
     return np.column_stack([turning[:, 0], pitching * np.cos(haa), pitching * np.sin(haa)])

@@ -1,4 +1,4 @@
-"""Policies by name or by folder, behind one interface."""
+"""Policies by name or by folder, with one interface."""
 
 import os
 from pathlib import Path
@@ -22,9 +22,9 @@ SHIPPED: Final = Path(__file__).parents[1] / 'shipped'
 
 class Policy(Protocol):
     """
-    Turns measurements and a velocity command into joint position targets.
+    Policy from measurements and a velocity command to joint position targets.
 
-    rate: Hz at which step() wants to be called. ramp: s after reset() during which it moves from
+    rate: Hz of the calls of step(). ramp: s after reset() during which it moves from
     the present pose to standing and takes no commands.
     """
 
@@ -32,15 +32,15 @@ class Policy(Protocol):
     ramp: float
 
     def reset(self) -> None:
-        """Forget the past, before activation."""
+        """Reset before activation."""
 
     def take_over(self) -> float:
-        """Forget the past, to go on from a standing robot; s for which it takes no commands."""
+        """Reset on a standing robot; return the s for which it takes no commands."""
 
     def step(
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
     ) -> Floats:
-        """Joint targets, rad [12]; command: vx, vy, yaw rate [3]; velocity None if not known."""
+        """Return joint targets, rad [12]; command: vx, vy, yaw rate [3]; velocity m/s or None."""
 
 
 class TrotPolicy:
@@ -53,30 +53,30 @@ class TrotPolicy:
         self.ramp = trot.config.ramp
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Reset."""
         self._trot.reset()
 
     def take_over(self) -> float:
-        """Forget the past; it ramps in from any pose."""
+        """Reset; it ramps in from any pose."""
         self._trot.reset()
         return self.ramp
 
     def step(
         self, time: float, command: Floats, inputs: Inputs, base_velocity: Floats | None
     ) -> Floats:
-        """Joint targets, rad [12]."""
+        """Return joint targets, rad [12]."""
         return self._trot.step(
             time, command, inputs.position, inputs.gravity, inputs.spin, base_velocity
         )
 
 
 def shipped() -> tuple[str, ...]:
-    """Names of the learned policies that come with this package."""
+    """Return the names of the learned policies that come with this package."""
     return tuple(sorted(card.parent.name for card in SHIPPED.glob(f'*/{CARD}')))
 
 
 POLICIES: Final = (*TROTS, *shipped())
-"""Names of the policies there are."""
+"""Names of all policies."""
 
 
 def load_policy(source: str, *, trust_code: bool = False) -> Policy:

@@ -79,7 +79,7 @@ class CommandRateLimiter:
         self.values = np.zeros((count, 3))  # m/s, m/s, rad/s
 
     def advance(self, seconds: float, commands: Floats) -> Floats:
-        """Move towards commands [N, 3] for a time; return the limited commands [N, 3]."""
+        """Advance towards commands [N, 3] by some seconds; return the limited commands [N, 3]."""
         if np.isfinite(self._limits).all():
             most = self._limits * seconds
             self.values = self.values + np.clip(commands - self.values, -most, most)

@@ -1,4 +1,4 @@
-"""What the robot last said, and when: the measurements that a policy acts on."""
+"""Latest measurements and commands with their times, the inputs of a policy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,10 +16,10 @@ NEVER = -np.inf
 @dataclass
 class Inputs:
     """
-    Latest measurements, each with the time at which it came in, s on the clock of the node.
+    Latest measurements, each with its time of arrival, s on the clock of the node.
 
-    A message whose stamp is not newer than the one before does not count as fresh. Malformed
-    messages leave a complaint, which lasts until a sound one of the same topic comes.
+    A message whose stamp is not newer than the one before is not fresh. Malformed
+    messages leave a complaint until a sound one of the same topic arrives.
     """
 
     joint_names: tuple[str, ...] = JOINT_NAMES
@@ -114,7 +114,7 @@ class Inputs:
         self.command_time = now
 
     def heard(self, topic: str) -> float:
-        """When a topic of needed last brought something new, s."""
+        """Return the time of the last fresh message of a required topic, s."""
         return {'joint_states': self.joint_time, 'imu': self.imu_time}[topic]
 
     def _is_newer(self, topic: str, stamp: int) -> bool:

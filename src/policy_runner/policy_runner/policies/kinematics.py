@@ -1,4 +1,4 @@
-"""Leg kinematics of ANYmal C: three joints a leg, feet in the base's frame, no model needed."""
+"""Leg kinematics of ANYmal C: three joints a leg, feet in the base's frame."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -47,7 +47,7 @@ class LegState:
 
 
 def forward(position: Floats) -> LegState:
-    """Feet and Jacobians of joint angles, rad [12]."""
+    """Return feet and Jacobians at joint angles, rad [12]."""
     angles = np.reshape(position, (4, 3))
     haa, hfe, kfe = angles.T
     shank_angle = hfe + kfe + _BEND
@@ -74,7 +74,7 @@ def forward(position: Floats) -> LegState:
 
 def inverse(feet: Floats) -> Floats:
     """
-    Joint angles, rad [4, 3], that put the feet at places in the base's frame, m [4, 3].
+    Return joint angles, rad [4, 3], for feet at places in the base's frame, m [4, 3].
 
     Knees point inwards as in DEFAULT_POSE. Places out of reach give the nearest straight leg.
     """
@@ -93,7 +93,7 @@ def inverse(feet: Floats) -> Floats:
 
 def leg_weight_torque(angles: Floats, gravity: Floats) -> Floats:
     """
-    Joint torques that carry the legs' own weight, N·m [4, 3].
+    Return joint torques that compensate the legs' own weight, N·m [4, 3].
 
     angles: rad [4, 3]. gravity: direction of gravity in the base's frame, unit vector [3].
     """

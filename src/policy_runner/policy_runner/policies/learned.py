@@ -1,4 +1,4 @@
-"""Learned policies on the robot: from measurements to joint targets, by contract."""
+"""Learned policies on the robot, by their contract."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -25,7 +25,7 @@ _EARLY: Final = 0.25  # share of a period by which a step may come early
 
 class LearnedPolicy:
     """
-    A policy by its contract: it stands up in the default pose, then acts at the contract's rate.
+    Learned policy: stands up to the default pose, then acts at the contract's rate.
 
     Called more often than that, it holds its targets. A base velocity that is not measured is
     estimated from legs and IMU.
@@ -52,7 +52,7 @@ class LearnedPolicy:
 
     @classmethod
     def load(cls, path: Path) -> 'LearnedPolicy':
-        """Load a folder; InputError says what is wrong with it."""
+        """Load a folder; InputError for a bad one."""
         contract, tensors = read_folder(path)
         return cls(contract, Perceptron(tensors, contract.network.activation))
 

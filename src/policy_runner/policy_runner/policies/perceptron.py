@@ -1,4 +1,4 @@
-"""A multi-layer perceptron in numpy: no start-up time, no threads, well under a millisecond."""
+"""Multi-layer perceptron in numpy, without start-up time and threads."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -29,7 +29,7 @@ _FUNCTIONS: Final[Mapping[str, Callable[[Floats], Floats]]] = {
 
 
 class Perceptron:
-    """Layers `layer0`, `layer1`, … of a policy folder; the last one is linear."""
+    """Perceptron of the layers `layer0`, `layer1`, … of a policy folder; the last is linear."""
 
     def __init__(self, tensors: Mapping[str, Floats], activation: str) -> None:
         count = sum(name.endswith('.weight') for name in tensors)
@@ -40,7 +40,7 @@ class Perceptron:
         self._activate = _FUNCTIONS[activation]
 
     def __call__(self, observation: Floats) -> Floats:
-        """Actions [..., outputs] for observations [..., inputs]."""
+        """Return actions [..., outputs] for observations [..., inputs]."""
         x = observation
         for weight, bias in self._layers[:-1]:
             x = self._activate(x @ weight + bias)

@@ -1,4 +1,4 @@
-"""Stance forces that carry, level and steer the body, as joint torques."""
+"""Joint torques of stance forces that support, level and steer the body."""
 
 from typing import Final
 

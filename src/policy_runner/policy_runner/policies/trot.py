@@ -1,5 +1,5 @@
 """
-A scripted trot: diagonal legs swing in turn; its output is joint position targets.
+Scripted trot: diagonal legs swing in turn; the output is joint position targets.
 
 It stands in for the paper's standard controller in data collection (Section II-A): velocity
 commands and disturbances excite the drives, without learning.
@@ -50,7 +50,7 @@ class ScriptedTrot:
 
     @property
     def walking(self) -> bool:
-        """Whether it walks; False while standing."""
+        """True while walking, False while standing."""
         return self._cycle.walking
 
     @property

@@ -1,13 +1,15 @@
 """Configuration and gait cycle of the scripted trot."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from math import inf
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_RADIUS, FRONT, LEFT
+from wattwalk_core.schema import Quantity, check_quantities
 
 Floats = NDArray[np.float64]
 
@@ -15,94 +17,65 @@ _OFFSETS: Final = np.array([0.0, 0.5, 0.5, 0.0])
 _SHIFT_WEIGHT: Final = 0.06
 
 
-def _check(config: Any, bounds: Mapping[str, tuple[float, float]]) -> None:
-    for name, (low, high) in bounds.items():
-        value = getattr(config, name)
-        if not low <= value <= high:
-            raise ValueError(f'trot {name} is {value!r}; it must lie in {low}..{high}')
-
-
 @dataclass(frozen=True)
 class Feedback:
     """
-    Gains that keep the body level, high and on course; ValueError for one out of bounds.
+    Feedback gains of the body's tilt, height and velocity; InputError for one out of range.
 
-    foothold: m of foot placement per m/s of velocity error, s. velocity: N·s/m, of stance feet.
-    yaw: N·m·s/rad. tilt: N·m/rad. tilt_rate: N·m·s/rad. height: N/m. yielding: share of the
-    velocity error that stance feet give way to. settle: rate at which uneven feet come back to
-    level, 1/s. trim: rate at which lasting velocity errors are taken out, 1/s.
+    foothold: of foot placement by the velocity error. velocity, yaw: of stance feet. yielding:
+    share of the velocity error that stance feet give way to. settle: rate at which uneven feet
+    return to level. trim: rate at which lasting velocity errors are removed.
     """
 
-    foothold: float = 0.12
-    velocity: float = 180.0
-    yaw: float = 80.0
-    tilt: float = 600.0
-    tilt_rate: float = 70.0
-    height: float = 3000.0
-    yielding: float = 0.25
-    settle: float = 4.0
-    trim: float = 0.5
+    foothold: Annotated[float, Quantity(0.0, 0.4, 's')] = 0.12
+    velocity: Annotated[float, Quantity(0.0, inf, 'N·s/m')] = 180.0
+    yaw: Annotated[float, Quantity(0.0, inf, 'N·m·s/rad')] = 80.0
+    tilt: Annotated[float, Quantity(0.0, inf, 'N·m/rad')] = 600.0
+    tilt_rate: Annotated[float, Quantity(0.0, inf, 'N·m·s/rad')] = 70.0
+    height: Annotated[float, Quantity(0.0, inf, 'N/m')] = 3000.0
+    yielding: Annotated[float, Quantity(0.0, 1.0)] = 0.25
+    settle: Annotated[float, Quantity(0.0, inf, '1/s')] = 4.0
+    trim: Annotated[float, Quantity(0.0, inf, '1/s')] = 0.5
 
     def __post_init__(self) -> None:
-        bounds = {item.name: (0.0, np.inf) for item in fields(self)}
-        _check(self, bounds | {'foothold': (0.0, 0.4), 'yielding': (0.0, 1.0)})
+        check_quantities(self)
 
 
 @dataclass(frozen=True)
 class TrotConfig:
     """
-    Shape of the gait and gains of the drives; ValueError for a value out of bounds.
+    Shape of the gait and gains of the drives; InputError for a value out of range.
 
-    frequency: stride frequency at rest, Hz. cadence_adaptation: see
+    frequency: of strides, without disturbance. cadence_adaptation: see
     `gait_phase.CADENCE_ADAPTATION`; empty for none. stance_speed: velocity of stance feet over the
-    command. duty: share of a stride that a foot is on the ground. height: base over ground, m.
-    swing_height, urgent_swing_height: m, at rest and at full urgency. foot_x, foot_y: feet from
-    the base's centre, m. max_forward, max_lateral, max_yaw: limits of commands, m/s and rad/s.
-    ramp: s from the measured pose to standing. stiffness: position gain of the drives, N·m/rad.
-    damping: their velocity gain and viscous gear friction that targets compensate, N·m·s/rad.
-    friction: Coulomb friction that they compensate, N·m. Both are below the drives' own, since
-    overcompensation makes the joints oscillate.
+    command. duty: share of a stride that a foot is on the ground. height: base over ground.
+    urgent_swing_height: that at full urgency. foot_x, foot_y: feet from the base's centre.
+    max_forward, max_lateral, max_yaw: limits of commands. ramp: from the measured pose to
+    standing. stiffness: position gain of the drives. damping: their velocity gain and viscous
+    gear friction that targets compensate. friction: Coulomb friction that they compensate. Both
+    are below the drives' own, since overcompensation makes the joints oscillate.
     """
 
-    frequency: float = 1.9
+    frequency: Annotated[float, Quantity(0.8, 3.0, 'Hz')] = 1.9
     cadence_adaptation: tuple[float, ...] = ()
-    stance_speed: float = 1.0
-    duty: float = 0.58
-    height: float = 0.52
-    swing_height: float = 0.07
-    urgent_swing_height: float = 0.07
-    foot_x: float = 0.40
-    foot_y: float = 0.28
-    max_forward: float = 0.8
-    max_lateral: float = 0.6
-    max_yaw: float = 0.9
-    ramp: float = 1.5
-    stiffness: float = 80.0
-    damping: float = 3.5
-    friction: float = 1.2
+    stance_speed: Annotated[float, Quantity(0.5, 1.5)] = 1.0
+    duty: Annotated[float, Quantity(0.5, 0.85)] = 0.58
+    height: Annotated[float, Quantity(0.40, 0.58, 'm')] = 0.52
+    swing_height: Annotated[float, Quantity(0.02, 0.2, 'm')] = 0.07
+    urgent_swing_height: Annotated[float, Quantity(0.02, 0.2, 'm')] = 0.07
+    foot_x: Annotated[float, Quantity(0.25, 0.5, 'm')] = 0.40
+    foot_y: Annotated[float, Quantity(0.2, 0.36, 'm')] = 0.28
+    max_forward: Annotated[float, Quantity(0.0, 1.5, 'm/s')] = 0.8
+    max_lateral: Annotated[float, Quantity(0.0, 1.0, 'm/s')] = 0.6
+    max_yaw: Annotated[float, Quantity(0.0, 2.0, 'rad/s')] = 0.9
+    ramp: Annotated[float, Quantity(0.1, 10.0, 's')] = 1.5
+    stiffness: Annotated[float, Quantity(20.0, 400.0, 'N·m/rad')] = 80.0
+    damping: Annotated[float, Quantity(0.0, 30.0, 'N·m·s/rad')] = 3.5
+    friction: Annotated[float, Quantity(0.0, 10.0, 'N·m')] = 1.2
     feedback: Feedback = field(default_factory=Feedback)
 
     def __post_init__(self) -> None:
-        _check(
-            self,
-            {
-                'frequency': (0.8, 3.0),
-                'stance_speed': (0.5, 1.5),
-                'duty': (0.5, 0.85),
-                'height': (0.40, 0.58),
-                'swing_height': (0.02, 0.2),
-                'urgent_swing_height': (0.02, 0.2),
-                'foot_x': (0.25, 0.5),
-                'foot_y': (0.2, 0.36),
-                'max_forward': (0.0, 1.5),
-                'max_lateral': (0.0, 1.0),
-                'max_yaw': (0.0, 2.0),
-                'ramp': (0.1, 10.0),
-                'stiffness': (20.0, 400.0),
-                'damping': (0.0, 30.0),
-                'friction': (0.0, 10.0),
-            },
-        )
+        check_quantities(self)
 
     @property
     def footholds(self) -> Floats:
@@ -134,14 +107,14 @@ tracks its command without an integrator, whose state is no input of a network.
 
 
 class GaitCycle:
-    """Gait cycle of the trot: when to walk, and the phase of each foot, diagonal pairs in turn."""
+    """Gait cycle of the trot: walking or standing, and the phase of each foot."""
 
     def __init__(self, config: TrotConfig) -> None:
         self._config = config
         self.reset()
 
     def reset(self) -> None:
-        """Stand."""
+        """Reset to standing."""
         self.walking = False
         self.phase = np.zeros(4)  # share of the stride since touchdown
         self.swinging = np.zeros(4, dtype=bool)
@@ -156,7 +129,7 @@ class GaitCycle:
 
     @property
     def swing_progress(self) -> Floats:
-        """Share of the swing that is over [4]; meaningful for swinging feet."""
+        """Completed share of the swing [4], of swinging feet."""
         duty = self._config.duty
         return (self.phase - duty) / (1.0 - duty)
 
@@ -164,8 +137,8 @@ class GaitCycle:
         """
         Advance by dt s at a stride frequency, Hz.
 
-        requested: a command or a disturbance asks for steps. settled: body and feet are where they
-        should be, so that standing is safe. Walking ends with all feet down, after half a
+        requested: a command or a disturbance calls for steps. settled: body and feet are where
+        they should be, so that standing is safe. Walking ends with all feet down, after half a
         settled stride.
         """
         if self.walking:

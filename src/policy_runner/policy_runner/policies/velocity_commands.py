@@ -1,10 +1,13 @@
-"""Velocity commands over time: at random, as with a joystick, or one that is held."""
+"""Velocity commands over time: random or constant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Quantity, check_quantities
 
 _KINDS = ('stand', 'forward', 'lateral', 'turn', 'mixed')
 
@@ -12,37 +15,34 @@ _KINDS = ('stand', 'forward', 'lateral', 'turn', 'mixed')
 @dataclass(frozen=True)
 class CommandRange:
     """
-    Span of random commands.
+    Range of random commands; InputError for values out of range.
 
-    forward, backward, lateral: m/s; yaw: rad/s; period: mean time between new commands, s;
-    ramp: time over which one command turns into the next, s. ValueError if out of range.
+    period: mean time between commands. ramp: duration of the transition between commands.
+    weights: of standing, forward, lateral, turning and mixed walking.
     """
 
-    forward: float = 0.6
-    backward: float = 0.4
-    lateral: float = 0.35
-    yaw: float = 0.7
-    period: float = 4.0
-    ramp: float = 0.6
+    forward: Annotated[float, Quantity(0.0, 1.5, 'm/s')] = 0.6
+    backward: Annotated[float, Quantity(0.0, 1.5, 'm/s')] = 0.4
+    lateral: Annotated[float, Quantity(0.0, 1.0, 'm/s')] = 0.35
+    yaw: Annotated[float, Quantity(0.0, 2.0, 'rad/s')] = 0.7
+    period: float = 4.0  # s
+    ramp: float = 0.6  # s
     weights: tuple[float, float, float, float, float] = (0.12, 0.35, 0.13, 0.15, 0.25)
 
     def __post_init__(self) -> None:
-        for name, high in (('forward', 1.5), ('backward', 1.5), ('lateral', 1.0), ('yaw', 2.0)):
-            value = getattr(self, name)
-            if not 0.0 <= value <= high:
-                raise ValueError(f'command {name} is {value!r}; it must lie in 0..{high}')
+        check_quantities(self)
         if not 0.0 < self.ramp < self.period / 2:
-            raise ValueError(
+            raise InputError(
                 f'ramp is {self.ramp!r} s; it must lie in 0..{self.period / 2} s, half the period'
             )
         if min(self.weights) < 0.0 or sum(self.weights) <= 0.0:
-            raise ValueError(
+            raise InputError(
                 f'weights are {self.weights!r}; they must be 0 or more, and not all 0'
             )
 
 
 class SteadyCommand:
-    """The same (vx, vy, yaw rate) at all times but the first second, which stands."""
+    """Constant (vx, vy, yaw rate) after a second of standing and a ramp of a second."""
 
     LIMITS = (1.5, 1.5, 2.0)  # m/s, m/s, rad/s
 
@@ -60,7 +60,7 @@ class SteadyCommand:
 
     @classmethod
     def parse(cls, text: str) -> 'SteadyCommand':
-        """From VX,VY,YAW; ValueError if it is not."""
+        """Parse VX,VY,YAW; ValueError for anything else."""
         try:
             velocity = [float(part) for part in text.split(',')]
         except ValueError:
@@ -68,13 +68,13 @@ class SteadyCommand:
         return cls(velocity)
 
     def __call__(self, time: float) -> NDArray[np.float64]:
-        """The command at `time` s after the start: m/s, m/s, rad/s [3]."""
+        """Return the command at `time` s after the start: m/s, m/s, rad/s [3]."""
         return self._velocity * min(max(time - 1.0, 0.0), 1.0)
 
 
 class RandomCommands:
     """
-    Random (vx, vy, yaw rate) over time: the same for the same seed, at any time asked.
+    Random (vx, vy, yaw rate) over time, determined by the seed.
 
     Stretches of forward, sideways, turning and mixed walking follow each other, with stretches
     of standing between; the first second stands.
@@ -88,7 +88,7 @@ class RandomCommands:
         self._values = [np.zeros(3)]
 
     def __call__(self, time: float) -> NDArray[np.float64]:
-        """Give the command at `time` s after the start: m/s, m/s, rad/s [3]."""
+        """Return the command at `time` s after the start: m/s, m/s, rad/s [3]."""
         while time >= self._ends[-1]:
             self._append()
         index = int(np.searchsorted(self._ends, time, side='right'))

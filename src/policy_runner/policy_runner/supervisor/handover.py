@@ -1,4 +1,4 @@
-"""Changing the policy of a robot that stands or walks, without letting it fall."""
+"""Change of policy on a robot that stands or walks."""
 
 from typing import Final
 
@@ -16,9 +16,9 @@ FADE: Final = 0.4  # s to go over from the targets of one to those of the other
 
 class Handover:
     """
-    Zero command until the robot stands, then a fade from the old policy's targets to the new's.
+    Handover by a zero command until the robot stands, then a fade between the targets.
 
-    It begins at time `now`, s, and takes no commands before it is done.
+    It begins at time `now`, s; until it is done no commands are taken.
     """
 
     def __init__(self, old: Policy, new: Policy, now: float) -> None:
@@ -29,12 +29,12 @@ class Handover:
         self._waiting = 0.0
 
     def done(self, now: float) -> bool:
-        """Whether the new policy has the robot to itself."""
+        """Return True once the new policy alone is in command."""
         taken = self._taken_over
         return taken is not None and now - taken >= max(FADE, self._waiting)
 
     def step(self, now: float, inputs: Inputs, velocity: Floats | None) -> Floats:
-        """Joint targets, rad [12]."""
+        """Return joint targets, rad [12]."""
         still = np.zeros(3)
         if self._taken_over is None and now - self._began >= SETTLE:
             self._taken_over = now

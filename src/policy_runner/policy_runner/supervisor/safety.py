@@ -1,4 +1,4 @@
-"""When a robot must not go on, and how far its targets may move: pure checks."""
+"""Safety checks of inputs and targets, and limits of targets."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -7,6 +7,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import JOINT_NAMES, LIMITS
+from wattwalk_core.errors import InputError
 
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.trot import TARGET_LIMITS
@@ -31,7 +32,7 @@ class FaultKind(Enum):
 
 @dataclass(frozen=True)
 class Fault:
-    """A reason for damping with its figures."""
+    """Reason for damping with its figures."""
 
     kind: FaultKind
     detail: str
@@ -43,7 +44,7 @@ class Fault:
 @dataclass(frozen=True)
 class SafetyConfig:
     """
-    Limits of safe running; ValueError for one that is not positive.
+    Safety limits; InputError for one that is not positive.
 
     stale_after: age of joint_states and imu, s. command_timeout: age at which a velocity command
     turns into zero, s. tilt: of the base from level, rad. joint_margin: measured angle beyond a
@@ -64,11 +65,11 @@ class SafetyConfig:
         for item in fields(self):
             value = getattr(self, item.name)
             if not value > 0.0:
-                raise ValueError(f'{item.name} is {value!r}; it must be more than 0')
+                raise InputError(f'{item.name} is {value!r}; it must be more than 0')
 
 
 class SafetyMonitor:
-    """Looks at inputs and targets for anything that calls for damping."""
+    """Monitor of inputs and targets for faults that require damping."""
 
     def __init__(
         self,
@@ -77,13 +78,13 @@ class SafetyMonitor:
         target_limits: Floats = TARGET_LIMITS,
         names: Sequence[str] = JOINT_NAMES,
     ) -> None:
-        """Limits of what is measured and of what is sent, rad [D, 2] for D joints by name."""
+        """limits, target_limits: of measured angles and of targets, rad [D, 2], by names."""
         self._config = config
         self._low, self._high = limits.T
         self._target_limits, self._names = target_limits, tuple(names)
 
     def inputs(self, inputs: Inputs, now: float) -> Fault | None:
-        """Name the first fault in what was measured or commanded, None if all is well."""
+        """Return the first fault of measurements or commands, None if there is none."""
         return next(self._input_faults(inputs, now), None)
 
     def _input_faults(self, inputs: Inputs, now: float) -> Iterator[Fault]:
@@ -124,7 +125,7 @@ class SafetyMonitor:
             )
 
     def targets(self, targets: Floats) -> Fault | None:
-        """Name the fault in what a policy wants, None if it may be limited and sent."""
+        """Return the fault of a policy's targets, None if they may be limited and sent."""
         if np.shape(targets) != self._low.shape or not np.isfinite(targets).all():
             return Fault(FaultKind.NOT_FINITE, f'joint targets {np.asarray(targets).tolist()}')
         low, high = self._target_limits.T
@@ -140,10 +141,10 @@ class SafetyMonitor:
 
 
 class TargetLimiter:
-    """Keeps targets within range and within a rate of change."""
+    """Limiter of targets in range and rate of change."""
 
     def __init__(self, rate: float, limits: Floats = TARGET_LIMITS) -> None:
-        """Limits: rad/s of change, and rad [D, 2]."""
+        """rate: rad/s; limits: rad [D, 2]."""
         self._rate, self._limits = rate, limits
         self._last: Floats | None = None
 
@@ -152,7 +153,7 @@ class TargetLimiter:
         self._last = np.array(position, dtype=np.float64)
 
     def __call__(self, targets: Floats, dt: float) -> Floats:
-        """Limited targets, rad [D], dt s after the ones before."""
+        """Return limited targets, rad [D], dt s after the previous ones."""
         limited = np.clip(targets, self._limits[:, 0], self._limits[:, 1])
         if self._last is not None:
             most = self._rate * dt

@@ -1,4 +1,4 @@
-"""The states of running a policy: idle, standing up, running, damping."""
+"""State machine of running a policy: idle, standing up, running, damping."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 
 class State(Enum):
-    """What the runner is doing; idle sends nothing, damping sends zero velocity."""
+    """State of the runner; idle sends nothing, damping sends zero velocity."""
 
     IDLE = 'idle'
     STANDING_UP = 'standing up'
@@ -32,14 +32,14 @@ class State(Enum):
 
 @dataclass(frozen=True)
 class SupervisorOutput:
-    """What to send to the drives: targets, rad [D], or damping if there are none."""
+    """Command to the drives: targets, rad [D], or damping if None."""
 
     targets: Floats | None
 
 
 class Supervisor:
     """
-    Runs a policy for as long as that is safe, and damps from the first fault on.
+    Supervisor that runs a policy and damps from the first fault on.
 
     restart_after: s of sound inputs after which it starts again by itself, 0 for never; an
     emergency stop always waits for stop() and then start(). source: velocity commands by time
@@ -80,11 +80,11 @@ class Supervisor:
 
     @property
     def reason(self) -> str:
-        """Why the runner is in its state, for people."""
+        """Reason for the state, in words."""
         return str(self.fault) if self.fault is not None else self.state.value
 
     def start(self, now: float) -> tuple[bool, str]:
-        """Stand up and run, if the inputs are sound; tells whether it does, and why not."""
+        """Stand up and run if the inputs are sound; return whether it does, and the reason."""
         if self.state in (State.STANDING_UP, State.RUNNING):
             return True, f'already {self.state.value}'
         if self.fault is not None and self.fault.kind is FaultKind.EMERGENCY_STOP:
@@ -100,18 +100,18 @@ class Supervisor:
         return True, 'standing up'
 
     def stop(self, now: float) -> tuple[bool, str]:
-        """Damp, and stay damped; releases an emergency stop."""
+        """Damp, and release an emergency stop; return True and the state."""
         self._damp(Fault(FaultKind.STOP, 'asked for'), now)
         return True, self.state.value
 
     def emergency_stop(self, now: float) -> tuple[bool, str]:
-        """Damp until stop() and start() are called."""
+        """Damp until stop() and start() are called; return True and the state."""
         self._damp(Fault(FaultKind.EMERGENCY_STOP, 'asked for'), now)
         return True, 'damping'
 
     def change(self, policy: Policy, now: float) -> tuple[bool, str]:
         """
-        Run another policy from now on, or from the next start; tells what happens.
+        Run another policy from now on, or from the next start; return whether, and the procedure.
 
         A robot that walks comes to a stand first, and takes no commands until the new one runs.
         """
@@ -147,7 +147,7 @@ class Supervisor:
         return SupervisorOutput(None) if self.state is State.DAMPING else None
 
     def command(self, now: float) -> Floats:
-        """Velocity command in force: vx, vy in m/s, yaw rate in rad/s [3]."""
+        """Return the velocity command in force: vx, vy in m/s, yaw rate in rad/s [3]."""
         if self.state is not State.RUNNING or self._handover is not None:
             return np.zeros(3)
         if self._source is not None:
@@ -157,7 +157,7 @@ class Supervisor:
         return self.inputs.command
 
     def figures(self, now: float) -> dict[str, str]:
-        """What diagnostics show beside the reason."""
+        """Return the values for diagnostics, by name."""
         inputs = self.inputs
         return {
             'state': self.state.value,
@@ -197,7 +197,7 @@ class Supervisor:
         return targets
 
     def _ready(self) -> float:
-        """When standing up is over, s."""
+        """Return the time at which standing up ends, s."""
         return self._since + self._policy.ramp if self.state is State.STANDING_UP else self._since
 
     def _damp(self, fault: Fault, now: float) -> None:

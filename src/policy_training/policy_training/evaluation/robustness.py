@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from policy_runner.policies.folder import Contract
 from policy_runner.policies.perceptron import Perceptron
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Quantity, check_quantities
 
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
@@ -25,19 +26,15 @@ _PUSHED: Final = 2.0  # s after a push that do not count
 class RobustnessConfig:
     """Number of robots, duration and the range of their commands, m/s and rad/s."""
 
-    robots: int = 64
-    seconds: float = 20.0
+    robots: Annotated[int, Quantity(1, 4096)] = 64
+    seconds: Annotated[float, Quantity(4.0, 600.0, 's')] = 20.0
     forward: float = 1.0
     lateral: float = 0.6
     yaw: float = 1.0
     seed: int = 1001
 
     def __post_init__(self) -> None:
-        if not 1 <= self.robots <= 4096 or not 4.0 <= self.seconds <= 600.0:
-            raise InputError(
-                f'trials of {self.robots!r} robots over {self.seconds!r} s; '
-                'give 1..4096 robots and 4..600 s'
-            )
+        check_quantities(self)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,11 @@
 """Terrain: level, or uneven as in Section II-A of the paper."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.schema import Quantity, check_quantities
 
 TERRAINS = ('flat', 'rough')
 _LEVEL_RADIUS = 1.0  # m around the start without noise
@@ -16,28 +18,19 @@ class Terrain:
     """
     Square patch of terrain centred on the start, with a plane around it.
 
-    noise: uniform height noise of each cell's corners, ± m (the paper: 0.02).
-    slope: steepest incline of the undulation below the noise (the paper: 0.02).
-    cell: edge of a cell, m. extent: edge of the patch, m. seed: of noise and undulation.
-    ValueError for values outside the ranges given in the message.
+    noise: uniform height noise of each cell's corners, ± (the paper: 0.02). slope: steepest
+    incline of the undulation below the noise (the paper: 0.02). cell, extent: edges of a cell and
+    of the patch. seed: of noise and undulation. InputError for values out of range.
     """
 
-    noise: float = 0.0
-    slope: float = 0.0
-    cell: float = 0.2
-    extent: float = 60.0
+    noise: Annotated[float, Quantity(0.0, 0.2, 'm')] = 0.0
+    slope: Annotated[float, Quantity(0.0, 0.2)] = 0.0
+    cell: Annotated[float, Quantity(0.05, 1.0, 'm')] = 0.2
+    extent: Annotated[float, Quantity(12.0, 200.0, 'm')] = 60.0
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ('noise', 0.0, 0.2),
-            ('slope', 0.0, 0.2),
-            ('cell', 0.05, 1.0),
-            ('extent', 12.0, 200.0),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ValueError(f'terrain {name} is {value!r}; it must lie in {low}..{high} m')
+        check_quantities(self)
 
     @property
     def is_flat(self) -> bool:

@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 from math import pi
+from typing import Annotated
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_NAMES, JOINT_NAMES
 from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Quantity, check_quantities
 
 from sim_bridge.plant.anymal_model import TIMESTEP, FootForce, build_spec
 from sim_bridge.plant.terrain import FLAT, Terrain
@@ -54,14 +56,12 @@ class Stand:
     InputError for a negative mass, length or inertia, or less than 1e-4 kg·m² in all.
     """
 
-    inertia: float = 0.02
-    mass: float = 0.0
-    length: float = 0.3
+    inertia: Annotated[float, Quantity(0.0, 100.0, 'kg·m²')] = 0.02
+    mass: Annotated[float, Quantity(0.0, 100.0, 'kg')] = 0.0
+    length: Annotated[float, Quantity(0.0, 100.0, 'm')] = 0.3
 
     def __post_init__(self) -> None:
-        for name in ('inertia', 'mass', 'length'):
-            if not 0.0 <= getattr(self, name) <= 100.0:
-                raise InputError(f'stand {name} is {getattr(self, name)!r}; it must be in 0..100')
+        check_quantities(self)
         if self.inertia + self.mass * self.length**2 < 1e-4:
             raise InputError(f'stand inertia is {self.inertia!r}; give at least 1e-4 kg·m²')
 
