@@ -241,7 +241,7 @@ class TrainingConfig:
 
     @property
     def observation(self) -> Observation:
-        """The observation of the policies that are trained."""
+        """Observation of the trained policies."""
         return replace(
             CLOCKED,
             stride_frequency=self.stride_frequency,

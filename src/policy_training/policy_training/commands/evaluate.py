@@ -1,4 +1,4 @@
-"""`ros2 run policy_training evaluate`: policies on tasks, measured; a table, JSON and a page."""
+"""`ros2 run policy_training evaluate`: evaluate policies on tasks; a table, JSON and a page."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from policy_training.evaluation.tasks import TASKS, parse_tasks
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from policy_training.evaluation.measured_walk import Walk
+    from policy_training.evaluation.measured_walk import MeasuredWalk
 
 _EPILOG = """\
 A policy is a name (baseline, pmp, pmp_heavy, trot), a policy folder or a training run.
@@ -101,14 +101,14 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def resolve(source: str) -> str:
-    """The policy folder of a training run; anything else as it is."""
+    """Return the policy folder of a training run; other sources unchanged."""
     from policy_training.learning.run_folder import POLICY
 
     inner = Path(source) / POLICY
     return str(inner) if inner.is_dir() else source
 
 
-def _recorded(text: str) -> 'Walk':
+def _recorded(text: str) -> 'MeasuredWalk':
     from policy_training.evaluation.measured_walk import recorded_walk
 
     name, equals, path = text.partition('=')

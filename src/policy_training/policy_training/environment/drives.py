@@ -1,5 +1,5 @@
 """
-The drives of N robots at the time step of training.
+Drives of N robots at the time step of training.
 
 The same loop as `sim_bridge.plant.drive`: PD on the joint's position and the rotor's speed, gear
 friction on the rotor, the series spring between rotor and joint, and a delay that differs
@@ -76,20 +76,20 @@ class BatchDrives:
         self._given = np.zeros((count, 12))
 
     def start(self, ids: NDArray[np.intp], pose: Floats) -> None:
-        """Some drives hold a pose at rest, rad [len(ids), 12]."""
+        """Reset the drives of some robots to rest in a pose, rad [len(ids), 12]."""
         self.target[ids] = pose
         self._next[ids] = pose
         self._rotor[ids] = pose
         self._speed[ids] = 0.0
 
     def aim(self, targets: Floats) -> None:
-        """Send new targets, rad; each robot's drives act on them after their delay."""
+        """Send targets, rad, which each robot's drives follow after their delay."""
         self._next[:] = targets
         self._age = 0
 
     def push(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """
-        Turn the rotors for one time step, from joints at positions, rad, and speeds, rad/s.
+        Advance the rotors by one time step, with joints at positions, rad, and speeds, rad/s.
 
         Returns the mean torque of the motors and, less what `joint_damping` makes of the joint's
         speed after the step, that on the joints, both N·m.
@@ -120,11 +120,11 @@ class BatchDrives:
         return mean_motor * share, self._given
 
     def output(self, after: Floats) -> Floats:
-        """Torque on the joints in the last time step, N·m, by their speeds after it, rad/s."""
+        """Return the joint torque of the last time step, N·m, given the speeds after it, rad/s."""
         return self._given - self.joint_damping * after
 
     def _drag(self, speed: Floats, motor: Floats) -> Floats:
-        """Friction as damping, N·m·s/rad, at sizes of the rotor's speed and motor's torque."""
+        """Return friction as damping, N·m·s/rad, at absolute rotor speed and motor torque."""
         slow = 1.0 + np.square(speed * self._fade)
         dry = self._coulomb + self._stribeck / (slow * slow) + self._load * motor
         damping: Floats = self._viscous / (1.0 + speed * self._thin) + dry / (speed + _SETTLING)

@@ -15,7 +15,7 @@ from policy_training.config import TrainingConfig
 from policy_training.environment.power_term import predict_step
 from policy_training.environment.rewards import FootClock, Rewards, RewardState
 from policy_training.environment.robots import RobotMotion, Robots
-from policy_training.environment.velocity_commands import Commands
+from policy_training.environment.velocity_commands import VelocityCommands
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class WalkingEnvironment:
         self._random = seeds[0]
         self.robots = Robots(config.physics, config.random, seeds[1])
         count = self.count = config.physics.environments
-        self.commands = Commands(config.commands, count, seeds[2])
+        self.commands = VelocityCommands(config.commands, count, seeds[2])
         self.power = power
         self.watts = np.zeros((count, 12), np.float32)
         self._rewards = Rewards(config.rewards, config.step_time)

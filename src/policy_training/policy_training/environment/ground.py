@@ -1,5 +1,5 @@
 """
-Rough ground for N robots without a height field: a plane of its own under each foot.
+Rough ground for N robots without a height field: one plane under each foot.
 
 Where a foot touches, a height field is one of its triangles. The plane of that triangle is put
 under the foot before each time step, so that contact is that of a sphere on a plane, which
@@ -23,7 +23,7 @@ _NEAR: Final = 0.8  # m, edge of the patch whose highest point a robot is put ab
 
 
 def add_planes(spec: mujoco.MjSpec, friction: float) -> None:
-    """Give each foot a plane that nothing else touches, and spare it the floor."""
+    """Add a plane for each foot that collides with it alone, in place of the floor."""
     for index, foot in enumerate(FOOT_NAMES):
         own = 2 << index
         spec.geom(foot).conaffinity = own
@@ -40,7 +40,7 @@ def add_planes(spec: mujoco.MjSpec, friction: float) -> None:
 
 
 class Ground:
-    """The planes of all robots of a batch; `follow` puts them under the feet."""
+    """Planes of all robots of a batch, moved under the feet by `follow`."""
 
     def __init__(self, terrain: Terrain, model: mujoco.MjModel, batch: Batch) -> None:
         self.relief = Relief(terrain)
@@ -50,7 +50,7 @@ class Ground:
         self._attitude = batch.expand('geom_quat')
 
     def follow(self, soles: Floats) -> None:
-        """Lay the planes where feet are, m [N, 4, 3] in the world."""
+        """Move the planes to feet, m [N, 4, 3] in the world."""
         height, slope = self.relief.at(soles[..., :2])
         self._position[:, self._planes, :2] = soles[..., :2]
         self._position[:, self._planes, 2] = height
@@ -66,7 +66,7 @@ class Ground:
 
 
 class Relief:
-    """Heights of a terrain and their slopes anywhere."""
+    """Heights and slopes of a terrain at any place."""
 
     def __init__(self, terrain: Terrain) -> None:
         self._heights = np.zeros((3, 3)) if terrain.is_flat else terrain.heights()
@@ -79,7 +79,7 @@ class Relief:
 
     def at(self, where: Floats) -> tuple[Floats, Floats]:
         """
-        Height, m [...], and slope along x and y [..., 2] at places x, y in m [..., 2].
+        Return height, m [...], and slope along x and y [..., 2] at places x, y in m [..., 2].
 
         Each cell is two triangles that meet between its corners at low x, low y and at high x,
         high y, as in MuJoCo's height fields.
@@ -97,7 +97,7 @@ class Relief:
         return height, np.stack([along_x, along_y], axis=-1) / self._cell
 
     def above(self, where: Floats) -> Floats:
-        """Highest ground near places x, y in m [N, 2], m [N]."""
+        """Return the highest ground near places x, y in m [N, 2], m [N]."""
         index = np.rint((where + self._half) / self._cell).astype(np.intp)
         column, row = np.clip(index, 0, self._cells).T
         height: Floats = self._highest[row, column]

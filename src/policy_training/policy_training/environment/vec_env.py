@@ -1,4 +1,4 @@
-"""The environment as rsl-rl takes it, and its mirror image."""
+"""The environment behind the interface of rsl-rl, and its mirror image."""
 
 from typing import Final
 
@@ -16,7 +16,7 @@ STATE: Final = 'state'
 
 
 class TorchEnvironment(VecEnv):
-    """N robots behind torch tensors; the simulation itself stays on the CPU."""
+    """N robots behind torch tensors; the simulation runs on the CPU."""
 
     def __init__(self, environment: WalkingEnvironment, device: str) -> None:
         self.walking = environment
@@ -29,18 +29,18 @@ class TorchEnvironment(VecEnv):
         self.log: dict[str, float] = {}
 
     def get_observations(self) -> TensorDict:
-        """What every robot sees now."""
+        """Return the present observations and states."""
         return self._pack(self.walking.observe(), self.walking.state())
 
     def step(
         self, actions: torch.Tensor
     ) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
         """
-        Observations, rewards, dones and the marks of those that ran out of time.
+        Return observations, rewards, ends of episodes and, of these, time-outs.
 
-        A new command or a push ends an episode as running out of time does, though the robot
-        goes on: what comes of it is no merit of the actions before, and with a few hundred
-        robots would drown what is.
+        A new command or a push ends an episode as a time-out does, though the robot
+        continues: its consequences are not due to the actions before, and with a few hundred
+        robots would hide those that are.
         """
         outcome = self.walking.step(actions.cpu().numpy())
         self.log = outcome.log
@@ -58,7 +58,7 @@ class TorchEnvironment(VecEnv):
 
 class Mirror:
     """
-    Left for right: what a robot would see and do in a mirror.
+    Mirror images of observations and actions, left for right.
 
     Called as rsl-rl's symmetry extension calls it, with observations and actions or None.
     """
@@ -88,7 +88,7 @@ class Mirror:
         obs: TensorDict | None = None,
         actions: torch.Tensor | None = None,
     ) -> tuple[TensorDict | None, torch.Tensor | None]:
-        """The batch with its mirror image behind it, twice as long."""
+        """Return the batch followed by its mirror image."""
         if obs is not None:
             seen, state = obs[GROUP], obs[STATE]
             both = {
@@ -101,11 +101,11 @@ class Mirror:
         return obs, actions
 
     def observations(self, values: torch.Tensor) -> torch.Tensor:
-        """Mirror images of observations [N, size]."""
+        """Return mirror images of observations [N, size]."""
         return values[:, self._order.to(values.device)] * self._flips.to(values.device)
 
     def states(self, values: torch.Tensor) -> torch.Tensor:
-        """Mirror images of states [N, size + 11]: observation, feet and command."""
+        """Return mirror images of states [N, size + 11]: observation, feet and command."""
         size = len(self._order)
         seen, feet, command = values.split([size, 8, 3], dim=1)
         feet = feet.reshape(-1, 2, 2, 2).flip(3).reshape(-1, 8)
@@ -113,7 +113,7 @@ class Mirror:
         return torch.cat([self.observations(seen), feet, command], dim=1)
 
     def actions(self, values: torch.Tensor) -> torch.Tensor:
-        """Mirror images of actions [N, 12]."""
+        """Return mirror images of actions [N, 12]."""
         return values[:, self._places.to(values.device)] * self._signs.to(values.device)
 
 

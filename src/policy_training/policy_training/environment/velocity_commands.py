@@ -9,8 +9,8 @@ from policy_training.config import CommandConfig
 Floats = NDArray[np.float64]
 
 
-class Commands:
-    """Draws commands within a range that widens as training goes on."""
+class VelocityCommands:
+    """Random velocity commands in a range that widens during training."""
 
     def __init__(self, config: CommandConfig, count: int, random: np.random.Generator) -> None:
         self._config = config
@@ -19,13 +19,13 @@ class Commands:
         self.values = np.zeros((count, 3))
 
     def share(self, steps: float) -> float:
-        """Share of the range that is asked after a number of policy steps."""
+        """Return the share of the range in use after a number of policy steps."""
         c = self._config
         done = 1.0 if steps >= c.ramp_steps else steps / c.ramp_steps
         return c.ramp_from + (1.0 - c.ramp_from) * done
 
     def draw(self, ids: NDArray[np.intp], steps: float) -> None:
-        """New commands for some robots: along one axis, along all, or to stand still."""
+        """Draw commands of some robots: along one axis, along all, or to stand still."""
         c, random, count = self._config, self._random, len(ids)
         top = self.share(steps) * self._top
         values = random.uniform(-top, top, (count, 3))

@@ -1,1 +1,1 @@
-"""Policies measured on tasks, and the report."""
+"""Evaluation of policies on tasks, and its report."""

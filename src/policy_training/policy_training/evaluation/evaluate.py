@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from sim_bridge.plant.parameters import Plant
 
 from policy_training.evaluation.gait_cycle import Cycle, cycle_of
-from policy_training.evaluation.measured_walk import Walk, idle_power, measure_walk
+from policy_training.evaluation.measured_walk import MeasuredWalk, idle_power, measure_walk
 from policy_training.evaluation.robustness import (
     RobustnessConfig,
     RobustnessResult,
@@ -32,9 +32,9 @@ def evaluate(
     models: Mapping[str, PowerModel],
     plant: Plant,
     options: argparse.Namespace,
-    recorded: Sequence[Walk] = (),
+    recorded: Sequence[MeasuredWalk] = (),
 ) -> tuple[dict[str, Any], dict[str, dict[str, Cycle]]]:
-    """The JSON's content, and gait cycles by task and policy."""
+    """Return the content of the JSON, and gait cycles by task and policy."""
     entries: list[dict[str, Any]] = []
     cycles: dict[str, dict[str, Cycle]] = {}
     trials: dict[str, Any] = {}
@@ -91,7 +91,7 @@ def evaluate(
 
 
 def _robustness(source: str, options: argparse.Namespace) -> RobustnessResult | None:
-    """Robustness of a learned policy; None for a scripted one or a TorchScript file."""
+    """Return the robustness of a learned policy; None for a scripted one or a TorchScript file."""
     if Path(source).is_file() or not isinstance(load_policy(source), LearnedPolicy):
         return None
     folder = Path(source) if Path(source).is_dir() else SHIPPED / source

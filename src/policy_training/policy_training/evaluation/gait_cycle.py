@@ -1,4 +1,4 @@
-"""Strides found from the feet's forces, and the mean gait cycle of Figure 6 of the paper."""
+"""Strides by the foot forces, and the mean gait cycle of Figure 6 of the paper."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_NAMES
 
-from policy_training.evaluation.measured_walk import RAW_RATE, Walk
+from policy_training.evaluation.measured_walk import RAW_RATE, MeasuredWalk
 
 Floats = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ _TINY = 1e-12
 
 @dataclass(frozen=True)
 class Steps:
-    """Touch-downs and lift-offs of one foot, as samples of the raw data, and its strides."""
+    """Stance and strides of one foot, by index of the raw samples."""
 
     stance: NDArray[np.bool_]  # [R]
     strides: tuple[tuple[int, int, int], ...]  # touch-down, lift-off, next touch-down
@@ -43,7 +43,7 @@ class Gait:
 
 @dataclass(frozen=True)
 class Cycle:
-    """One leg's mean gait cycle from touch-down to touch-down, by name of the signal."""
+    """Mean gait cycle of one leg from touch-down to touch-down, by name of the signal."""
 
     phase: Floats  # 0..1 [100]
     stance: float  # share of the cycle on the ground
@@ -53,7 +53,7 @@ class Cycle:
 
 
 def find_steps(force: Floats, steady: NDArray[np.bool_]) -> Steps:
-    """Strides of one foot from its force, N [R], that lie wholly in steady walking [R]."""
+    """Return the strides of one foot from its force, N [R], wholly in steady walking [R]."""
     stance = np.empty(len(force), bool)
     standing = bool(force[0] > _LOADED)
     for index, value in enumerate(force.tolist()):
@@ -71,8 +71,8 @@ def find_steps(force: Floats, steady: NDArray[np.bool_]) -> Steps:
     return Steps(stance, tuple(strides))
 
 
-def gait_of(walk: Walk) -> Gait:
-    """Times and impacts of a walk's steady part."""
+def gait_of(walk: MeasuredWalk) -> Gait:
+    """Return times and impacts of a walk's steady part."""
     steps = [find_steps(force, walk.raw_steady) for force in walk.foot_force.T]
     strides = [(leg, *stride) for leg, found in enumerate(steps) for stride in found.strides]
     if not strides:
@@ -91,9 +91,9 @@ def gait_of(walk: Walk) -> Gait:
     )
 
 
-def loudness(walk: Walk) -> float:
+def loudness(walk: MeasuredWalk) -> float:
     """
-    A proxy of Figure 7's sound level, dB: how abruptly the feet are loaded.
+    Return a proxy of Figure 7's sound level, dB, from the rate of the foot forces.
 
     Ten times the logarithm of the mean square of the forces' rate, over (1 kN/s)²; what radiates
     sound is the change of force at impact. NaN without steady walking.
@@ -104,8 +104,8 @@ def loudness(walk: Walk) -> float:
     return float(10.0 * np.log10(np.square(rate / 1e3).sum(axis=1).mean() + _TINY))
 
 
-def cycle_of(walk: Walk, leg: str = 'LF', joint: str = 'KFE') -> Cycle | None:
-    """The mean cycle of one leg, for the drive of one joint; None with fewer than 3 strides."""
+def cycle_of(walk: MeasuredWalk, leg: str = 'LF', joint: str = 'KFE') -> Cycle | None:
+    """Return the mean cycle of one leg, for the drive of one joint; None below 3 strides."""
     foot = FOOT_NAMES.index(f'{leg}_FOOT')
     steps = find_steps(walk.foot_force[:, foot], walk.raw_steady)
     if len(steps.strides) < 3:
@@ -135,8 +135,8 @@ def cycle_of(walk: Walk, leg: str = 'LF', joint: str = 'KFE') -> Cycle | None:
     return Cycle(phase, float(stance), mean, low, high)
 
 
-def fast_share(walk: Walk, joint: str = 'KFE') -> float:
-    """Share of the torque's variance above 20 Hz, over all drives of a type; NaN if not steady."""
+def fast_share(walk: MeasuredWalk, joint: str = 'KFE') -> float:
+    """Return the share of torque variance above 20 Hz of a joint type; NaN if not steady."""
     columns = [i for i, name in enumerate(walk.raw.names) if name.endswith(joint)]
     rows = walk.raw.torque[walk.raw_steady][:, columns].astype(np.float64)
     if len(rows) < round(RAW_RATE):

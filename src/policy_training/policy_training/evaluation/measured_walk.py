@@ -1,4 +1,4 @@
-"""A policy on a task, measured by the simulated hardware: power meter, supply, joints, feet."""
+"""Measured walks: a policy on a task, by the simulated power meter, supply, joints and feet."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,8 +32,8 @@ _AFTER: Final = 1.5  # s for which a command must have held
 
 
 @dataclass(frozen=True)
-class Walk:
-    """What was measured of a policy on a task: T samples at 200 Hz, R at 400 Hz."""
+class MeasuredWalk:
+    """Measurements of a policy on a task: T samples at 200 Hz, R at 400 Hz."""
 
     policy: str
     task: Task
@@ -56,7 +56,7 @@ def measure_walk(
     seed: int,
     on_rough: bool = False,
     trust_code: bool = False,
-) -> Walk:
+) -> MeasuredWalk:
     """
     Run a policy (a name or a folder) on a task and measure it.
 
@@ -72,13 +72,15 @@ def measure_walk(
     return walk_of(recording, source, task, falls=falls, mass=world.mass)
 
 
-def walk_of(recording: Recording, policy: str, task: Task, *, falls: int, mass: float) -> Walk:
-    """A recording of a policy on a task as a walk; mass of the robot in kg."""
+def walk_of(
+    recording: Recording, policy: str, task: Task, *, falls: int, mass: float
+) -> MeasuredWalk:
+    """Return the walk of a recording; mass: of the robot, kg."""
     data = align(recording)
     raw = align(recording, rate=RAW_RATE, smooth=False)
     velocity, raw_velocity = _velocity(recording, data.time), _velocity(recording, raw.time)
     forces = recording.foot_force()
-    return Walk(
+    return MeasuredWalk(
         policy=policy,
         task=task,
         data=data,
@@ -92,9 +94,9 @@ def walk_of(recording: Recording, policy: str, task: Task, *, falls: int, mass: 
     )
 
 
-def recorded_walk(path: Path, policy: str) -> Walk:
+def recorded_walk(path: Path, policy: str) -> MeasuredWalk:
     """
-    A walk from a bag of the running nodes; its task is the command that held longest.
+    Return the walk of a bag of the running nodes; its task is the most frequent command.
 
     InputError for a bag that lacks a topic, or never commands to move.
     """
@@ -112,7 +114,7 @@ def recorded_walk(path: Path, policy: str) -> Walk:
 
 
 def idle_power(plant: Plant, duration: float = 0.5) -> float:
-    """What the twelve drives draw together while nothing moves, W, by the meter's terminals."""
+    """Return the power of the twelve drives at rest, W, at the meter's terminals."""
     total = 0.0
     for joint in JOINT_NAMES:
         simulation = Simulation(plant, stand_world(joint))
@@ -134,7 +136,7 @@ def _at(time: Floats, seconds: NDArray[np.floating], values: NDArray[np.floating
 
 
 def _held(recording: Recording, time: Floats, task: Task) -> NDArray[np.bool_]:
-    """Where the task's command has been in force for long enough [T]."""
+    """Mark samples at which the task's command has been in force for 1.5 s [T]."""
     commands = recording.cmd_vel()
     seconds = commands.stamp_ns * 1e-9
     same = np.isclose(commands.velocity, task.command, atol=1e-3).all(axis=1)
@@ -162,7 +164,7 @@ def _steady(data: AlignedDataset, velocity: Floats, held: NDArray[np.bool_]) -> 
 
 
 def _falls(recording: Recording) -> int:
-    """How often the base tips over by more than a radian."""
+    """Count how often the base tilts by more than a radian."""
     x, y, _, _ = recording.odom().orientation.T.astype(np.float64)
     down = 1.0 - 2.0 * (x * x + y * y) < np.cos(1.0)
     return int((np.diff(down.astype(np.int8)) == 1).sum())

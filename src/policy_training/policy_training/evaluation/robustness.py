@@ -170,7 +170,7 @@ def _judge(
 
 
 def _since(marks: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Steps since the last mark in each column; negative before the first."""
+    """Return the steps since the last mark in each column; negative before the first."""
     index = np.arange(len(marks))[:, None]
     last = np.maximum.accumulate(np.where(marks, index, -(10**9)), axis=0)
     return np.where(last < 0, -1, index - last)

@@ -1,4 +1,4 @@
-"""A walk in numbers: Figure 5's power by where it goes, tracking, smoothness, impacts."""
+"""Scores of a walk: power by parts (Figure 5), tracking, smoothness, impacts."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -11,17 +11,17 @@ from wattwalk_core.anymal import JOINT_TYPES
 from wattwalk_core.physics import GRAVITY
 
 from policy_training.evaluation.gait_cycle import fast_share, gait_of
-from policy_training.evaluation.measured_walk import RAW_RATE, Walk
+from policy_training.evaluation.measured_walk import RAW_RATE, MeasuredWalk
 
 _WALKING: Final = 0.05  # m/s, slower has no cost of transport
 
 
-def score(walk: Walk, idle: float, models: Mapping[str, PowerModel]) -> dict[str, Any]:
+def score(walk: MeasuredWalk, idle: float, models: Mapping[str, PowerModel]) -> dict[str, Any]:
     """
-    The entry of `evaluate`'s JSON for a walk; idle in W, of all drives together.
+    Return the entry of `evaluate`'s JSON for a walk; idle: power of all drives at rest, W.
 
-    power_w: `supply` is what the bench supply gave, `electronics` what of it did not reach the
-    drives' meters, `idle` the drives at rest, and each joint type what its four drives drew
+    power_w: `supply` is the power of the bench supply, `electronics` the part that does not reach
+    the drives' meters, `idle` the drives at rest, and each joint type that of its four drives
     beyond that. estimated_w: by the first model, for the drives with the electronics measured;
     estimates has all models by joint type. None where nothing was steady.
     """
@@ -64,7 +64,7 @@ def score(walk: Walk, idle: float, models: Mapping[str, PowerModel]) -> dict[str
     return _clean(entry)
 
 
-def _tracking(walk: Walk) -> dict[str, float | None]:
+def _tracking(walk: MeasuredWalk) -> dict[str, float | None]:
     names = ('vx', 'vy', 'yaw')
     if not walk.steady.any():
         return dict.fromkeys(names)
@@ -72,7 +72,7 @@ def _tracking(walk: Walk) -> dict[str, float | None]:
     return dict(zip(names, (float(value) for value in away), strict=True))
 
 
-def _smoothness(walk: Walk) -> dict[str, float]:
+def _smoothness(walk: MeasuredWalk) -> dict[str, float]:
     raw, steady = walk.raw, walk.raw_steady
     kfe = [i for i, name in enumerate(raw.names) if name.endswith('KFE')]
     torque = raw.torque[steady].astype(np.float64)
@@ -87,13 +87,13 @@ def _smoothness(walk: Walk) -> dict[str, float]:
     }
 
 
-def _of_type(walk: Walk, power: NDArray[np.floating], kind: str) -> float:
+def _of_type(walk: MeasuredWalk, power: NDArray[np.floating], kind: str) -> float:
     columns = [i for i, name in enumerate(walk.data.names) if name.endswith(kind)]
     return float(np.nanmean(power[walk.steady][:, columns], axis=0).sum())
 
 
 def _clean(value: Any) -> Any:
-    """NaN as None, which JSON has a word for."""
+    """Return content with None for NaN, which JSON lacks."""
     if isinstance(value, dict):
         return {key: _clean(item) for key, item in value.items()}
     if isinstance(value, float) and not np.isfinite(value):

@@ -1,4 +1,4 @@
-"""What policies are compared on: walking at constant speed, as in Figure 5 of the paper."""
+"""Tasks: walking at constant speed, as in Figure 5 of the paper."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ SETTLE: Final = 1.0  # s of standing first
 
 @dataclass(frozen=True)
 class Task:
-    """A constant velocity command, reached by a ramp after a second of standing."""
+    """Constant velocity command, reached by a ramp after a second of standing."""
 
     name: str
     command: tuple[float, float, float]  # vx, vy in m/s, yaw rate in rad/s
@@ -29,7 +29,7 @@ class Task:
             )
 
     def __call__(self, time: float) -> Floats:
-        """Command at a time, s since the start [3]."""
+        """Return the command at a time, s since the start [3]."""
         most = np.array(COMMAND_RATE_LIMIT) * max(time - SETTLE, 0.0)
         return np.clip(self.command, -most, most)
 
@@ -44,7 +44,7 @@ TASKS: Final = (
 
 
 def parse_tasks(texts: Sequence[str]) -> tuple[Task, ...]:
-    """From `forward` or `NAME=VX,VY,YAW`; InputError for another form."""
+    """Parse `forward` or `NAME=VX,VY,YAW`; InputError for anything else."""
     known = {task.name: task for task in TASKS}
     tasks = []
     for text in texts:

@@ -1,4 +1,4 @@
-"""What an evaluation says, in sentences: each policy against the first."""
+"""Verdict of an evaluation: sentences that compare each policy with the first."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +11,7 @@ _AXES = ('vx', 'vy', 'yaw')
 
 
 def verdict(entries: Sequence[Mapping[str, Any]], trials: Mapping[str, Any]) -> list[str]:
-    """A sentence per policy and task, and one per policy on how it walks."""
+    """Return a sentence per policy and task, and one per policy on its robustness."""
     names = list(dict.fromkeys(entry['name'] for entry in entries))
     sentences = []
     for name in names[1:]:

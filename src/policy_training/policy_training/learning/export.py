@@ -1,4 +1,4 @@
-"""From a trained network to a policy folder that the runner loads."""
+"""Export of a trained network as a policy folder."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -33,7 +33,7 @@ def export_policy(
     Write `policy.yaml` and `weights.safetensors`.
 
     layers: weight [out, in] and bias [out] of each layer, as trained on this observation.
-    training: where the policy comes from, for people.
+    training: origin of the policy, for people.
     """
     pose = (round(float(q), 6) + 0.0 for q in DEFAULT_POSE)
     contract = Contract(

@@ -23,7 +23,7 @@ EVENTS: Final = 'tensorboard'
 
 class RunFolder:
     """
-    One run's files.
+    Files of one run.
 
     Checkpoints hold tensors and numbers only and are read without unpickling objects; each
     replaces the one before at once, so that a run that is killed goes on from its last one.
@@ -89,7 +89,7 @@ class RunFolder:
 
 
 def read_curves(run: Path) -> list[dict[str, float]]:
-    """Rows of a run's curves; none where there are none. A line cut off by a kill is left out."""
+    """Return the rows of a run's curves without a line cut off by a kill; [] for no file."""
     path = run / CURVES
     rows: list[dict[str, float]] = []
     if path.exists():
@@ -103,7 +103,7 @@ def read_curves(run: Path) -> list[dict[str, float]]:
 
 @contextmanager
 def fitting_checkpoint() -> Iterator[None]:
-    """Turn the errors that a checkpoint of another network causes into an InputError."""
+    """Turn the errors of a checkpoint of another network into an InputError."""
     try:
         yield
     except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:
