@@ -31,7 +31,7 @@ def main(args: Sequence[str] | None = None) -> int:
     add('--overwrite', action='store_true', help='replace a bag that is there')
     options = parser.parse_args(args)
 
-    from sim_bridge.offline.run import OfflineRun, write_bench_bag
+    from sim_bridge.offline.run import OfflineRun, write_bag
     from sim_bridge.plant.parameters import Plant
     from sim_bridge.plant.world import stand_world
 
@@ -49,15 +49,8 @@ def main(args: Sequence[str] | None = None) -> int:
         plant = plant.unit(options.unit)
     world = stand_world(drive, motion.stand)
     run = OfflineRun(plant, world, motion, duration=motion.seconds, seed=options.seed)
-    write_bench_bag(
-        options.output,
-        run,
-        unit=f'challenge {options.challenge.name}' if options.challenge else str(options.unit),
-        controller=motion.name,
-        notes='simulated drive with a pendulum on a stand',
-        seed=options.seed,
-        plant=plant.name,
-        overwrite=options.overwrite,
-    )
+    unit = f'challenge {options.challenge.name}' if options.challenge else str(options.unit)
+    card = run.card('bench', notes='simulated drive with a pendulum on a stand', unit=unit)
+    write_bag(options.output, run, card, overwrite=options.overwrite, progress=True)
     print(f'wrote {options.output}: {motion.seconds:.0f} s of {drive}')
     return 0

@@ -99,7 +99,7 @@ def main(args: Sequence[str] | None = None) -> int:
     from drive_bench.motion.segment_path import Mounting
 
     from sim_bridge.offline.motions import MotionController, bench_motion
-    from sim_bridge.offline.run import OfflineRun, write_bench_bag
+    from sim_bridge.offline.run import OfflineRun, write_bag
     from sim_bridge.plant.world import stand_world
 
     plant, stand = load_plant(options.plant, options.unit), _stand(options)
@@ -123,16 +123,8 @@ def main(args: Sequence[str] | None = None) -> int:
         seed=options.seed,
         watch=None if analyser is None else analyser.watch,
     )
-    write_bench_bag(
-        options.output,
-        run,
-        unit=str(plant.unit_number),
-        controller=motion.name,
-        notes='simulated drive on a stand',
-        seed=options.seed,
-        plant=plant.name,
-        overwrite=options.overwrite,
-    )
+    card = run.card('bench', notes='simulated drive on a stand')
+    write_bag(options.output, run, card, overwrite=options.overwrite, progress=True)
     print(f'wrote {options.output}')
     if analyser is not None:
         print(f'wrote {options.analyser}: {analyser.save(options.analyser)} rows')

@@ -84,25 +84,15 @@ def main(args: Sequence[str] | None = None) -> int:
 def _offline(options: argparse.Namespace) -> int:
     if options.output is None:
         raise InputError('--offline needs -o BAG, the folder of the bag to write')
-    drives = None if options.drives is None else tuple(options.drives.split(','))
-    velocity, plant = _velocity(options.velocity), load_plant(options.plant, options.unit)
+    names = ('duration', 'seed', 'controller', 'terrain', 'pushes', 'trust_code', 'overwrite')
+    given = {name: getattr(options, name) for name in names}
+    given['drives'] = None if options.drives is None else tuple(options.drives.split(','))
+    given['velocity'] = _velocity(options.velocity)
+    plant = load_plant(options.plant, options.unit)
 
     from sim_bridge.offline.run import run_offline
 
-    path = run_offline(
-        options.output,
-        duration=options.duration,
-        seed=options.seed,
-        plant=plant,
-        controller=options.controller,
-        terrain=options.terrain,
-        pushes=options.pushes,
-        drives=drives,
-        velocity=velocity,
-        trust_code=options.trust_code,
-        overwrite=options.overwrite,
-        progress=True,
-    )
+    path = run_offline(options.output, plant=plant, progress=True, **given)
     print(f'wrote {path}')
     return 0
 

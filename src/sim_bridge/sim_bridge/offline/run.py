@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypedDict, Unpack
 
 from power_daq.bus.description import BusDescription
 from power_recordings.card import Card
@@ -57,21 +58,31 @@ class OfflineRun:
             raise InputError(f'duration is {duration!r}; it must lie in 0.1..36000 s')
         if seed < 0:
             raise InputError(f'seed is {seed!r}; it must not be negative')
-        self.duration = duration
+        self.plant, self.seed, self.duration = plant, seed, duration
+        self.controller = controller.name
         self.joints = world.joints
         self.drives = tuple(world.joints if drives is None else drives)
         self.bus = BusDescription.load() if bus is None else bus
         simulation = Simulation(plant, world)
         instruments = Instruments(simulation, seed)
-        self._wire = Wire(
-            self.bus,
-            self.joints,
-            self.drives,
-            instruments.clock,
-            simulation.circuit.temperature.winding.copy(),
-        )
+        warmth = simulation.circuit.temperature.winding.copy()
+        self._wire = Wire(self.bus, self.joints, self.drives, instruments.clock, warmth)
         self._session = Session(
             simulation, instruments, controller, Pushes(seed) if pushes else None, watch
+        )
+
+    def card(self, robot: str, *, notes: str, **other: Any) -> Card:
+        """Return the card of its recording, with further entries."""
+        return Card(
+            robot=robot,
+            unit=other.pop('unit', str(self.plant.unit_number)),
+            drives=self.drives,
+            controller=self.controller,
+            terrain=other.pop('terrain', ''),
+            notes=notes,
+            software=f'sim_bridge {sim_bridge.__version__}',
+            seed=self.seed,
+            other={'plant': self.plant.name, **other},
         )
 
     @property
@@ -85,30 +96,46 @@ class OfflineRun:
             yield self._wire.send(stretch)
 
 
+class WalkOptions(TypedDict, total=False):
+    """Options of a walking run, see `walking_run`."""
+
+    controller: str
+    terrain: str
+    pushes: bool
+    drives: Sequence[str] | None
+    velocity: Sequence[float] | None
+    trust_code: bool
+
+
 def walking_run(
-    plant: Plant,
-    *,
-    duration: float,
-    seed: int,
-    controller: str = 'trot',
-    terrain: str = 'flat',
-    pushes: bool = False,
-    drives: Sequence[str] | None = None,
-    velocity: Sequence[float] | None = None,
-    trust_code: bool = False,
+    plant: Plant, *, duration: float, seed: int, **options: Unpack[WalkOptions]
 ) -> OfflineRun:
     """
-    Return a run of ANYmal C (controller: name or folder of a policy, or `stand`).
+    Return a run of ANYmal C.
 
-    velocity: vx, vy in m/s and yaw rate in rad/s to hold; random ones if None. trust_code: run a
+    controller: name or folder of a policy, or `stand`; `trot` if absent. terrain: flat (if absent)
+    or rough. pushes: every few seconds. drives: those whose power is metered, all if absent.
+    velocity: vx, vy in m/s and yaw rate in rad/s to hold; random ones if absent. trust_code: run a
     TorchScript file as controller.
     """
+    terrain = options.get('terrain', 'flat')
     if terrain not in TERRAINS:
         raise InputError(f'terrain is {terrain!r}; it is one of {", ".join(TERRAINS)}')
     world = walking_world(rough(max(seed, 0)) if terrain == 'rough' else FLAT)
-    commands = make_controller(controller, max(seed, 0), velocity, trust_code=trust_code)
+    controller = make_controller(
+        options.get('controller', 'trot'),
+        max(seed, 0),
+        options.get('velocity'),
+        trust_code=options.get('trust_code', False),
+    )
     return OfflineRun(
-        plant, world, commands, duration=duration, seed=seed, drives=drives, pushes=pushes
+        plant,
+        world,
+        controller,
+        duration=duration,
+        seed=seed,
+        drives=options.get('drives'),
+        pushes=options.get('pushes', False),
     )
 
 
@@ -118,75 +145,27 @@ def run_offline(
     duration: float,
     seed: int,
     plant: Plant | None = None,
-    controller: str = 'trot',
-    terrain: str = 'flat',
-    pushes: bool = False,
-    drives: Sequence[str] | None = None,
-    velocity: Sequence[float] | None = None,
-    trust_code: bool = False,
     overwrite: bool = False,
     progress: bool = False,
+    **options: Unpack[WalkOptions],
 ) -> Path:
     """
     Write a bag of a walk as the live system would record it, and return its path.
 
-    plant: the shipped `anymal_c` if None. Equal arguments give equal bytes. InputError for bad
-    arguments or a path that is taken; see OfflineRun.
+    plant: the shipped `anymal_c` if None. options: see `walking_run`. Equal arguments give equal
+    bytes. InputError for bad arguments or a path that is taken; see OfflineRun.
     """
     hardware = Plant.load('anymal_c') if plant is None else plant
-    run = walking_run(
-        hardware,
-        duration=duration,
-        seed=seed,
-        controller=controller,
-        terrain=terrain,
-        pushes=pushes,
-        drives=drives,
-        velocity=velocity,
-        trust_code=trust_code,
-    )
-    card = Card(
-        robot='anymal_c',
-        unit=str(hardware.unit_number),
-        drives=run.drives,
-        controller=controller,
-        terrain=terrain,
-        notes='simulated' + (', with random pushes' if pushes else ''),
-        software=f'sim_bridge {sim_bridge.__version__}',
-        seed=seed,
-        other={'plant': hardware.name, **_held(velocity)},
+    run = walking_run(hardware, duration=duration, seed=seed, **options)
+    velocity = options.get('velocity')
+    card = run.card(
+        'anymal_c',
+        terrain=options.get('terrain', 'flat'),
+        notes='simulated' + (', with random pushes' if options.get('pushes') else ''),
+        **({} if velocity is None else {'velocity': [float(value) for value in velocity]}),
     )
     write_bag(output, run, card, overwrite=overwrite, progress=progress)
     return output
-
-
-def _held(velocity: Sequence[float] | None) -> dict[str, list[float]]:
-    return {} if velocity is None else {'velocity': [float(value) for value in velocity]}
-
-
-def write_bench_bag(
-    output: Path,
-    run: OfflineRun,
-    *,
-    unit: str,
-    controller: str,
-    notes: str,
-    seed: int,
-    plant: str,
-    overwrite: bool = False,
-) -> None:
-    """Write a run of one drive on the bench with its card, progress on the screen."""
-    card = Card(
-        robot='bench',
-        unit=unit,
-        drives=run.drives,
-        controller=controller,
-        notes=notes,
-        software=f'sim_bridge {sim_bridge.__version__}',
-        seed=seed,
-        other={'plant': plant},
-    )
-    write_bag(output, run, card, overwrite=overwrite, progress=True)
 
 
 def write_bag(
