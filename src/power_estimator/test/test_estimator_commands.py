@@ -175,7 +175,7 @@ def test_bad_input_ends_with_code_2_and_one_line(trained, bag, tmp_path, capsys)
     train, benchmark, replay = train_command.main, benchmark_command.main, replay_command.main
     cases = [
         (train, (missing, '-o', run), 'none'),
-        (train, (bag, '-o', run, '--hidden', '0'), 'hidden = 0'),
+        (train, (bag, '-o', run, '--hidden', '0'), 'hidden: expected'),
         (train, (bag, '-o', run, '--folds', '11'), 'folds = 11'),
         (train, (bag, bag, '-o', run), 'given twice'),
         (train, (bag, '-o', trained, *QUICK), 'exists already'),

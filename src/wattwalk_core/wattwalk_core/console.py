@@ -12,6 +12,7 @@ from wattwalk_core.files import write_whole
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
 PICTURES = ('.png', '.svg', '.pdf')
 
@@ -39,7 +40,7 @@ def output(width: int = 100) -> 'Console':
 def print_table(
     console: 'Console',
     columns: Sequence[str],
-    rows: Sequence[Sequence[str]],
+    rows: Sequence[Sequence['str | Text']],
     title: str | None = None,
 ) -> None:
     """Print a table whose first column is text, which may wrap, and whose others are numbers."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from wattwalk_core.command import command
-from wattwalk_core.console import check_suffix, progress, write_json
+from wattwalk_core.console import check_suffix, output, progress, write_json
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
 
@@ -70,7 +70,6 @@ def main(args: Sequence[str] | None = None) -> int:
     tasks = parse_tasks(options.tasks)
 
     from policy_runner.policies.by_name import load_policy
-    from power_estimator.evaluation.tables import terminal
     from power_estimator.loader import load_model
     from sim_bridge.plant.parameters import Plant
 
@@ -89,7 +88,7 @@ def main(args: Sequence[str] | None = None) -> int:
         recorded = [_recorded(text) for text in options.bags]
     result, cycles = evaluate(sources, tasks, models, plant, options, recorded)
     curves = {name: read_curves(Path(source).parent) for name, source in sources.items()}
-    _print(terminal(), result)
+    _print(output(140), result)
     with together():
         if options.json is not None:
             write_json(options.json, result)

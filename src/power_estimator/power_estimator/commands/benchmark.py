@@ -18,7 +18,7 @@ def main(args: Sequence[str] | None = None) -> int:
     check_suffix(options.picture, '--picture', PICTURES)
 
     from power_estimator.evaluation import benchmark, figure
-    from power_estimator.evaluation.tables import print_table, terminal
+    from power_estimator.evaluation.tables import print_scores
 
     with progress('reading, aligning and estimating'):
         found = benchmark.run(options.bags, options.models, options.drives)
@@ -27,7 +27,7 @@ def main(args: Sequence[str] | None = None) -> int:
         if found.held_out
         else 'of recordings no model was trained on'
     )
-    print_table(terminal(), found.table, title)
+    print_scores(found.table, title)
     with together():
         if options.json:
             write_json(options.json, found.table)

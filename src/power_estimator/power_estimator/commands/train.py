@@ -1,18 +1,18 @@
 """`ros2 run power_estimator train`: recordings in, a run folder with networks and a table out."""
 
 import argparse
-import os
 import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from wattwalk_core.command import command
 
+from power_estimator.commands.options import add_cross_validation, add_training
 from power_estimator.network.checkpoint import NetworkConfig
 from power_estimator.training.protocol import Protocol
-from power_estimator.training.run_folder import CURVES, TABLE, NetworkRunFolder
+from power_estimator.training.run_folder import TABLE, NetworkRunFolder
 from power_estimator.training.trainer_config import TrainerConfig
 
 if TYPE_CHECKING:
@@ -34,46 +34,32 @@ def main(args: Sequence[str] | None = None) -> int:
 
     from power_estimator.evaluation import figure
     from power_estimator.evaluation.comparison import table
-    from power_estimator.evaluation.tables import TrainingBars, print_table, terminal
+    from power_estimator.evaluation.tables import TrainingBars, print_scores
 
-    console, progress = terminal(), Console(stderr=True)
+    progress = Console(stderr=True)
     with progress.status('reading and aligning'):
         validation = _prepare(options, config, training, protocol)
     for note in validation.data.notes:
         progress.print(note, highlight=False)
     folder = NetworkRunFolder(options.output)
-    about: dict[str, Any] = {
+    about = {
         'types': {t.name: list(t.patterns) for t in validation.types},
         'drives': list(validation.data.names),
         'network': asdict(config),
         'training': asdict(training),
         'protocol': asdict(protocol),
     }
-    cards = [asdict(recording) for recording in validation.recordings]
-    (folder.resume if options.resume else folder.start)(about, cards)
+    folder.open(about, validation.recordings, resume=options.resume)
     print(
         f'{len(options.bags)} recordings, {len(validation.data.time) / config.rate:.0f} s; '
         f'{", ".join(t.name for t in validation.types)}; {len(validation.jobs)} networks of '
         f'{config.hidden} units'
     )
-    try:
-        with TrainingBars(
-            progress, [job.name for job in validation.jobs], training.epochs
-        ) as bars:
-            trainers = validation.run(
-                folder,
-                lambda job, trainer: bars.show(
-                    job.name,
-                    len(trainer.history),
-                    trainer.history[-1].loss,
-                    trainer.history[-1].r2,
-                    trainer.done,
-                ),
-                options.workers,
-            )
-    except KeyboardInterrupt:
-        print(f'stopped; {options.output} goes on with the same command and --resume')
-        raise
+    jobs = [job.name for job in validation.jobs]
+    with TrainingBars(progress, jobs, training.epochs, folder.path) as bars:
+        trainers = validation.run(
+            folder, lambda job, trainer: bars.show(job.name, trainer), options.workers
+        )
     with progress.status('testing on held-out data'):
         tests, pictures = [], []
         for fold in range(protocol.folds):
@@ -87,10 +73,8 @@ def main(args: Sequence[str] | None = None) -> int:
         figure.draw_traces(folder.path / TRACES, pictures[0], dark=options.dark)
         figure.draw_bars(folder.path / BARS, result, title=title, dark=options.dark)
         folder.save_json(TABLE, result)
-        curves = {j.name: [asdict(epoch) for epoch in t.history] for j, t in trainers.items()}
-        folder.save_json(CURVES, curves)
-        folder.finish()
-    print_table(console, result, title)
+        folder.finish(trainers)
+    print_scores(result, title)
     _next(options.output, options.bags)
     return 0
 
@@ -136,18 +120,9 @@ def _parser() -> argparse.ArgumentParser:
         'and the usual proxies on held-out parts of them.',
         epilog='example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',
     )
+    add_training(parser)
+    add_cross_validation(parser, folds=6)
     add = parser.add_argument
-    add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
-    add('-o', '--output', type=Path, required=True, metavar='RUN', help='new run folder')
-    add('--folds', type=int, default=6, help='folds of the cross-validation (6)')
-    add('--segments', type=int, default=6, help='segments that are each split 80/10/10 (6)')
-    add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
-    add('--type', action='append', metavar='NAME=PATTERN', help='a drive type; default by name')
-    add('--epochs', type=int, default=TrainerConfig.epochs, help='at most, per network')
     add('--hidden', type=int, default=NetworkConfig.hidden, help='hidden units (100)')
     add('--history', type=float, default=0.3, help='seconds of the windowed form (0.3)')
-    add('--seed', type=int, default=0, help='the same seed gives the same networks')
-    add('--workers', type=int, default=min(8, os.cpu_count() or 1), help='networks at a time')
-    add('--resume', action='store_true', help='go on with a run that was stopped')
-    add('--dark', action='store_true', help='pictures on a dark ground')
     return parser

@@ -1,68 +1,61 @@
 """Tables and progress on the terminal."""
 
-import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.text import Text
+from wattwalk_core.console import output, print_table
+
+if TYPE_CHECKING:
+    from power_estimator.training.trainer import Trainer
 
 
-def terminal() -> Console:
-    """Return a console on stdout, of a fixed width where that is no terminal."""
-    return Console(width=None if sys.stdout.isatty() else 140)
+WIDTH = 140  # of tables where stdout is no terminal
 
 
-def print_table(
-    console: Console, table: Mapping[str, Any], title: str, group: str = 'types'
-) -> None:
-    """Print R² ± spread per drive type (or `drives`) and of the sum; best in bold."""
-    models = table['models']
-    keys = list(dict.fromkeys(key for m in models for key in m[group]))
-    view = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
-    view.add_column('model', no_wrap=True)
-    columns = [[m[group].get(key) for m in models] for key in keys]
-    totals = [m['total'] for m in models]
-    for key in keys:
-        view.add_column(f'{key} R²', justify='right', no_wrap=True)
-    if any(totals):
-        columns.append(totals)
-        view.add_column('sum R²', justify='right', no_wrap=True)
+def print_scores(table: Mapping[str, Any], title: str) -> None:
+    """Print R² ± spread per drive type and of the sum; best in bold."""
+    console, models = output(WIDTH), table['models']
+    keys = list(dict.fromkeys(key for m in models for key in m['types']))
+    columns = {f'{key} R²': [m['types'].get(key) for m in models] for key in keys}
+    if any(m['total'] for m in models):
+        columns['sum R²'] = [m['total'] for m in models]
     wide = console.width >= 110
-    for name in ('RMSE [W]', 'energy error [%]') if wide else ():
-        view.add_column(name, justify='right', no_wrap=True)
-    for row, model in enumerate(models):
-        each = [s for s in model[group].values() if s]
-        view.add_row(
+    errors = {'RMSE [W]': ('rmse_w', 1), 'energy error [%]': ('energy_error', 100)} if wide else {}
+    rows = [
+        [
             model['name'],
-            *(_r2(column, row) for column in columns),
-            *([_join(each, 'rmse_w', 1), _join(each, 'energy_error', 100)] if wide else []),
-        )
-    console.print(view)
+            *(_r2(column, row) for column in columns.values()),
+            *(_join([s for s in model['types'].values() if s], *each) for each in errors.values()),
+        ]
+        for row, model in enumerate(models)
+    ]
+    print_table(console, ('model', *columns, *errors), rows, title)
 
 
 def _join(scores: Sequence[Mapping[str, float]], key: str, factor: float) -> str:
     return ' '.join(f'{factor * score[key]:.1f}' for score in scores)
 
 
-def _r2(column: Sequence[Mapping[str, float] | None], row: int) -> str:
+def _r2(column: Sequence[Mapping[str, float] | None], row: int) -> Text:
     score = column[row]
     if score is None or score.get('r2') is None:
-        return '–'
-    text = f'{score["r2"]:.3f}'
-    if score.get('r2_std'):
-        text += f' ±{score["r2_std"]:.3f}'
+        return Text('–')
+    spread = f' ±{score["r2_std"]:.3f}' if score.get('r2_std') else ''
     best = max(s['r2'] for s in column if s is not None and s.get('r2') is not None)
-    return f'[bold]{text}[/bold]' if score['r2'] == best else text
+    return Text(f'{score["r2"]:.3f}{spread}', style='bold' if score['r2'] == best else '')
 
 
 class TrainingBars:
     """A bar over all epochs of all networks, and one for each network that is being trained."""
 
-    def __init__(self, console: Console, jobs: Sequence[str], epochs: int) -> None:
+    def __init__(self, console: Console, jobs: Sequence[str], epochs: int, run: Path) -> None:
+        """run: folder that Ctrl-C names, as the training can be resumed there."""
+        self._run = run
         self._epochs = epochs
         self._reached = dict.fromkeys(jobs, 0)
         self._tasks: dict[str, TaskID] = {}
@@ -88,11 +81,14 @@ class TrainingBars:
         trace: TracebackType | None,
     ) -> None:
         self._progress.stop()
+        if kind is not None and issubclass(kind, KeyboardInterrupt):
+            print(f'stopped; {self._run} goes on with the same command and --resume')
 
-    def show(self, job: str, number: int, loss: float, r2: float, done: bool) -> None:
+    def show(self, job: str, trainer: 'Trainer') -> None:
         """Show that a job has reached an epoch, and its loss and R²."""
-        state = f'loss {loss:.4f}  R² {r2:.4f}'
-        if done:
+        last = trainer.history[-1]
+        number, state = last.number, f'loss {last.loss:.4f}  R² {last.r2:.4f}'
+        if trainer.done:
             if job in self._tasks:
                 self._progress.remove_task(self._tasks.pop(job))
             number = self._epochs

@@ -1,9 +1,10 @@
 """Folder of a training run."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,10 @@ from wattwalk_core.quoting import quoted
 from wattwalk_core.tensors import SIZE, read_tensors
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
-from power_estimator.network.checkpoint import FILE, Checkpoint
+from power_estimator.network.checkpoint import FILE, Checkpoint, TrainingRecording
+
+if TYPE_CHECKING:
+    from power_estimator.training.trainer import Trainer
 
 CONFIG = 'config.yaml'
 RECORDINGS = 'recordings.yaml'
@@ -35,6 +39,17 @@ class NetworkRunFolder:
         self.path = path
         self._state = path / 'state'
         self._folds = path / 'folds'
+
+    def open(
+        self,
+        config: Mapping[str, Any],
+        recordings: Sequence[TrainingRecording],
+        *,
+        resume: bool,
+    ) -> None:
+        """Begin or continue a run; InputError as of `start` and `resume`."""
+        cards = [asdict(recording) for recording in recordings]
+        (self.resume if resume else self.start)(config, cards)
 
     def start(self, config: Mapping[str, Any], recordings: list[dict[str, Any]]) -> None:
         """Begin a run; InputError if the folder exists or cannot be made."""
@@ -94,8 +109,11 @@ class NetworkRunFolder:
         """Write a table or curves."""
         write_whole(self.path / file, json.dumps(content, indent=1, allow_nan=False) + '\n')
 
-    def finish(self) -> None:
-        """Remove the files that only --resume needs."""
+    def finish(self, trainers: 'Mapping[Any, Trainer] | None' = None) -> None:
+        """Write the curves of the trainers, and remove the files that only --resume needs."""
+        if trainers is not None:
+            curves = {j.name: [asdict(e) for e in t.history] for j, t in trainers.items()}
+            self.save_json(CURVES, curves)
         for file in self._state.glob('*.safetensors'):
             file.unlink()
         self._state.rmdir()

@@ -139,7 +139,7 @@ class Sweep:
     def run(
         self,
         path: Path,
-        progress: Callable[[SweepPoint, Job, Trainer], None],
+        progress: Callable[[str, Trainer], None],
         workers: int = 1,
     ) -> Iterator[Result]:
         """Yield results; Ctrl-C keeps the state of the present point."""
@@ -149,11 +149,11 @@ class Sweep:
             if file.exists():
                 yield Result.load(file, point)
                 continue
-            (folder.resume if folder.path.exists() else folder.start)({}, [])
+            folder.open({}, (), resume=folder.path.exists())
             validation = self.validation(point)
 
             def show(job: Job, trainer: Trainer, point: SweepPoint = point) -> None:
-                progress(point, job, trainer)
+                progress(f'{point.name} {job.name}', trainer)
 
             trainers = validation.run(folder, show, workers)
             result = self._test(point, validation, trainers)
