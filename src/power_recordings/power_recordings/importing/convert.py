@@ -30,6 +30,7 @@ TOPICS = ('joint_states', 'joint_commands', 'drive_supply', 'supply')
 
 _PERIOD = 0.1  # s of electrical samples in a message
 _CHUNK = 10.0  # s
+_LARGEST = 1e30  # of what is taken for a number; float32 ends at 3e38
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,9 @@ class _Group:
         if self.merger is None or stream not in self.streams:
             return
         chosen = [self.channels[i][1] for i in self.members(stream)]
-        rows = np.stack([c.conversion(_numbers(c, values[c.address])) for c in chosen], axis=1)
+        with np.errstate(over='ignore', invalid='ignore'):
+            rows = np.stack([c.conversion(_numbers(c, values[c.address])) for c in chosen], axis=1)
+            rows[~(np.abs(rows) < _LARGEST)] = np.nan
         self.merger.add(self.streams.index(stream), stamps, rows)
 
     def take(self, *, final: bool) -> tuple[Stamps, dict[tuple[str, str], Floats]]:

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from wattwalk_core.quoting import printable
+
 from power_recordings.importing.map_file import FORMAT, QUANTITIES
 from power_recordings.importing.sources.heads import unit_of
 from power_recordings.importing.sources.source import LogColumn
@@ -171,7 +173,7 @@ def _drive_lines(
             parts.append('positive: drawn')
         if not unit and not note:
             note = 'unit not stated: check'
-        others = ', '.join(g.column.address for g in found[1:3])
+        others = printable(', '.join(g.column.address for g in found[1:3]))
         note = '; '.join(part for part in (note, f'or {others}' if others else '') if part)
         lines.append(f'    {quantity}: {{{", ".join(parts)}}}' + (f'   # {note}' if note else ''))
     return lines
@@ -211,7 +213,7 @@ def _time(guesses: Sequence[Guess]) -> str:
     column = min(found, key=lambda g: len(g.column.address)).column
     unit = column.unit or unit_of(column.address) or 's'
     others = [g.column.address for g in found if g.column != column][:2]
-    note = f'   # or {", ".join(others)}' if others else ''
+    note = f'   # or {printable(", ".join(others))}' if others else ''
     return f'time: {{column: {_quoted(column.address)}, unit: {unit}}}{note}'
 
 

@@ -198,12 +198,8 @@ def _find(address: str, known: Mapping[str, LogColumn], where: str) -> LogColumn
         return column
     short = [name for name in known if len(name) <= _LONGEST][:_MOST_COMPARED]
     near = difflib.get_close_matches(address[:_LONGEST], short, 3, 0.6)
-    hint = (
-        f'; there is {printable(", ".join(near))}'
-        if near
-        else f'; there are {len(known)}: see --list'
-    )
-    raise InputError(f'{where}: no column {quoted(address)}{hint}')
+    found = f'is {printable(", ".join(near))}' if near else f'are {len(known)}: see --list'
+    raise InputError(f'{where}: no column {quoted(address)}; there {found}')
 
 
 def _check_drive(channels: Mapping[str, LogChannel], where: str) -> None:

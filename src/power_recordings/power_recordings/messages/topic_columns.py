@@ -151,4 +151,5 @@ class Columns:
 
 
 def _narrow(values: NDArray[Any]) -> NDArray[Any]:
-    return values.astype(np.float32) if values.dtype.kind == 'f' else values
+    with np.errstate(over='ignore'):
+        return values.astype(np.float32) if values.dtype.kind == 'f' else values

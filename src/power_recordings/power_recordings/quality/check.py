@@ -84,6 +84,7 @@ class Quality:
         return asdict(self)
 
 
+@np.errstate(all='ignore')
 def check_recording(recording: Recording) -> Quality:
     """Check a recording; InputError where a topic is there but cannot be read."""
     topics = {}

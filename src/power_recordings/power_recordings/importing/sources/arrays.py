@@ -1,6 +1,7 @@
 """Named arrays as columns: what MAT, HDF5 and JSON files have in common."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,34 @@ from power_recordings.importing.sources.heads import unit_of
 from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
 
 _ROWS = 65_536
+
+
+class ArrayLog:
+    """A log whose arrays are in memory."""
+
+    is_bag = False
+
+    def __init__(self, path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+        self.path = path
+        self.size = path.stat().st_size
+        self._arrays = arrays
+        shapes = {name: array.shape for name, array in arrays.items()}
+        self._columns = table_columns(str(path), shapes)
+
+    def columns(self) -> Sequence[LogColumn]:
+        """Return all columns."""
+        return self._columns
+
+    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
+        """Yield rows, stream by stream."""
+        wanted = set(addresses)
+        for stream in dict.fromkeys(c.stream for c in self._columns if c.address in wanted):
+            chosen = [c for c in self._columns if c.stream == stream and c.address in wanted]
+            rows = {c.address: _column(self._arrays, c.address) for c in chosen}
+            count = chosen[0].rows or 0
+            for start in range(0, count, _ROWS):
+                progress(round(self.size * min(start + _ROWS, count) / count))
+                yield LogBlock(stream, {a: r[start : start + _ROWS] for a, r in rows.items()})
 
 
 def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[LogColumn]:
@@ -49,24 +78,6 @@ def as_rows(array: NDArray[Any]) -> NDArray[Any]:
     if array.ndim == 1:
         return array[:, None]
     return array.T if array.shape[0] < array.shape[1] else array
-
-
-def blocks(
-    columns: Sequence[LogColumn],
-    addresses: Sequence[str],
-    arrays: Mapping[str, NDArray[Any]],
-    size: int,
-    progress: Progress,
-) -> Iterator[LogBlock]:
-    """Yield the rows of arrays in memory, stream by stream."""
-    streams = dict.fromkeys(c.stream for c in columns if c.address in set(addresses))
-    for stream in streams:
-        chosen = [c for c in columns if c.stream == stream and c.address in set(addresses)]
-        rows = {c.address: _column(arrays, c.address) for c in chosen}
-        count = chosen[0].rows or 0
-        for start in range(0, count, _ROWS):
-            progress(round(size * min(start + _ROWS, count) / count))
-            yield LogBlock(stream, {a: r[start : start + _ROWS] for a, r in rows.items()})
 
 
 def _column(arrays: Mapping[str, NDArray[Any]], address: str) -> NDArray[Any]:

@@ -139,7 +139,7 @@ class BagFile:
                 for field in fields:
                     values[f'{topic}:{field}'][left[same]] = _numbers(layout, rows[same], field)
                 if _STAMP[0] in layout.columns:
-                    sec, nsec = (layout.decode(rows[same], p).astype(np.int64) for p in _STAMP)
+                    sec, nsec = (_whole(layout.decode(rows[same], p)) for p in _STAMP)
                     stamps[left[same]] = sec * 1_000_000_000 + nsec
                 left, rows = left[~same], rows[~same]
         return LogBlock(topic, values, stamps, batch.log_times)
@@ -198,6 +198,11 @@ def _given_types(folder: Path | None) -> dict[str, Any]:
         except ValueError as error:
             raise InputError(f'--msgs {file}: {printable(str(error))}') from None
     return types
+
+
+@np.errstate(invalid='ignore')
+def _whole(values: NDArray[Any]) -> NDArray[np.int64]:
+    return values.astype(np.int64)
 
 
 def _names(layout: Layout, path: str, count: int | None) -> list[str]:

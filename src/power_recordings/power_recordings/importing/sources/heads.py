@@ -50,7 +50,7 @@ def find_head(
     if len(above) > 1 and _all_units(above[-1]):
         units = [field.strip().strip('[]()') for field in above.pop()]
     names = above[-1] if above else [f'column{i}' for i in range(1, width + 1)]
-    units = [unit_of(n) or u for n, u in zip(names, units, strict=True)]
+    units = [unit_of(n) or (u if is_unit(u) else '') for n, u in zip(names, units, strict=True)]
     return Head(unique(names), tuple(units), first)
 
 

@@ -1,7 +1,6 @@
 """JSON: lists by name, a list of records, or a record a line."""
 
 import json
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -9,61 +8,35 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
-from power_recordings.importing.sources import arrays
-from power_recordings.importing.sources.source import (
-    MOST_COLUMNS,
-    LogBlock,
-    LogColumn,
-    Progress,
-    number,
-    reading,
-)
+from power_recordings.importing.sources.arrays import ArrayLog
+from power_recordings.importing.sources.source import MOST_COLUMNS, LogSource, number, reading
 
 _LARGEST: Final = 32 << 20  # bytes; in memory they take twenty times as much
 _MOST_CELLS: Final = 20_000_000
 _DEEPEST: Final = 8
 
 
-def open_file(path: Path, messages: Path | None = None) -> 'JsonFile':
+def open_file(path: Path, messages: Path | None = None) -> LogSource:
     """Open a JSON file; InputError for one that is damaged or too large."""
-    return JsonFile(path)
+    if path.stat().st_size > _LARGEST:
+        raise InputError(f'{path}: larger than {_LARGEST >> 20} MiB; convert it to CSV')
+    found: dict[str, NDArray[Any]] = {}
+    with reading(path, 'JSON file'):
+        _collect('', _load(path), 0, found)
+    return ArrayLog(path, found)
 
 
-class JsonFile:
-    """Lists of numbers by the dotted path of their keys."""
-
-    is_bag = False
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.size = path.stat().st_size
-        if self.size > _LARGEST:
-            raise InputError(f'{path}: larger than {_LARGEST >> 20} MiB; convert it to CSV')
-        self._arrays: dict[str, NDArray[Any]] = {}
-        with reading(path, 'JSON file'):
-            self._collect('', _load(path), 0)
-        shapes = {name: array.shape for name, array in self._arrays.items()}
-        self._columns = arrays.table_columns(str(path), shapes)
-
-    def _collect(self, prefix: str, content: Any, depth: int) -> None:
-        if depth > _DEEPEST:
-            return
-        if isinstance(content, list):
-            content = _columns(content)
-        if isinstance(content, np.ndarray):
-            self._arrays[prefix.rstrip('.') or 'values'] = content
-        elif isinstance(content, dict):
-            for key, value in content.items():
-                if isinstance(value, dict | list | np.ndarray):
-                    self._collect(f'{prefix}{key}.', value, depth + 1)
-
-    def columns(self) -> Sequence[LogColumn]:
-        """Return all columns."""
-        return self._columns
-
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
-        """Yield rows."""
-        yield from arrays.blocks(self._columns, addresses, self._arrays, self.size, progress)
+def _collect(prefix: str, content: Any, depth: int, found: dict[str, NDArray[Any]]) -> None:
+    if depth > _DEEPEST:
+        return
+    if isinstance(content, list):
+        content = _columns(content)
+    if isinstance(content, np.ndarray):
+        found[prefix.rstrip('.') or 'values'] = content
+    elif isinstance(content, dict):
+        for key, value in content.items():
+            if isinstance(value, dict | list | np.ndarray):
+                _collect(f'{prefix}{key}.', value, depth + 1, found)
 
 
 def _load(path: Path) -> Any:

@@ -1,7 +1,7 @@
 """MAT files: up to version 7.2 with scipy, 7.3 as the HDF5 files that they are."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,14 +10,9 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
-from power_recordings.importing.sources import arrays
-from power_recordings.importing.sources.source import (
-    LogBlock,
-    LogColumn,
-    LogSource,
-    Progress,
-    reading,
-)
+from power_recordings.importing.sources.arrays import ArrayLog
+from power_recordings.importing.sources.isolated import load_isolated
+from power_recordings.importing.sources.source import LogSource, reading
 
 _LARGEST: Final = 1 << 27  # numbers of one variable
 _DEEPEST: Final = 8
@@ -33,40 +28,28 @@ def open_file(path: Path, messages: Path | None = None) -> LogSource:
 
         check_library('hdf5', path)
         return Hdf5File(path)
-    return MatFile(path)
+    return ArrayLog(path, load_isolated('matlab', path, 'MAT file'))
 
 
-class MatFile:
-    """Variables and fields of structs as `struct.field.column`."""
+def load(path: Path) -> dict[str, NDArray[Any]]:
+    """Return variables and fields of structs as `struct.field`; InputError where it is damaged."""
+    from scipy.io import loadmat, whosmat
 
-    is_bag = False
+    with reading(path, 'MAT file'):
+        for name, shape, _ in whosmat(path):
+            if min(shape, default=0) < 0 or math.prod(shape) > _LARGEST:
+                raise InputError(f'{path}: {printable(name)} has {shape} numbers; too many')
+        content = loadmat(path, simplify_cells=True, verify_compressed_data_integrity=True)
+    found: dict[str, NDArray[Any]] = {}
+    _collect('', {k: v for k, v in content.items() if not k.startswith('__')}, 0, found)
+    return found
 
-    def __init__(self, path: Path) -> None:
-        from scipy.io import loadmat, whosmat
 
-        self.path = path
-        self.size = path.stat().st_size
-        with reading(path, 'MAT file'):
-            for name, shape, _ in whosmat(path):
-                if min(shape, default=0) < 0 or math.prod(shape) > _LARGEST:
-                    raise InputError(f'{path}: {printable(name)} has {shape} numbers; too many')
-            content = loadmat(path, simplify_cells=True, verify_compressed_data_integrity=True)
-        self._arrays: dict[str, NDArray[Any]] = {}
-        self._collect('', {k: v for k, v in content.items() if not k.startswith('__')}, 0)
-        shapes = {name: array.shape for name, array in self._arrays.items()}
-        self._columns = arrays.table_columns(str(path), shapes)
-
-    def _collect(self, prefix: str, content: dict[str, Any], depth: int) -> None:
-        for key, value in content.items():
-            if isinstance(value, dict) and depth < _DEEPEST:
-                self._collect(f'{prefix}{key}.', value, depth + 1)
-            elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiubU':
-                self._arrays[f'{prefix}{key}'] = value
-
-    def columns(self) -> Sequence[LogColumn]:
-        """Return all columns."""
-        return self._columns
-
-    def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
-        """Yield rows."""
-        yield from arrays.blocks(self._columns, addresses, self._arrays, self.size, progress)
+def _collect(
+    prefix: str, content: Mapping[str, Any], depth: int, found: dict[str, NDArray[Any]]
+) -> None:
+    for key, value in content.items():
+        if isinstance(value, dict) and depth < _DEEPEST:
+            _collect(f'{prefix}{key}.', value, depth + 1, found)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiubU':
+            found[f'{prefix}{key}'] = value
