@@ -176,7 +176,7 @@ def test_bad_input_ends_with_code_2_and_one_line(trained, bag, tmp_path, capsys)
     cases = [
         (train, (missing, '-o', run), 'none'),
         (train, (bag, '-o', run, '--hidden', '0'), 'hidden: expected'),
-        (train, (bag, '-o', run, '--folds', '11'), 'folds = 11'),
+        (train, (bag, '-o', run, '--folds', '11'), 'folds: expected'),
         (train, (bag, bag, '-o', run), 'given twice'),
         (train, (bag, '-o', trained, *QUICK), 'exists already'),
         (train, (bag, '-o', trained, '--resume', '--hidden', '13'), 'was started with'),
