@@ -19,6 +19,8 @@ from wattwalk_core.schema import Length, Quantity, parse, schema
 from wattwalk_core.yaml_file import dump_yaml, read_yaml, shipped_file
 
 CONFIGS: Final = Path(__file__).parent / 'configs'
+POLICY: Final = 'policy'
+"""Folder of the exported policy in that of its run."""
 
 
 @schema

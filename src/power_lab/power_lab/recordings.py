@@ -52,9 +52,6 @@ def load(paths: Sequence[Path], drives: Sequence[str] = (), *, slow: bool = Fals
     windows. InputError for recordings that cannot be read, lack electrical data, or lack a named
     drive.
     """
-    for path in paths:
-        if not Path(path).exists():
-            raise InputError(f'{path}: no such recording')
     recordings = [Recording.open(Path(path)) for path in paths]
     data = load_aligned(
         recordings, rate=RATE, smooth=False, drives=_in_common(recordings), need_power=False

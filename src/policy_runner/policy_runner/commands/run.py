@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from wattwalk_core.command import command, own_arguments
 
 from policy_runner.nodes.run_options import Options
-from policy_runner.policies.by_name import POLICIES
+from policy_runner.policies.by_name import POLICIES, load_policy
 
 
 @command
@@ -15,6 +15,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is interrupted; the drives are damped when it ends."""
     arguments = sys.argv[1:] if args is None else list(args)
     options = parse(own_arguments(arguments))
+    load_policy(options.policy, trust_code=options.trust_code)
 
     from wattwalk_core.nodes.running import run_node
 

@@ -10,12 +10,11 @@ from wattwalk_core.console import check_suffix, output, progress, write_json
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
 
+from policy_training.config import POLICY
 from policy_training.evaluation.tasks import TASKS, parse_tasks
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-    from policy_training.evaluation.measured_walk import MeasuredWalk
 
 _EPILOG = """\
 A policy is a name (baseline, pmp, pmp_heavy, trot), a policy folder or a training run.
@@ -71,11 +70,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
     from policy_runner.policies.by_name import load_policy
     from power_estimator.loader import load_model
+    from power_recordings.reading.bag_folder import check_recordings
     from sim_bridge.plant.parameters import Plant
-
-    from policy_training.evaluation.evaluate import evaluate
-    from policy_training.evaluation.report import write_report
-    from policy_training.learning.run_folder import read_curves
 
     sources = {_name(source): resolve(source) for source in options.policies}
     if len(sources) < len(options.policies):
@@ -84,8 +80,16 @@ def main(args: Sequence[str] | None = None) -> int:
         load_policy(source, trust_code=options.trust_code)
     models = {spec: load_model(spec) for spec in options.models}
     plant = Plant.load(options.plant).unit(options.unit)
+    bags = [_named_bag(text) for text in options.bags]
+    check_recordings(path for _, path in bags)
+
+    from policy_training.evaluation.evaluate import evaluate
+    from policy_training.evaluation.measured_walk import recorded_walk
+    from policy_training.evaluation.report import write_report
+    from policy_training.learning.run_folder import read_curves
+
     with progress('reading'):
-        recorded = [_recorded(text) for text in options.bags]
+        recorded = [recorded_walk(path, name) for name, path in bags]
     result, cycles = evaluate(sources, tasks, models, plant, options, recorded)
     curves = {name: read_curves(Path(source).parent) for name, source in sources.items()}
     _print(output(140), result)
@@ -101,24 +105,18 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def resolve(source: str) -> str:
     """Return the policy folder of a training run; other sources unchanged."""
-    from policy_training.learning.run_folder import POLICY
-
     inner = Path(source) / POLICY
     return str(inner) if inner.is_dir() else source
 
 
-def _recorded(text: str) -> 'MeasuredWalk':
-    from policy_training.evaluation.measured_walk import recorded_walk
-
+def _named_bag(text: str) -> tuple[str, Path]:
     name, equals, path = text.partition('=')
     if not equals or not name:
         raise InputError(f'--bags {text!r} is not NAME=BAG, such as pmp=bags/pmp_1')
-    return recorded_walk(Path(path), name)
+    return name, Path(path)
 
 
 def _name(source: str) -> str:
-    from policy_training.learning.run_folder import POLICY
-
     path = Path(source)
     return path.parent.name if path.name == POLICY else path.name
 

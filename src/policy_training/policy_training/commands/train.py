@@ -52,6 +52,8 @@ def main(args: Sequence[str] | None = None) -> int:
     changes = _changes(options)
     _check_device(options.device)
 
+    config = TrainingConfig.load(options.config).with_values({} if options.resume else changes)
+
     from policy_training.learning.run_folder import RunFolder, fitting_checkpoint, read_checkpoint
     from policy_training.learning.training import imitate_expert, make_learner, train
 
@@ -60,8 +62,6 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.resume:
         config, state = folder.resume()
         config = config.with_values(changes)
-    else:
-        config = TrainingConfig.load(options.config).with_values(changes)
     learner = make_learner(config, options.device)
     anchored = config.ppo.anchor_rate > 0.0 and not config.imitation.gait
     if anchored and state is None and options.source is None:

@@ -12,12 +12,11 @@ from torch.utils.tensorboard import SummaryWriter
 from wattwalk_core.errors import InputError
 from wattwalk_core.tensors import read_state
 
-from policy_training.config import TrainingConfig
+from policy_training.config import POLICY, TrainingConfig
 
 CONFIG: Final = 'config.yaml'
 CURVES: Final = 'curves.jsonl'
 CHECKPOINT: Final = 'checkpoint.pt'
-POLICY: Final = 'policy'
 EVENTS: Final = 'tensorboard'
 
 

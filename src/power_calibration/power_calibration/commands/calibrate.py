@@ -76,7 +76,10 @@ def _parse(args: Sequence[str]) -> argparse.Namespace:
 def main(args: Sequence[str] | None = None) -> int:
     """Compare, and write the calibration and the outputs asked for; 2 for bad input."""
     options = _parse(own_arguments(args))
+    from power_recordings.reading.bag_folder import check_recordings
     from power_recordings.reading.reader import Recording
+
+    check_recordings([options.recording])
 
     from power_calibration.analyser.compare import compare
     from power_calibration.analyser.log import Log

@@ -48,7 +48,10 @@ def _parse(args: Sequence[str]) -> argparse.Namespace:
 def main(args: Sequence[str] | None = None) -> int:
     """Measure and report; 2 for bad input."""
     options = _parse(own_arguments(args))
+    from power_recordings.reading.bag_folder import check_recordings
     from power_recordings.reading.reader import Recording
+
+    check_recordings([options.recording])
 
     from power_calibration.timing.summary import MATTERS, summarise
 

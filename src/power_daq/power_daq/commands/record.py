@@ -30,7 +30,10 @@ def main(args: Sequence[str] | None = None) -> int:
     topics = topics_of(options.topics)
 
     from power_recordings.writing.background import BackgroundRecorder
-    from power_recordings.writing.writer import BagWriter
+    from power_recordings.writing.writer import BagWriter, make_way
+
+    make_way(options.output, overwrite=False)
+
     from wattwalk_core.files import check_room
     from wattwalk_core.nodes.running import run_node
 

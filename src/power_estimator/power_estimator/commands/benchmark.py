@@ -17,6 +17,10 @@ def main(args: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(args)
     check_suffix(options.picture, '--picture', PICTURES)
 
+    from power_recordings.reading.bag_folder import check_recordings
+
+    check_recordings(options.bags)
+
     from power_estimator.evaluation import benchmark, figure
     from power_estimator.evaluation.tables import print_scores
 

@@ -23,6 +23,10 @@ def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(args)
 
+    from power_recordings.reading.bag_folder import check_recordings
+
+    check_recordings(options.bags)
+
     from rich.console import Console
 
     from power_estimator import recordings

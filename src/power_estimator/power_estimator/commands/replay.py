@@ -13,6 +13,10 @@ def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(args)
 
+    from power_recordings.reading.bag_folder import check_recordings
+
+    check_recordings([options.bag])
+
     from power_recordings.card import Card
     from power_recordings.messages.cdr import POWER_ESTIMATE
     from power_recordings.reading.reader import Recording

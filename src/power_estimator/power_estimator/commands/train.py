@@ -30,6 +30,10 @@ def main(args: Sequence[str] | None = None) -> int:
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
     protocol = Protocol(options.segments, options.folds, config.history)
 
+    from power_recordings.reading.bag_folder import check_recordings
+
+    check_recordings(options.bags)
+
     from rich.console import Console
 
     from power_estimator.evaluation import figure

@@ -37,20 +37,23 @@ def main(args: Sequence[str] | None = None) -> int:
     common.add_outputs(parser, report=False)
     options = parser.parse_args(args)
     check_suffix(options.output, '-o', ('.yaml',))
+    common.check_bags(options.bag)
+    catalogue = common.catalogue_of(options)
 
-    from power_estimator.effects.fit.training import material
     from power_estimator.effects.model_file.yaml_file import read_model, write_model
 
-    from power_lab.compare.addition import add_effects
-    from power_lab.recordings import base_power, load
-    from power_lab.report.tables import print_model
-
-    catalogue = common.catalogue_of(options)
     model = read_model(options.to, catalogue)
     new = common.parse_effects(options.effects, catalogue)
     for active in new:
         if active.name in model.effects:
             raise InputError(f'{active.name!r} is active in {options.to} already')
+
+    from power_estimator.effects.fit.training import material
+
+    from power_lab.compare.addition import add_effects
+    from power_lab.recordings import base_power, load
+    from power_lab.report.tables import print_model
+
     with progress('reading and fitting'):
         loaded = load(options.bag, options.drives, slow=options.slow)
         base = None

@@ -86,9 +86,11 @@ def reveal(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
 
     from power_lab.challenge.challenge import score, unseal
-    from power_lab.diagnose.verdict import plain
 
     answer = unseal(options.bag)
+
+    from power_lab.diagnose.verdict import plain
+
     hidden = ', '.join(plain(name) for name in answer['hidden']) or 'nothing'
     times = f' at {answer["strength"]:g} times its usual strength' if answer['hidden'] else ''
     print(f'hidden: {hidden}{times}; the verdict to expect is {answer["expected"]}')

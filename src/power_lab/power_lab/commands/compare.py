@@ -33,13 +33,15 @@ def main(args: Sequence[str] | None = None) -> int:
     check_suffix(options.report, '--report', ('.html',))
     if len(set(options.models)) < len(options.models):
         raise InputError(f'--models names a model twice: {", ".join(options.models)}')
+    common.check_bags(options.bags)
+    catalogue = common.catalogue_of(options)
+    common.check_models(options.models, catalogue)
 
     from power_lab.compare.comparison import compare
     from power_lab.recordings import load
     from power_lab.report.page import closest, write_comparison
     from power_lab.report.tables import print_comparison
 
-    catalogue = common.catalogue_of(options)
     with progress('reading and comparing'):
         loaded = load(options.bags, options.drives, slow=options.slow)
         comparison = compare(loaded, options.models, catalogue)

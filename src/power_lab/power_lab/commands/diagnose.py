@@ -36,6 +36,9 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
     check_suffix(options.report, '--report', ('.html',))
     check_suffix(options.motion, '--motion', ('.yaml',))
+    common.check_bags(options.bags)
+    catalogue = common.catalogue_of(options)
+    common.check_models([options.model, *options.also], catalogue)
 
     from drive_bench.motion.joint_limits import limits_of
 
@@ -44,7 +47,6 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_lab.recordings import load
     from power_lab.report.tables import print_outcome
 
-    catalogue = common.catalogue_of(options)
     model = open_model(options.model, catalogue)
     with progress('reading') as show:
         loaded = load(options.bags, options.drives, slow=options.slow)

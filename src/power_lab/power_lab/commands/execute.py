@@ -31,8 +31,13 @@ def main(args: Sequence[str] | None = None) -> int:
     add('--overwrite', action='store_true', help='replace a bag that is there')
     options = parser.parse_args(args)
 
-    from sim_bridge.offline.run import OfflineRun, write_bag
+    from drive_bench.motion.file import MotionFile
     from sim_bridge.plant.parameters import Plant
+
+    plant = Plant.load(options.plant)
+    MotionFile.load(options.motion)
+
+    from sim_bridge.offline.run import OfflineRun, write_bag
     from sim_bridge.plant.world import stand_world
 
     from power_lab.challenge.bench_motion import BenchMotion
@@ -42,7 +47,6 @@ def main(args: Sequence[str] | None = None) -> int:
     drive = options.drive or (motion.drives[0] if motion.drives else JOINT_NAMES[0])
     if drive not in JOINT_NAMES:
         raise InputError(f'the bench has no drive {drive!r}; it has {", ".join(JOINT_NAMES)}')
-    plant = Plant.load(options.plant)
     if options.challenge:
         plant = Challenge.of(unseal(options.challenge)).plant(plant)
     else:

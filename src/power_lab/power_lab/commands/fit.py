@@ -32,6 +32,9 @@ def main(args: Sequence[str] | None = None) -> int:
     check_suffix(options.output, '-o', ('.yaml',))
     if options.base and options.base.endswith('.yaml'):
         raise InputError(f'--base {options.base!r}: give ppn:RUN or a proxy; add effects by add')
+    common.check_bags(options.bags)
+    catalogue = common.catalogue_of(options)
+    effects = common.parse_effects(options.effects, catalogue)
 
     import numpy as np
     from power_estimator.effects.fit.training import fit_model, material
@@ -40,8 +43,6 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_lab.recordings import base_power, load
     from power_lab.report.tables import notes, print_model
 
-    catalogue = common.catalogue_of(options)
-    effects = common.parse_effects(options.effects, catalogue)
     with progress('reading and fitting'):
         loaded = load(options.bags, options.drives, slow=options.slow)
         base = None

@@ -65,6 +65,21 @@ def add_outputs(made: argparse.ArgumentParser, *, report: bool = True) -> None:
         made.add_argument('--report', type=Path, metavar='FILE.html', help='write a page to read')
 
 
+def check_bags(paths: Sequence[Path]) -> None:
+    """Raise InputError where there is no recording."""
+    from power_recordings.reading.bag_folder import check_recordings
+
+    check_recordings(paths)
+
+
+def check_models(specs: Sequence[str], catalogue: 'Catalogue') -> None:
+    """Raise InputError for a power model that cannot be loaded."""
+    from power_estimator.loader import load_model
+
+    for spec in specs:
+        load_model(spec, catalogue)
+
+
 def catalogue_of(options: argparse.Namespace) -> 'Catalogue':
     """Shipped effects and the user's own."""
     from power_estimator.effects import load_catalogue

@@ -1,13 +1,15 @@
-"""Linear-phase, centred filters: they do not shift a signal in time."""
+"""
+Linear-phase, centred filters: they do not shift a signal in time.
+
+scipy is imported where it is used: importing it takes longer than a command may take to refuse a
+wrong argument.
+"""
 
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d
-from scipy.optimize import brentq
-from scipy.signal import kaiserord, savgol_coeffs
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +36,8 @@ def low_pass(rate: float, passband: float, stopband: float) -> Floats:
 
     It is flat within 0.2 % up to `passband` Hz and at least 58 dB down from `stopband` Hz on.
     """
+    from scipy.signal import kaiserord
+
     length, beta = kaiserord(_RIPPLE, (stopband - passband) / (rate / 2))
     half = length // 2
     time = np.arange(-half, half + 1) / rate
@@ -62,11 +66,16 @@ def smoothing(rate: float, cutoff: float = SMOOTHING) -> Floats:
 
     The window is a whole number of samples; at 400 Hz, 12.18 Hz is nearest to 12.5 Hz.
     """
+    from scipy.signal import savgol_coeffs
+
     best = min(range(5, int(2 * rate / cutoff), 2), key=lambda n: abs(_cutoff(n, rate) - cutoff))
     return np.asarray(savgol_coeffs(best, _POLYORDER), np.float64)
 
 
 def _cutoff(window: int, rate: float) -> float:
+    from scipy.optimize import brentq
+    from scipy.signal import savgol_coeffs
+
     taps = np.asarray(savgol_coeffs(window, _POLYORDER), np.float64)
     first_null = rate * 1.7 / window
     return float(
@@ -83,5 +92,8 @@ def centred(values: NDArray[Any], taps: Floats) -> NDArray[np.float32]:
     half = len(taps) // 2
     if not half:
         return np.asarray(values, np.float32)
+
+    from scipy.ndimage import correlate1d
+
     filtered = correlate1d(np.asarray(values, np.float32), taps, axis=0, mode='nearest')
     return np.asarray(filtered[half:-half], np.float32)

@@ -1,6 +1,6 @@
 """The files of a recording and their messages, for each kind of storage."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,12 @@ def _by_name(
         return known and skip({file.topics[c].name: n for c, n in counts.items()})
 
     return skip_chunk
+
+
+def check_recordings(paths: Iterable[Path]) -> None:
+    """Raise InputError for the first of the paths at which there is no recording."""
+    for path in paths:
+        find(path)
 
 
 def find(path: Path) -> Bag:

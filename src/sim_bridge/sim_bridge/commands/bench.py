@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drive_bench.motion.library import MOTIONS, listing
+from drive_bench.motion.library import MOTIONS, find_motion, listing
 from drive_bench.motion.load import Load
 from drive_bench.motion.segments import UNITS
 from wattwalk_core.anymal import JOINT_NAMES
@@ -95,6 +95,8 @@ def _stand(options: argparse.Namespace) -> 'Stand':
 def main(args: Sequence[str] | None = None) -> int:
     """Write the bag that the arguments ask for."""
     options = parse(own_arguments(args))
+
+    find_motion(options.motion, options.mode)
 
     from drive_bench.motion.segment_path import Mounting
 

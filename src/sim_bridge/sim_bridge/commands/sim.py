@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from policy_runner.policies.by_name import POLICIES
+from policy_runner.policies.by_name import POLICIES, load_policy
 from wattwalk_core.command import command, own_arguments
 from wattwalk_core.errors import InputError
 
@@ -89,6 +89,9 @@ def _offline(options: argparse.Namespace) -> int:
     given['drives'] = None if options.drives is None else tuple(options.drives.split(','))
     given['velocity'] = _velocity(options.velocity)
     plant = load_plant(options.plant, options.unit)
+
+    if options.controller != 'stand':
+        load_policy(options.controller, trust_code=options.trust_code)
 
     from sim_bridge.offline.run import run_offline
 

@@ -97,6 +97,14 @@ def main(args: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(own_arguments(args))
     entries = entries_of(options.files, options.policy, options.recording)
     settings = Settings(**{name: getattr(options, name) for name in Settings.__annotations__})
+    from power_recordings.reading.bag_folder import check_recordings
+
+    from sound_levels.levels.sound_file import SoundFile
+
+    check_recordings(options.recording)
+    for entry in entries:
+        SoundFile(entry.path)
+
     from sound_levels.levels.analysis import analyse
     from sound_levels.levels.summary import summary
 

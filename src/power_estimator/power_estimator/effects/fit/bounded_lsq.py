@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 Floats = NDArray[np.float64]
 
@@ -97,6 +96,8 @@ def _solve_free(
 
 
 def _one(matrix: Floats, target: Floats, low: Floats, high: Floats) -> Floats:
+    from scipy.optimize import lsq_linear
+
     values, vectors = np.linalg.eigh(matrix)
     root = np.sqrt(np.maximum(values, 1e-14))
     a = root[:, None] * vectors.T

@@ -1,7 +1,6 @@
 """The series spring between gear and joint."""
 
 import numpy as np
-from scipy.signal import lfilter
 
 from power_estimator.effects.effect import Effect, Excitation, Floats, Term
 from power_estimator.effects.signals.state import Signals
@@ -34,6 +33,8 @@ class Spring(Effect):
 
     def regressors(self, signals: Signals, *, relaxation: float = 0.0, **_: float) -> Floats:
         """The rate of the torque, as the damped spring follows it."""
+        from scipy.signal import lfilter
+
         if relaxation <= 0.0:
             return signals.torque_rate[..., None]
         keep = np.exp(-1.0 / (signals.rate * relaxation))

@@ -1,7 +1,6 @@
 """Resistance that grows with the winding's temperature."""
 
 import numpy as np
-from scipy.signal import lfilter
 
 from power_estimator.effects.effect import Effect, Excitation, Floats, Term
 from power_estimator.effects.signals.state import Signals
@@ -63,6 +62,8 @@ def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floa
 
     Gaps inside a recording count as time without load; a new recording starts anew.
     """
+    from scipy.signal import lfilter
+
     rise = np.zeros_like(signals.torque)
     remaining = np.zeros_like(signals.torque)
     decay = np.exp(-1.0 / (signals.rate * time_constant))
