@@ -1,3 +1,4 @@
+import socket
 import threading
 import time
 
@@ -15,6 +16,7 @@ from power_daq.acquisition.bus_health import BusHealth, Level
 from power_daq.acquisition.receiver import Receiver, Sample
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
+from power_daq.bus.unix_socket import pack
 from power_daq.clock.mapping import RosTime
 from signal_generator import SignalGenerator
 from wattwalk_core.errors import InputError
@@ -177,6 +179,83 @@ def test_faults_on_the_bus_are_counted_and_measuring_goes_on(path, settings):
     assert report.figures['wrong length DRIVE_SUPPLY: 48 bytes, not 64'] == '5'
     assert sum(name.startswith('unknown id 0x6') for name in report.figures) == 4
     assert float(report.figures['bus load [%]']) > 0
+
+
+def test_malformed_packets_are_counted_on_a_bus_that_stays_open(path, settings):
+    foreign = pack([can.Message(arbitration_id=0x600, is_extended_id=False)])
+    with (
+        socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener,
+        Measurement(settings) as measurement,
+    ):
+        listener.bind(path)
+        listener.listen(1)
+        peer, _ = listener.accept()
+        with peer:
+            for k in range(1000):
+                peer.send((b'junk', bytes(8 + 3), foreign[:-1] + b'\xff' * 9)[k % 3])
+            peer.send(foreign)
+            counts = measurement.receiver.counts
+            until(lambda: counts.unknown == 1)
+            measurement.health.report(0.0)
+            report = measurement.health.report(1.0)
+            assert measurement.acquisition.opened == 1
+    assert counts.malformed_packets == 1000
+    assert report.level is Level.ERROR
+    assert report.figures['malformed packets'] == '1000'
+
+
+def test_malformed_packets_are_said_where_the_bus_is_silent(settings):
+    measurement = Measurement(settings)
+    measurement.acquisition._bus = object()
+    measurement.health.report(0.0)
+    measurement.receiver.counts.malformed_packets += 12
+    sentence = measurement.health.report(1.0).sentence
+    assert sentence == 'bus silent: no frame of the mapping comes, but 12 malformed packets'
+
+
+class Waits:
+    """A stop event whose waits pass at once and are kept; set after some of them."""
+
+    def __init__(self, most):
+        self.kept, self._most = [], most
+
+    def is_set(self):
+        return len(self.kept) >= self._most
+
+    def wait(self, timeout):
+        self.kept.append(timeout)
+
+
+class Unsteady:
+    """A bus that gives some frames and is then lost."""
+
+    channel_info = 'unsteady'
+
+    def __init__(self, *frames):
+        self.frames = list(frames)
+
+    def recv(self, timeout):
+        if self.frames:
+            return self.frames.pop()
+        raise can.CanOperationError('gone')
+
+    def shutdown(self):
+        pass
+
+
+def test_a_bus_that_is_lost_at_once_is_opened_again_with_growing_pauses_until_a_frame_comes():
+    (good,) = BUS.encode_electrical(1, 1000, np.zeros(12), np.zeros(12))
+    buses = [Unsteady(), Unsteady(), Unsteady(), Unsteady(good), Unsteady()]
+    acquisition = Acquisition(
+        Receiver(BUS, RosTime()),
+        lambda: buses.pop(0),
+        lambda sample: None,
+        lambda line: None,
+        Patience(first_retry=0.5, last_retry=100.0),
+    )
+    acquisition._stop = waits = Waits(5)
+    acquisition._work()
+    assert waits.kept == [0.5, 1.0, 2.0, 0.5, 1.0]
 
 
 def test_a_leg_that_stops_sending_is_named(path, settings):

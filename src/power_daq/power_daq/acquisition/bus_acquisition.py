@@ -13,6 +13,7 @@ import can
 from wattwalk_core.worker import Worker
 
 from power_daq.acquisition.receiver import Receiver, Sample
+from power_daq.bus.unix_socket import MalformedPacketError
 from power_daq.clock.slots import Pauses
 
 _log = logging.getLogger(__name__)
@@ -110,8 +111,8 @@ class Acquisition(Worker):
     Reads a bus in a thread of its own and hands samples to a sink.
 
     open_bus may raise can.CanError or OSError: the bus is absent and is tried again with growing
-    pauses. Any other exception ends the thread and is raised by `join`. report gets a line
-    whenever the bus appears or is lost.
+    pauses, as is a bus that is lost before a frame of the mapping came. Any other exception ends
+    the thread and is raised by `join`. report gets a line whenever the bus appears or is lost.
     """
 
     def __init__(
@@ -141,12 +142,22 @@ class Acquisition(Worker):
         return BusState.ACTIVE if age < self._patience.silence * _S else BusState.SILENT
 
     def _work(self) -> None:
+        pauses = Pauses(self._patience.first_retry, self._patience.last_retry)
         while not self._stop.is_set():
+            mapped = self.receiver.counts.mapped
             self._serve_once()
+            if self.receiver.counts.mapped > mapped:
+                pauses.reset()
+            pauses.wait(self._stop)
 
     def _serve_once(self) -> None:
-        bus = self._open()
-        if bus is None:
+        """Open the bus and read it until it is lost or the thread has to end."""
+        try:
+            bus = self._open_bus()
+        except (can.CanError, OSError) as error:
+            if str(error) != self.absence:
+                self._report(f'bus absent, will try again: {error}')
+            self.absence = str(error)
             return
         self._bus = bus
         self.opened += 1
@@ -161,24 +172,16 @@ class Acquisition(Worker):
             with suppress(can.CanError, OSError):
                 bus.shutdown()
 
-    def _open(self) -> can.BusABC | None:
-        pauses = Pauses(self._patience.first_retry, self._patience.last_retry)
-        while not self._stop.is_set():
-            try:
-                return self._open_bus()
-            except (can.CanError, OSError) as error:
-                if str(error) != self.absence:
-                    self._report(f'bus absent, will try again: {error}')
-                self.absence = str(error)
-            pauses.wait(self._stop)
-        return None
-
     def _read(self, bus: can.BusABC) -> None:
         receive, take, sink = bus.recv, self.receiver.take, self._sink
         arrived = Arrivals(self._patience.largest_age).of
         stopped, timeout = self._stop.is_set, self._patience.read
         while not stopped():
-            message = receive(timeout)
+            try:
+                message = receive(timeout)
+            except MalformedPacketError:
+                self.receiver.counts.malformed_packets += 1
+                continue
             if message is None:
                 continue
             for sample in take(message, arrived(message.timestamp)):

@@ -13,7 +13,7 @@ _RATE_SLACK = 0.02
 _NAMED = 4
 _FAULTS = (
     *(' lost', ' missing', ' jumps', ' duplicates', ' dropped unpublished'),
-    *('error frames', 'wrong length', 'unknown', 'steps of the system clock'),
+    *('error frames', 'malformed packets', 'wrong length', 'unknown', 'steps of the system clock'),
 )
 
 
@@ -96,13 +96,14 @@ class BusHealth:
         state = self._acquisition.state
         if state is BusState.ABSENT:
             return Level.ERROR, f'bus absent: {self._acquisition.absence}'
-        if state is BusState.SILENT:
-            return Level.ERROR, 'bus silent: no frame of the mapping comes'
         faults = [
             f'{count:.0f} {name}'
             for name, count in news.items()
             if count > 0 and name.endswith(_FAULTS)
         ]
+        if state is BusState.SILENT:
+            instead = f', but {", ".join(faults)}' if faults else ''
+            return Level.ERROR, f'bus silent: no frame of the mapping comes{instead}'
         if faults:
             return Level.WARN, 'in the last second: ' + ', '.join(faults)
         for name, rate in rates.items():

@@ -45,6 +45,7 @@ class FrameCounts:
     remote_frames: int = 0
     wrong_length: int = 0
     unsettled: int = 0
+    malformed_packets: int = 0
 
 
 class Receiver:

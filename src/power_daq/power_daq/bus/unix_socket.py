@@ -87,6 +87,10 @@ def unpack(packet: bytes, channel: str) -> list[can.Message]:
     return messages
 
 
+class MalformedPacketError(can.CanOperationError):
+    """A packet that holds no frames; the bus is as usable as before."""
+
+
 @dataclass(frozen=True)
 class HostStatistics:
     """Clients of a host now and before, and the frames dropped for each slow client."""
@@ -103,7 +107,7 @@ class UnixSocketBus(can.BusABC):
     One process is the host (host=True), the others connect to it. Every frame reaches all others.
     The host never waits for a client: frames for which a slow one has no room are dropped and
     counted. A client gets CanOperationError if the host has gone, CanInitializationError if
-    there is none.
+    there is none, MalformedPacketError for a packet that it cannot read.
     """
 
     def __init__(
@@ -139,7 +143,7 @@ class UnixSocketBus(can.BusABC):
                 try:
                     self._pending.extend(unpack(packet, self.channel))
                 except ValueError as error:
-                    raise can.CanOperationError(
+                    raise MalformedPacketError(
                         f'{self.channel_info} carries a malformed packet: {error}'
                     ) from error
         return (self._pending.popleft() if self._pending else None), False
