@@ -15,7 +15,7 @@ from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import describe, held_out
 from power_recordings.alignment.align import load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
-from power_recordings.quality.check import refuse_slow, slowest_power
+from power_recordings.quality.refusal import refuse_slow, refuse_wrong_units, slowest_power
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
@@ -44,13 +44,15 @@ class Loaded:
         )
 
 
-def load(paths: Sequence[Path], drives: Sequence[str] = (), *, slow: bool = False) -> Loaded:
+def load(
+    paths: Sequence[Path], drives: Sequence[str] = (), *, slow: bool = False, anyway: bool = False
+) -> Loaded:
     """
     Read recordings of measured drives.
 
     slow: take meters that change less than 25 times a second, of which energy is judged over
-    windows. InputError for recordings that cannot be read, lack electrical data, or lack a named
-    drive.
+    windows. anyway: take recordings whose signals contradict each other, too. InputError for
+    recordings that cannot be read, lack electrical data, or lack a named drive.
     """
     recordings = [Recording.open(Path(path)) for path in paths]
     data = load_aligned(
@@ -69,9 +71,11 @@ def load(paths: Sequence[Path], drives: Sequence[str] = (), *, slow: bool = Fals
         raise InputError(
             f'drive {missing[0]!r} was not measured; measured are {", ".join(measured)}'
         )
-    if not slow:
-        for recording in recordings:
+    for recording in recordings:
+        if not slow:
             refuse_slow(recording)
+        if not anyway:
+            refuse_wrong_units(recording)
     known = [describe(recording.path) for recording in recordings]
     return Loaded(
         data.drives(list(drives) or list(measured)),

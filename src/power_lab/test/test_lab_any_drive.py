@@ -28,7 +28,7 @@ COPPER = (0.02, 0.5)  # W/(N·m)²
 IDLE = 12.0  # W, of the robot
 
 
-def recording(tmp_path, electric, *, seconds=90.0, rate=100.0, hold=0.0):
+def recording(tmp_path, electric, *, seconds=90.0, rate=100.0, hold=0.0, units=''):
     """Two joints of 40 and 4 N·m; the power is the mean of `hold` s where that is given."""
     random = np.random.default_rng(5)
     time = np.arange(round(seconds * rate)) / rate
@@ -46,7 +46,11 @@ def recording(tmp_path, electric, *, seconds=90.0, rate=100.0, hold=0.0):
     names = ('t', *(f'{name}{j}' for name in ('q', 'w', 'tau', 'p') for j in (0, 1)), 'amps')
     log, chart = tmp_path / 'log.csv', tmp_path / 'map.yaml'
     np.savetxt(log, table, delimiter=',', header=','.join(names), comments='', fmt='%.9g')
-    chart.write_text(MAP % electric)
+    lines = [
+        f'    {units}' if units and line.strip().startswith(units.split(':')[0]) else line
+        for line in (MAP % electric).splitlines()
+    ]
+    chart.write_text('\n'.join(lines))
     bag = tmp_path / 'bag'
     assert import_logs.main([str(log), '--map', str(chart), '-o', str(bag)]) == 0
     return bag
@@ -100,6 +104,27 @@ def test_a_slow_meter_is_refused_and_with_slow_judged_by_its_energy(tmp_path, ca
     model, scores = fitted(bag, tmp_path, '--slow')
     assert copper(model) == pytest.approx(COPPER, rel=0.15)
     assert scores['total']['r2'] > 0.9
+
+
+def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_mends_it(
+    tmp_path, capsys
+):
+    bag = recording(tmp_path, DRIVE, units='torque: {from: tau*, unit: mN*m, at: motor}')
+    arguments = [str(bag), '--effects', 'shaft,idle', '-o', str(tmp_path / 'no.yaml')]
+    assert fit.main(arguments) == 2
+    error = capsys.readouterr().err.strip()
+    assert '\n' not in error
+    assert 'power grows by 1e+03 W with each W of torque × speed' in error
+    assert 'in the map: torque: {scale: ' in error
+    assert fit.main([*arguments, '--anyway']) == 0
+
+
+def test_a_drive_without_position_gets_a_verdict(tmp_path):
+    bag = recording(tmp_path, DRIVE, units='position: {from: none, unit: rad, optional: true}')
+    model, found = tmp_path / 'm.yaml', tmp_path / 'd.json'
+    assert fit.main([str(bag), '--effects', 'shaft,idle', '-o', str(model)]) == 0
+    assert diagnose.main([str(bag), '--model', str(model), '--json', str(found)]) == 0
+    assert json.loads(found.read_text())['effects'] == ['copper_loss']
 
 
 @pytest.mark.skipif(not REAL.exists(), reason=f'no public logs of real drives in {REAL.name}')

@@ -30,7 +30,7 @@ def main(args: Sequence[str] | None = None) -> int:
     add('--to', required=True, type=Path, metavar='MODEL.yaml', help='the model as it is')
     add('--bag', required=True, nargs='+', type=Path, metavar='BAG', help='recordings to fit on')
     add('--drives', nargs='+', default=[], metavar='NAME', help='only these')
-    common.add_slow(parser)
+    common.add_doubts(parser)
     add('-o', '--output', type=Path, required=True, metavar='MODEL.yaml', help='file to write')
     add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
     add('--seed', type=int, default=0, help='of the bootstrap')
@@ -55,7 +55,7 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_lab.report.tables import print_model
 
     with progress('reading and fitting'):
-        loaded = load(options.bag, options.drives, slow=options.slow)
+        loaded = load(options.bag, options.drives, slow=options.slow, anyway=options.anyway)
         base = None
         if model.base:
             base = base_power(loaded, model.base).power

@@ -43,7 +43,7 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_lab.report.tables import print_comparison
 
     with progress('reading and comparing'):
-        loaded = load(options.bags, options.drives, slow=options.slow)
+        loaded = load(options.bags, options.drives, slow=options.slow, anyway=options.anyway)
         comparison = compare(loaded, options.models, catalogue)
         content = comparison.json()
     print_comparison(common.console(), content)

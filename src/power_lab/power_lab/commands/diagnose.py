@@ -49,7 +49,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     model = open_model(options.model, catalogue)
     with progress('reading') as show:
-        loaded = load(options.bags, options.drives, slow=options.slow)
+        loaded = load(options.bags, options.drives, slow=options.slow, anyway=options.anyway)
         show('diagnosing')
         outcome = diagnose(loaded, model, options.model, catalogue, options.seed)
         content = outcome.json()

@@ -44,7 +44,7 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_lab.report.tables import notes, print_model
 
     with progress('reading and fitting'):
-        loaded = load(options.bags, options.drives, slow=options.slow)
+        loaded = load(options.bags, options.drives, slow=options.slow, anyway=options.anyway)
         base = None
         if options.base:
             base = base_power(loaded, options.base).power

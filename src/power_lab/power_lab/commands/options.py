@@ -46,15 +46,20 @@ def add_bags(made: argparse.ArgumentParser) -> None:
         metavar='NAME',
         help='only these drives',
     )
-    add_slow(made)
+    add_doubts(made)
 
 
-def add_slow(made: argparse.ArgumentParser) -> None:
-    """Meters that are too slow to be judged sample by sample."""
+def add_doubts(made: argparse.ArgumentParser) -> None:
+    """Recordings that are refused unless one insists."""
     made.add_argument(
         '--slow',
         action='store_true',
         help='take power that changes less than 25 times a second: judge energy over windows',
+    )
+    made.add_argument(
+        '--anyway',
+        action='store_true',
+        help='take signals whose units or signs contradict each other',
     )
 
 

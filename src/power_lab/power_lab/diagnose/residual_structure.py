@@ -59,7 +59,9 @@ def examine_leftover(
             rows = blocks.rows[use]
             target = residual[rows, drive]
             own = range(len(prepared.signals.names)) if prepared.whole else (drive,)
-            features = np.stack([state[name][rows, d] for d in own for name in STATE], axis=-1)
+            signals = [state[name][rows, d] for d in own for name in STATE]
+            known = [values for values in signals if np.isfinite(values).any()]
+            features = np.stack(known, axis=-1)
             trees = _trees(features, target, folds, use, seed)
             left = target - trees
             others = [d for d in range(drives) if d != drive]

@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from wattwalk_core.errors import InputError
 
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
 from power_recordings.quality import physics
@@ -27,6 +26,7 @@ _MOST = {'voltage': 1000.0, 'current': 1000.0}
 _SLOPE = (0.8, 1.25)
 _LEAST_CORRELATION = 0.7
 _LEAST_EXPLAINED = 0.2  # of the power, by torque and speed
+_LEAST_DRAWN = 0.1  # of the power, by the torque
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,8 @@ class _Checker:
         time, position, velocity, torque = self._motion(name)
         rate, power = self._electrics(name, time, velocity)
         slope = self._velocity(name, time, position, velocity)
-        power_slope = self._power(name, power, torque, velocity)
+        known = rate >= LEAST_UPDATES
+        power_slope = self._power(name, power, torque, velocity) if known else np.nan
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             self._find(
@@ -267,7 +268,7 @@ class _Checker:
         if not len(power):
             return np.nan
         share = physics.explained(power, torque, velocity)
-        if share is not None and share < _LEAST_EXPLAINED:
+        if share is not None and share < _LEAST_DRAWN:
             self._find(
                 'torque_unrelated',
                 'warning',
@@ -360,25 +361,3 @@ def _range(values: NDArray[np.float64]) -> tuple[float, float]:
         return (np.nan, np.nan)
     low, high = np.percentile(finite, [1, 99])
     return float(low), float(high)
-
-
-def slowest_power(recording: Recording) -> tuple[str, float]:
-    """Return the meter whose power changes least often, a drive or `supply`, and its changes/s."""
-    if recording.has('drive_supply'):
-        electric = recording.drive_supply()
-        rates = updates(electric.stamp_ns, electric.power)
-        rates = np.where(np.isfinite(electric.power).any(axis=0), rates, np.inf)
-        worst = int(np.argmin(rates))
-        return electric.names[worst], float(rates[worst])
-    supply = recording.supply()
-    return 'supply', float(updates(supply.stamp_ns, supply.power[:, None])[0])
-
-
-def refuse_slow(recording: Recording) -> None:
-    """InputError for a recording whose power is too slow to be judged sample by sample."""
-    meter, rate = slowest_power(recording)
-    if rate < LEAST_UPDATES:
-        raise InputError(
-            f'{recording.path}: the power of {meter} changes {rate:.3g} times a second; the lab '
-            f'needs {LEAST_UPDATES:.0f}. With --slow it judges the energy over windows only'
-        )
