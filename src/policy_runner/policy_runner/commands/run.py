@@ -31,31 +31,16 @@ def parse(arguments: Sequence[str]) -> Options:
         description='Run a walking policy on the robot, safely. It waits for the service start.',
         epilog='example: ros2 run policy_runner run --policy pmp --start --velocity=0.6,0,0',
     )
-    parser.add_argument(
-        '--policy', default='trot', help=f'{", ".join(POLICIES)}, a folder or a TorchScript file'
-    )
-    parser.add_argument(
-        '--start', action='store_true', help='stand up as soon as the robot is heard'
-    )
-    parser.add_argument(
-        '--restart-after',
-        type=float,
-        default=0.0,
-        metavar='S',
-        help='after a fault, start again once inputs were sound for S s; 0: never',
-    )
-    parser.add_argument(
-        '--random-commands', action='store_true', help='walk about instead of following cmd_vel'
-    )
-    parser.add_argument(
-        '--velocity',
-        metavar='VX,VY,YAW',
-        help='hold it (m/s, m/s, rad/s) instead of following cmd_vel',
-    )
-    parser.add_argument('--seed', type=int, default=0, help='of the random commands')
-    parser.add_argument(
-        '--trust-code',
-        action='store_true',
-        help='run TorchScript files: they are code, which may do anything; folders are not',
-    )
+    add = parser.add_argument
+    policies = f'{", ".join(POLICIES)}, a folder or a TorchScript file'
+    restart = 'after a fault, start again once inputs were sound for S s; 0: never'
+    velocity = 'hold it (m/s, m/s, rad/s) instead of following cmd_vel'
+    trust = 'run TorchScript files: they are code, which may do anything; folders are not'
+    add('--policy', default='trot', help=policies)
+    add('--start', action='store_true', help='stand up as soon as the robot is heard')
+    add('--restart-after', type=float, default=0.0, metavar='S', help=restart)
+    add('--random-commands', action='store_true', help='walk about instead of following cmd_vel')
+    add('--velocity', metavar='VX,VY,YAW', help=velocity)
+    add('--seed', type=int, default=0, help='of the random commands')
+    add('--trust-code', action='store_true', help=trust)
     return Options(**vars(parser.parse_args(list(arguments))))

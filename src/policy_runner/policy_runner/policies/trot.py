@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from wattwalk_core.anymal import LIMITS
 
 from policy_runner.policies import kinematics
-from policy_runner.policies.gait_phase import COMMAND_RATE_LIMIT, capture_point_error, urgency
+from policy_runner.policies.gait_phase import (
+    COMMAND_RATE_LIMIT,
+    CommandRateLimiter,
+    capture_point_error,
+    urgency,
+)
 from policy_runner.policies.stance_torque import stance_torque
 from policy_runner.policies.trot_gait import DEFAULT_TROT, TROTS, Feedback, GaitCycle, TrotConfig
 
@@ -23,7 +28,6 @@ Floats = NDArray[np.float64]
 TARGET_LIMITS: Final = LIMITS + np.array([-0.5, 0.5])
 """Lowest and highest target, rad [12, 2]: joint limits with a margin for torque over stiffness."""
 
-_RATE_LIMIT: Final = np.array(COMMAND_RATE_LIMIT)
 _STEP_LIMIT: Final = (0.28, 0.16)  # m from the foothold at rest, along x and y
 _TRIM_LIMIT: Final = 0.15  # m/s, rad/s
 _FEEDBACK_FILTER: Final = 0.03  # s, time constant on measured velocity and tilt
@@ -66,6 +70,7 @@ class ScriptedTrot:
         self._frequency = self.config.frequency
         self._lift = self.config.swing_height
         self._initial_pose = np.zeros(12)
+        self._limiter = CommandRateLimiter(COMMAND_RATE_LIMIT)
         self._command = np.zeros(3)
         self._trim = np.zeros(3)
         self._velocity = np.zeros(2)
@@ -104,7 +109,8 @@ class ScriptedTrot:
         spin = np.asarray(angular_velocity, dtype=np.float64)
         legs = kinematics.forward(joint_position)
 
-        self._limit_command(np.asarray(velocity_command, dtype=np.float64), dt)
+        command = np.minimum(np.maximum(velocity_command, -self._top), self._top)
+        self._command = self._limiter.advance(dt, command[None])[0]
         self._estimate(legs.feet, gravity, spin, base_velocity, dt)
         self._advance_gait(legs.feet, dt)
         self._move_stance_feet(dt)
@@ -127,11 +133,6 @@ class ScriptedTrot:
         torque += kinematics.leg_weight_torque(legs.angles, gravity)
         torque += cfg.damping * self._rates + cfg.friction * np.tanh(self._rates / 0.3)
         return self._ramp_in((torque / cfg.stiffness).ravel())
-
-    def _limit_command(self, command: Floats, dt: float) -> None:
-        change = np.minimum(np.maximum(command, -self._top), self._top) - self._command
-        most = _RATE_LIMIT * dt
-        self._command += np.minimum(np.maximum(change, -most), most)
 
     def _estimate(
         self, feet: Floats, gravity: Floats, spin: Floats, velocity: Floats | None, dt: float
