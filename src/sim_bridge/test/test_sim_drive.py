@@ -182,7 +182,7 @@ def test_line_resistance_costs_current_squared_and_sags_the_bus():
     plant = ideal(line_resistance=True)
     bus = Bus(plant, plant.resolve(DRIVE), STEP)
     result = bus.solve(np.full((400, 1), 480.0))
-    current = result.current[-1, 0]
+    current = result.power[-1, 0] / result.voltage[-1]
     assert result.line[-1, 0] == pytest.approx(0.1 * current**2, rel=1e-3)
     assert result.voltage[-1] == pytest.approx(48.0 - plant.supply.resistance * current, rel=1e-3)
     assert result.power[-1, 0] == pytest.approx(480.0 + result.line[-1, 0])

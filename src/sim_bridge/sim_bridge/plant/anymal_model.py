@@ -30,6 +30,23 @@ FRICTION: Final = 1.0  # of feet and limbs on the ground, sliding
 _NET_FORCE: Final = 3  # reduction of a contact sensor: sum of all contacts, world frame
 
 
+_LINKS: Final = (
+    (
+        *('HIP', 'HAA', anymal.HIP_IN_BASE, anymal.HIP_MASS, anymal.HIP_CENTRE),
+        (0.0033, 0.0049, 0.0058, 0.0, 0.00014),
+    ),
+    (
+        *('THIGH', 'HFE', anymal.THIGH_IN_HIP, anymal.THIGH_MASS, anymal.THIGH_CENTRE),
+        (0.0299, 0.0296, 0.0049, 0.0, 0.0041),
+    ),
+    (
+        *('SHANK', 'KFE', anymal.SHANK_IN_THIGH, anymal.SHANK_MASS, anymal.SHANK_CENTRE),
+        (0.0088, 0.0102, 0.0016, 0.0018, 0.0),
+    ),
+)
+"""Links of LF: joint, origin in the parent, mass, centre and Ixx, Iyy, Izz, Ixz, Iyz (kg·m²)."""
+
+
 def build_spec(
     terrain: Terrain = FLAT,
     *,
@@ -161,73 +178,35 @@ def _add_base(spec: mujoco.MjSpec, payload: float) -> mujoco.MjsBody:
 def _add_leg(base: mujoco.MjsBody, leg: str, armature: float) -> None:
     sx, sy = anymal.FRONT[LEGS.index(leg)], anymal.LEFT[LEGS.index(leg)]
     mirror = np.array([sx, sy, 1.0])
-    knee = anymal.SHANK_IN_THIGH * mirror
-    sole = anymal.FOOT_IN_SHANK * mirror
-    hip_body = _add_link(
-        base,
-        f'{leg}_HIP',
-        origin=anymal.HIP_IN_BASE * mirror,
-        mass=anymal.HIP_MASS,
-        centre=anymal.HIP_CENTRE * mirror,
-        inertia=[0.0033, 0.0049, 0.0058, 0.0, 0.0, 0.00014 * sy],
-    )
-    thigh = _add_link(
-        hip_body,
-        f'{leg}_THIGH',
-        origin=anymal.THIGH_IN_HIP * mirror,
-        mass=anymal.THIGH_MASS,
-        centre=anymal.THIGH_CENTRE * mirror,
-        inertia=[0.0299, 0.0296, 0.0049, 0.0, 0.0, 0.0041 * sy],
-    )
-    shank = _add_link(
-        thigh,
-        f'{leg}_SHANK',
-        origin=knee,
-        mass=anymal.SHANK_MASS,
-        centre=anymal.SHANK_CENTRE * mirror,
-        inertia=[0.0088, 0.0102, 0.0016, 0.0, 0.0018 * sx, 0.0],
-    )
-    for body, joint, axis in (
-        (hip_body, f'{leg}_HAA', [1, 0, 0]),
-        (thigh, f'{leg}_HFE', [0, 1, 0]),
-        (shank, f'{leg}_KFE', [0, 1, 0]),
-    ):
+    knee, sole = anymal.SHANK_IN_THIGH * mirror, anymal.FOOT_IN_SHANK * mirror
+    bodies = [base]
+    for part, joint, origin, mass, centre, (xx, yy, zz, xz, yz) in _LINKS:
+        body = bodies[-1].add_body(
+            name=f'{leg}_{part}',
+            pos=origin * mirror,
+            mass=mass,
+            ipos=centre * mirror,
+            fullinertia=[xx, yy, zz, 0.0, xz * sx, yz * sy],
+            explicitinertial=True,
+        )
         body.add_joint(
-            name=joint,
+            name=f'{leg}_{joint}',
             type=mujoco.mjtJoint.mjJNT_HINGE,
-            axis=axis,
+            axis=[1, 0, 0] if joint == 'HAA' else [0, 1, 0],
             limited=True,
-            range=LIMITS[JOINT_NAMES.index(joint)],
+            range=LIMITS[JOINT_NAMES.index(f'{leg}_{joint}')],
             armature=armature,
         )
+        bodies.append(body)
+    _, hip, thigh, shank = bodies
     sphere, capsule = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
-    _add_shell(hip_body, f'{leg}_HIP', sphere, size=[0.08, 0, 0], pos=[0.06 * sx, 0, 0])
-    _add_shell(
-        thigh,
-        f'{leg}_THIGH',
-        capsule,
-        size=[0.045, 0, 0],
-        fromto=[0.0, 0.04 * sy, 0.0, *(knee * (1, 0.7, 1))],
-    )
-    _add_shell(
-        shank, f'{leg}_SHANK', capsule, size=[0.022, 0, 0], fromto=[0, 0, 0, *(0.85 * sole)]
-    )
+    upper = [0.0, 0.04 * sy, 0.0, *(knee * (1, 0.7, 1))]
+    lower = [0.0, 0.0, 0.0, *(0.85 * sole)]
+    _add_shell(hip, f'{leg}_HIP', sphere, size=[0.08, 0, 0], pos=[0.06 * sx, 0, 0])
+    _add_shell(thigh, f'{leg}_THIGH', capsule, size=[0.045, 0, 0], fromto=upper)
+    _add_shell(shank, f'{leg}_SHANK', capsule, size=[0.022, 0, 0], fromto=lower)
     _add_shell(shank, f'{leg}_FOOT', sphere, size=[FOOT_RADIUS, 0, 0], pos=sole, dark=True)
     shank.add_site(name=f'{leg}_FOOT', pos=sole)
-
-
-def _add_link(
-    parent: mujoco.MjsBody,
-    name: str,
-    *,
-    origin: NDArray[np.float64],
-    mass: float,
-    centre: NDArray[np.float64],
-    inertia: list[float],
-) -> mujoco.MjsBody:
-    return parent.add_body(
-        name=name, pos=origin, mass=mass, ipos=centre, fullinertia=inertia, explicitinertial=True
-    )
 
 
 def _add_shell(

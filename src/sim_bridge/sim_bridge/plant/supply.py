@@ -26,12 +26,6 @@ class BusFlow:
     capacitor_loss: Floats  # W [B], series resistance of the capacitor
     stored: Floats  # W [B], into the capacitor
 
-    @property
-    def current(self) -> Floats:
-        """Current at the power meter, A [B, D]."""
-        current: Floats = self.power / self.voltage[:, None]
-        return current
-
 
 class Bus:
     """
@@ -46,7 +40,6 @@ class Bus:
     def __init__(self, plant: Plant, parameters: dict[str, Floats], step: float) -> None:
         line = plant.effects.line_resistance.scale
         supply = plant.supply
-        self._step = step
         self._source = supply.voltage
         self._resistance = max(supply.resistance * line, _LEAST_RESISTANCE)
         self._capacity = supply.capacitance / step
@@ -55,11 +48,6 @@ class Bus:
         self._in_drives = supply.brake_in_drives
         self._line: Floats = parameters['line_resistance'] * line
         self.voltage = supply.voltage
-
-    @property
-    def stored_energy(self) -> float:
-        """Energy in the capacitor, J."""
-        return 0.5 * self._capacity * self._step * self.voltage**2
 
     def solve(self, link: Floats) -> BusFlow:
         """Advance by B steps with power drawn by the drives' DC links, W [B, D]."""
