@@ -1,5 +1,5 @@
 """
-How many times faster than real time a bag becomes an aligned dataset.
+Speed of alignment, from a bag to a dataset, as a multiple of real time.
 
 The ratio counts CPU time, so that it is that of one core whatever else runs.
 

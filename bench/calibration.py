@@ -1,5 +1,5 @@
 """
-How often the intervals of `power_calibration calibrate` hold the truth, on the simulated bench.
+Coverage of the intervals of `power_calibration calibrate`, on the simulated bench.
 
 One drive is simulated once; each seed then has a meter of its own (gains, offset, noise, clock)
 and an analyser of its own (noise, clock), at 20 kHz. Printed: how many of the seeds have the
@@ -40,7 +40,7 @@ DRIVE = 'LF_KFE'
 
 @dataclass(frozen=True)
 class CalibrationTruth:
-    """What the estimates should be; offset in s, drift in ppm, bandwidth in Hz."""
+    """True values of the estimates; offset in s, drift in ppm, bandwidth in Hz."""
 
     voltage_gain: float
     current_gain: float
@@ -51,7 +51,7 @@ class CalibrationTruth:
 
 
 def plant_blocks(motion: str, seconds: float, frequency: float | None = None) -> list[PlantBlock]:
-    """What the plant does at the terminals of the meter, for any meter and analyser."""
+    """Signals of the plant at the terminals of the meter, for any meter and analyser."""
     blocks: list[PlantBlock] = []
     played = MotionController(bench_motion(motion, frequency=frequency, seconds=seconds))
     run = OfflineRun(

@@ -1,5 +1,5 @@
 """
-What a frame costs on its way from the drives to a stamped sample, and how good the stamps are.
+Cost of a frame from the drives to a stamped sample, and accuracy of the stamps.
 
     python bench/daq_bus.py [--seconds 60]
 """

@@ -1,5 +1,5 @@
 """
-What the Power Prediction Network costs: training, live estimate, replay.
+Cost of the Power Prediction Network: training, live estimate, replay.
 
 Signals and weights are random numbers; the cost does not depend on them.
 
@@ -146,7 +146,7 @@ def bench_long(spec: str, bags: list[Path]) -> None:
 
 
 def bench_stream(checkpoint: Checkpoint) -> None:
-    """What `replay` does, without the bag: 60 s of joint states at 400 Hz."""
+    """Time the work of `replay` without the bag: 60 s of joint states at 400 Hz."""
     live = LiveEstimator(PowerPredictionNetwork(checkpoint), JOINTS)
     signals = np.random.default_rng(4).normal(size=(24_000, 4, 12))
     costs = []

@@ -1,4 +1,4 @@
-"""What the blind benchmark of the lab hides, and in which simulated hardware."""
+"""Scenarios of the lab's blind benchmark: hidden effects and the simulated hardware."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -72,7 +72,7 @@ class Scenario:
 
     @property
     def key(self) -> str:
-        """What identifies it in a file of results."""
+        """Key of the scenario in a file of results."""
         hidden = '+'.join(f'{name}:{strength:g}' for name, strength in self.hidden.items())
         parts = (self.group, self.source, self.motion, self.base, hidden, self.fault)
         return '|'.join((*parts, str(self.seed), f'{self.seconds:g}'))
@@ -84,13 +84,13 @@ class Scenario:
 
     @property
     def followed_up(self) -> bool:
-        """Whether what `add` takes off is measured on another recording too."""
+        """True if the error that `add` removes is measured on another recording too."""
         usual = 2.0 if self.source == 'sim' else 1.0
         return self.group == 'effect' and set(self.hidden.values()) == {usual}
 
     @property
     def truth(self) -> frozenset[str]:
-        """What a perfect judge names."""
+        """Effects that a perfect diagnosis names."""
         return frozenset(name for name in self.hidden if name not in STRANGERS)
 
     def content(self) -> dict[str, Any]:

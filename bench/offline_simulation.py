@@ -1,5 +1,5 @@
 """
-How many times faster than real time the simulated robot is recorded to a bag, on one core.
+Speed of offline simulation to a bag on one core, as a multiple of real time.
 
 Ratios count CPU time, so that they are those of one core whatever else runs. Also printed: what
 share of a core the plant takes when it runs in real time, without the node around it.

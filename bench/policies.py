@@ -1,5 +1,5 @@
 """
-What predicted power costs in training: policy steps a second without it, with it, as the paper.
+Cost of predicted power in training: policy steps per second without it, with it, as the paper.
 
 Rounds of the variants take turns in one process, so that whatever else the machine does hits
 them alike. Networks have random weights of the size asked; the cost does not depend on them.
@@ -79,7 +79,7 @@ def row(name: str, rate: float, each: float, slower: float, costlier: float, goa
 
 
 def seconds_of(call: Callable[[], object]) -> tuple[float, float]:
-    """How long a call takes, by the wall's clock and by the CPU's."""
+    """Return the wall time and the CPU time of a call, s."""
     wall, cpu = time.perf_counter(), time.process_time()
     call()
     return time.perf_counter() - wall, time.process_time() - cpu

@@ -12,7 +12,7 @@ BUILT = Path(__file__).resolve().parents[1] / '.ros' / 'setup.sh'
 
 
 def missing(environment: Mapping[str, str] = os.environ) -> str:
-    """Why the two runtimes cannot be run together; empty if they can."""
+    """Reason why the two runtimes cannot be run together; empty if they can."""
     if find_spec('rosidl_embedded') is None:
         return 'this Python has no embedded runtime: run it from .venv, without ROS 2 sourced'
     setup = environment.get(VARIABLE)

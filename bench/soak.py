@@ -132,7 +132,7 @@ class Soak:
         take.path = here
 
     def accounts(self) -> list[Account]:
-        """What became of every sample; the nodes have to run yet."""
+        """Account of every sample; the nodes have to run yet."""
         system = self.system
         daq = system.diagnostics.fresh('power_daq: bus')
         until(lambda: system.diagnostics.fresh('power_daq: bus')['samples waiting'] == '0', 'calm')

@@ -1,5 +1,5 @@
 """
-Where every sample of a soak has gone: sums by the numbers in the samples, and checks of them.
+Account of every sample of a soak: sums by the numbers in the samples, and their checks.
 
 Each sample carries the device's own number, so what a bag lacks is known one by one. Samples
 that are missing inside a bag have to be those that a node counted; what is missing between bags
@@ -31,7 +31,7 @@ _MOST = {
 @dataclass(frozen=True)
 class BagRows:
     """
-    What one bag holds of a stream, in the order of the file.
+    Rows of a stream in one bag, in the order of the file.
 
     begun and ended: samples that had been measured when its recorder was ready, and when it was
     told to end or could not go on. kept: rows that a reader gives out, the others having stamps
@@ -52,7 +52,7 @@ class BagRows:
 
 @dataclass(frozen=True)
 class Counters:
-    """What the node counted: complete samples, lost by its counters, not trusted, no room, out."""
+    """Counters of the node: complete samples, lost by its counters, not trusted, no room, out."""
 
     received: int
     lost: int
@@ -72,7 +72,7 @@ class Check:
 
     @property
     def closes(self) -> bool:
-        """Whether they agree."""
+        """True if they agree."""
         return self.one <= self.other if self.at_most else self.one == self.other
 
 
@@ -98,7 +98,7 @@ class Account:
 
     @property
     def closes(self) -> bool:
-        """Whether all sums agree."""
+        """True if all sums agree."""
         return all(check.closes for check in self.checks)
 
     def content(self) -> dict[str, object]:
@@ -256,7 +256,7 @@ def _enter(bags: Sequence[BagRows], fate: NDArray[np.int8]) -> tuple[int, int]:
 
 
 def _inside(bags: Sequence[BagRows], fate: NDArray[np.int8]) -> int:
-    """How many open samples lie between the first and the last row of a bag."""
+    """Number of open samples between the first and the last row of a bag."""
     filled = [bag.numbers for bag in bags if len(bag.numbers)]
     return sum(
         int(np.count_nonzero(fate[max(rows.min(), 0) : rows.max() + 1] == _OPEN))

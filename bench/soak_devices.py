@@ -1,4 +1,4 @@
-"""What is measured in a soak: drives and a bench supply that number all they say."""
+"""Devices under measurement in a soak: drives and a bench supply that number all they send."""
 
 import threading
 import time
@@ -53,7 +53,7 @@ class Kept:
 
     @property
     def measured(self) -> int:
-        """How many there are."""
+        """Number of samples measured."""
         return len(self.times)
 
     def withhold(self, why: str, number: int) -> None:
@@ -111,7 +111,7 @@ class SoakDrives:
             self._bus.shutdown()
 
     def marks(self) -> dict[str, int]:
-        """How many samples of each group have been measured by now."""
+        """Number of samples of each group measured so far."""
         return {name: kept.measured for name, kept in self.kept.items()}
 
     def _run(self) -> None:
@@ -179,7 +179,7 @@ class SoakSupply:
 
     @property
     def measured(self) -> int:
-        """How many questions for a measurement it has answered."""
+        """Number of answered queries for a measurement."""
         return len(self.times)
 
     @property

@@ -112,7 +112,7 @@ class SmallDisk:
 
     @property
     def kind(self) -> str:
-        """What is full."""
+        """Kind of storage that is full."""
         return 'tmpfs' if not self.why_not else f'a limit on the size of files ({self.why_not})'
 
     def fill(self, take: Take) -> None:
@@ -180,7 +180,7 @@ class System:
             take.process.end(PATIENCE, () if how == 'killed' else (signal.SIGINT,))
 
     def matched(self) -> bool:
-        """Whether recorder, DAQ and supply have found each other, as far as this node sees."""
+        """True if recorder, DAQ and supply have discovered each other, as this node sees it."""
         node = self.diagnostics.node
         streams = ('drive_supply', 'joint_states', 'supply')
         return all(node.count_publishers(t) and node.count_subscribers(t) for t in streams)

@@ -58,7 +58,7 @@ class Faults:
 
 @dataclass(frozen=True)
 class Truth:
-    """What is switched on, as multiples of TYPICAL, and how the motion is."""
+    """Active effects as multiples of TYPICAL, and the motion."""
 
     effects: Mapping[str, float]
     motion: str = 'walk'

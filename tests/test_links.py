@@ -29,7 +29,7 @@ def links(text):
 
 
 def anchors(page):
-    """What a heading is called in a link, as GitHub does it."""
+    """Names of headings in links, as GitHub forms them."""
     heads = re.findall(r'^#+\s+(.*)$', page.read_text(), flags=re.MULTILINE)
     names = [re.sub(r'[^\w\- ]', '', head.strip().lower()) for head in heads]
     return {name.replace(' ', '-') for name in names}

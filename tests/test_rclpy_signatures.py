@@ -1,5 +1,5 @@
 """
-What the nodes ask of rclpy is there, with the signatures that they use.
+rclpy has what the nodes ask of it, with the signatures that they use.
 
 The same tests run on ROS 2 and on the embedded runtime.
 """

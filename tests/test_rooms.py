@@ -17,6 +17,7 @@ SOURCES = ROOT / 'src'
 PACKAGES = sorted(file.parent.name for file in SOURCES.glob('*/setup.py'))
 LONGEST = 400
 """Lines of a file."""
+STILL_IN_QUESTIONS = {'power_lab', 'power_estimator', 'policy_training', 'sim_bridge'}
 STILL_LONGER = {'prepared.py', 'test_hostile_files.py', 'test_import.py'}
 DRIVERS = ('can', 'cantools', 'pyvisa', 'pysoem', 'rclpy')
 ANALYSES = (
@@ -69,7 +70,7 @@ def rooms() -> dict[str, list[str]]:
 
 
 def foreign(package: str) -> dict[str, str]:
-    """What a package imports of the others, by module, with a file that does so."""
+    """Imports of other packages, by module, with a file that has them."""
     found = {}
     for name, file in modules(package).items():
         for used in imported(file):
@@ -140,6 +141,28 @@ def test_a_public_class_name_exists_once(folders):
     names = class_names(folders)
     assert names
     assert {name: files for name, files in names.items() if len(files) > 1} == {}
+
+
+def docstrings(file: Path) -> Iterator[tuple[str, str]]:
+    """Names and docstrings of a file's module and of all public classes and functions in it."""
+    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    for node in ast.walk(tree(file)):
+        if isinstance(node, kinds):
+            name = getattr(node, 'name', 'module')
+            if not name.startswith('_'):
+                yield name, ast.get_docstring(node) or ''
+
+
+def test_docstrings_open_with_a_noun_or_a_verb():
+    question = re.compile(r'(What|How|Whether|Where|When|Why)\b')
+    found = [
+        f'{file.relative_to(ROOT)}: {name}'
+        for file in own_files()
+        if not STILL_IN_QUESTIONS.intersection(file.parts)
+        for name, text in docstrings(file)
+        if question.match(text)
+    ]
+    assert found == []
 
 
 def own_files() -> Iterator[Path]:

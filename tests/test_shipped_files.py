@@ -25,7 +25,7 @@ def message_fields(topic):
 
 
 def is_plottable(kind, index):
-    """Whether a type is a number, or has one for each drive that an index can choose."""
+    """True for a number, or for an array with one for each drive, which an index chooses."""
     if index is None:
         return kind in NUMBERS
     return kind in {f'sequence<{number}>' for number in NUMBERS} and int(index) < len(DRIVES)

@@ -8,7 +8,7 @@ from soak_devices import current_numbers, numbered, position_numbers
 
 
 def ms(count):
-    """When each of so many samples was measured, at 1 kHz."""
+    """Times of measurement of so many samples at 1 kHz."""
     return [0.001 * number for number in range(count)]
 
 

@@ -89,7 +89,7 @@ def test_an_output_stays_off_where_a_setting_reads_back_otherwise(bench):
 
 
 def ended_by(bench):
-    """What ended the poller."""
+    """The error that ended the poller."""
     poller, bench.poller = bench.poller, None
     end = time.monotonic() + PATIENCE
     while not poller.failed:

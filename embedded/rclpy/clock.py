@@ -64,7 +64,7 @@ class ROSClock(Clock):
 
     @property
     def ros_time_is_active(self) -> bool:
-        """Whether the time comes from /clock."""
+        """True if the time comes from /clock."""
         return self._simulated is not None
 
     def _set_ros_time_is_active(self, enabled: bool) -> None:

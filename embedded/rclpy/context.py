@@ -112,7 +112,7 @@ class Context:
 
     @property
     def graph(self) -> Graph:
-        """What is known of the nodes, topics and services of the domain."""
+        """Graph of the nodes, topics and services of the domain."""
         with self._lock:
             if self._graph is None:
                 self._graph = Graph(self.participant)

@@ -10,7 +10,7 @@ from rclpy.qos import DDS_POLICIES, QoSPolicyKind
 
 @dataclass(frozen=True)
 class QoSRequestedIncompatibleQoSInfo:
-    """How many others did not fit, and by which policy the last one."""
+    """Number of peers with incompatible QoS, and the policy that differed last."""
 
     total_count: int
     total_count_change: int
@@ -22,7 +22,7 @@ QoSOfferedIncompatibleQoSInfo = QoSRequestedIncompatibleQoSInfo
 
 @dataclass(frozen=True)
 class SubscriptionEventCallbacks:
-    """What a subscription calls back; without a callback a warning is logged."""
+    """Callbacks of a subscription's events; without a callback a warning is logged."""
 
     incompatible_qos: Callable[[QoSRequestedIncompatibleQoSInfo], None] | None = None
     use_default_callbacks: bool = True
@@ -30,7 +30,7 @@ class SubscriptionEventCallbacks:
 
 @dataclass(frozen=True)
 class PublisherEventCallbacks:
-    """What a publisher calls back; without a callback a warning is logged."""
+    """Callbacks of a publisher's events; without a callback a warning is logged."""
 
     incompatible_qos: Callable[[QoSOfferedIncompatibleQoSInfo], None] | None = None
     use_default_callbacks: bool = True

@@ -66,7 +66,7 @@ class QoSPolicyEnum(IntEnum):
 
 
 class HistoryPolicy(QoSPolicyEnum):
-    """How many samples are kept."""
+    """Number of samples that are kept."""
 
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
@@ -75,7 +75,7 @@ class HistoryPolicy(QoSPolicyEnum):
 
 
 class ReliabilityPolicy(QoSPolicyEnum):
-    """Whether lost samples are sent again."""
+    """Delivery: lost samples are sent again, or not."""
 
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
@@ -85,7 +85,7 @@ class ReliabilityPolicy(QoSPolicyEnum):
 
 
 class DurabilityPolicy(QoSPolicyEnum):
-    """Whether late joiners get what was published before."""
+    """Durability: late joiners get samples published before, or not."""
 
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
@@ -95,7 +95,7 @@ class DurabilityPolicy(QoSPolicyEnum):
 
 
 class LivelinessPolicy(QoSPolicyEnum):
-    """How a writer shows that it is alive."""
+    """Assertion of a writer that it is alive."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1

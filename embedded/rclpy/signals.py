@@ -1,4 +1,4 @@
-"""What SIGINT and SIGTERM do: shut the contexts down, so that spin ends."""
+"""Handlers of SIGINT and SIGTERM: they shut the contexts down, so that spin ends."""
 
 import signal
 import socket

@@ -19,7 +19,7 @@ EXAMPLE = 'Example: ros2 topic hz /joint_states'
 
 
 class CommandError(Exception):
-    """What a command cannot do; the message says why in one line."""
+    """A command that cannot be carried out; the message says why in one line."""
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""What commands with verbs share: the parser, a node of their own, the wait for discovery."""
+"""Base of commands with verbs: parser, a node of their own, wait for discovery."""
 
 import argparse
 import os

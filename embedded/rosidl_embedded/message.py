@@ -55,7 +55,7 @@ def numeric(typecode: str, values: Any) -> NumericArray:
 
 
 class Message:
-    """What all messages have in common."""
+    """Base of all messages."""
 
     __slots__ = ()
     _type_name: ClassVar[str]
@@ -105,7 +105,7 @@ def _idl(desc: FieldDesc) -> str:
 
 
 class _Field:
-    """How one field is stored, defaulted, put on the wire and taken from it."""
+    """Storage, default and CDR form of one field."""
 
     def __init__(self, type_name: str, name: str, desc: FieldDesc):
         self.name, self.desc, self.idl = name, desc, _idl(desc)

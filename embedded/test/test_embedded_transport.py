@@ -1,4 +1,4 @@
-"""How far nodes reach, and what a subscriber that stands still does to a publisher."""
+"""Reach of nodes, and the effect of a stalled subscriber on a publisher."""
 
 import os
 import signal

@@ -11,7 +11,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 def why_not() -> str:
-    """Why no namespace can be made here; empty if it can."""
+    """Return the reason why no namespace can be made here; empty if it can."""
     if os.geteuid() != 0:
         return 'a network namespace needs root'
     try:

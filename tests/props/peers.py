@@ -1,4 +1,4 @@
-"""What the nodes under test talk to: a node of the test's own, spun in a thread."""
+"""Peer of the nodes under test: a node of the test's own, spun in a thread."""
 
 import threading
 import time

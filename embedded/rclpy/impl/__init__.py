@@ -1,1 +1,1 @@
-"""What rclpy keeps behind its interface."""
+"""Implementation behind rclpy's interface."""

@@ -1,4 +1,4 @@
-"""What stands between --ros-args and --: remappings, parameters, parameter files, log levels."""
+"""Arguments between --ros-args and --: remappings, parameters, parameter files, log levels."""
 
 import re
 from collections.abc import Sequence

@@ -61,7 +61,7 @@ def test_training_and_the_robot_see_and_do_the_same(tiny, tmp_path):
 
 
 def shakes(environment):
-    """What observations are off by, step by step [200, N, 50]."""
+    """Errors of the observations, step by step [200, N, 50]."""
     off = []
     for _ in range(200):
         environment.step(np.zeros((environment.count, 12)))

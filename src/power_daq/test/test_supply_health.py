@@ -8,7 +8,7 @@ NAMES = ('LF_HAA', 'LF_HFE', 'LF_KFE', 'RF_HAA', 'RF_HFE')
 
 
 class Poller:
-    """What a health report looks at."""
+    """State of a poller as a health report reads it."""
 
     def __init__(self):
         self.state = PollState(InstrumentIdentity('EA', 'PSB 9080', '17', 'V3'), absence='')

@@ -1,4 +1,4 @@
-"""What train says of recordings that it cannot learn from: one line, recording and field."""
+"""Recordings that cannot be learned from: train names recording and field in one line."""
 
 import numpy as np
 import pytest

@@ -1,1 +1,1 @@
-"""What every package needs: errors, commands, nodes, files, pages and plot style."""
+"""Shared base of the packages: errors, commands, nodes, schema, files, pages and plot style."""

@@ -1,4 +1,4 @@
-"""The looks of pictures, light or dark, and how they are written."""
+"""Plot style of figures, light or dark, and their files."""
 
 import io
 from collections.abc import Iterator

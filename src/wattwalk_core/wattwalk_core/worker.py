@@ -30,7 +30,7 @@ class Worker(ABC):
 
     @property
     def failed(self) -> bool:
-        """Whether the thread has ended by an exception."""
+        """True if the thread has ended by an exception."""
         return self._error is not None
 
     def _run(self) -> None:
@@ -41,4 +41,4 @@ class Worker(ABC):
 
     @abstractmethod
     def _work(self) -> None:
-        """What the thread does; returns soon after `_stop` is set."""
+        """Do the work of the thread; return soon after `_stop` is set."""

@@ -1,5 +1,5 @@
 """
-YAML of strangers, read within limits.
+YAML files of others, read within limits.
 
 Only plain YAML is accepted: no tags, no aliases or merge keys (which let half a kilobyte unfold
 to gigabytes), no repeated keys, at most DEPTH levels, numbers of at most DIGITS digits, and a

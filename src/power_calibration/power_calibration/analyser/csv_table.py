@@ -25,7 +25,7 @@ _ZONE = re.compile(r' ?(Z|UTC|[+-]\d\d:?\d\d)$')
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a log is written: what is between fields, in numbers, and where rows begin."""
+    """Dialect of a log: separator of fields, decimal mark, first row of numbers."""
 
     delimiter: str
     comma: bool  # decimals after a comma
@@ -80,7 +80,7 @@ def _rows(lines: Sequence[str], delimiter: str) -> tuple[int, int] | None:
 
 
 def _plain(field: str) -> bool:
-    """Whether it is a number, a time, or nothing."""
+    """True for a number, a time, or an empty field."""
     return (
         not field
         or any(pattern.match(field) for pattern in (_DATE, _DOTTED, _CLOCK))
@@ -184,7 +184,7 @@ def _number(text: str) -> float:
 
 
 def _time_reader(path: Path, sample: str) -> Callable[[list[str]], Floats] | None:
-    """What turns a column of dates or times of day into seconds; None for plain numbers."""
+    """Return the reader of a column of dates or times of day, in s; None for plain numbers."""
     if _DATE.match(sample) or _DOTTED.match(sample):
         return _dates
     if _CLOCK.match(sample):

@@ -30,7 +30,7 @@ class DeviceThread(Protocol):
 
     @property
     def failed(self) -> bool:
-        """Whether an exception has ended it."""
+        """True if an exception has ended the device."""
 
     def start(self) -> None:
         """Begin."""

@@ -126,7 +126,7 @@ class ClockMapping:
 
     @property
     def settled(self) -> bool:
-        """Whether stamps of this epoch are valid."""
+        """True if stamps of this epoch are valid."""
         return self._settled
 
     def update(self, raw: int, arrival: int) -> int:

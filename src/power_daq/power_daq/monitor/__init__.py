@@ -1,1 +1,1 @@
-"""What a running measurement shows while it runs, without ROS."""
+"""Terminal view of a running measurement, without ROS."""

@@ -106,7 +106,7 @@ class _Mean:
 
     @property
     def whole(self) -> bool:
-        """Whether the samples cover nearly all of the second."""
+        """True if the samples cover nearly all of the second."""
         return self.last - self.first >= _LEAST_SPAN * _S
 
     @property

@@ -1,4 +1,4 @@
-"""`ros2 run power_recordings info`: what a recording holds, and whether it can be judged."""
+"""`ros2 run power_recordings info`: content and quality of a recording."""
 
 import argparse
 from collections.abc import Sequence

@@ -123,7 +123,7 @@ def _words(address: str) -> str:
 
 
 def _drive(address: str) -> tuple[str, str]:
-    """What tells the drive of a column: a number or a name in brackets; and the pattern."""
+    """Return the drive in a column's name (a number, or a name in brackets), and the pattern."""
     in_brackets = re.search(r'\[([^\[\]]+)\](?!.*\[[^\[\]]+\])', address)
     if in_brackets and (':' in address):
         key = in_brackets[1]

@@ -93,7 +93,7 @@ class TimeMap:
 
 @schema
 class ImportMap:
-    """What to take out of a log. `stamp` is for bags: the message's header or its log time."""
+    """Signals to take out of a log. `stamp` is for bags: the message's header or its log time."""
 
     format: Literal['import/1']
     drives: dict[str, DriveMap]

@@ -39,7 +39,7 @@ class LogChannel:
 
 @dataclass(frozen=True)
 class ImportPlan:
-    """What a map takes out of one log."""
+    """Signals that a map takes out of one log."""
 
     drives: Mapping[str, Mapping[str, LogChannel]]
     supply: Mapping[str, LogChannel]

@@ -58,12 +58,12 @@ class DriveSamples(Samples):
 
     @property
     def good(self) -> NDArray[np.bool_]:
-        """Whether voltage and current are numbers without a flag, [N, D]."""
+        """True where voltage and current are numbers without a flag, [N, D]."""
         return (self.status == 0) & np.isfinite(self.voltage) & np.isfinite(self.current)
 
     @property
     def after_gap(self) -> NDArray[np.bool_]:
-        """Whether a sample does not follow on the one before, by its sequence number, [N]."""
+        """True where the sequence number does not follow on that of the sample before, [N]."""
         return np.diff(self.sequence, prepend=self.sequence[:1] - np.uint64(1)) != 1
 
     @property

@@ -1,4 +1,4 @@
-"""Units and signs judged by physics: what power, torque, speed and position say of each other."""
+"""Units and signs checked by physics: consistency of power, torque, speed and position."""
 
 from dataclasses import dataclass
 

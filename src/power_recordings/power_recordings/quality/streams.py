@@ -17,7 +17,7 @@ _EACH_ROW = 0.8  # share of rows that change from which on each row is an update
 @dataclass(frozen=True)
 class Timing:
     """
-    How the samples of a topic come.
+    Rate, gaps and jitter of a topic's samples.
 
     rate: 1/median step, Hz. jitter: half of the span from the 1st to the 99th percentile of the
     steps, as a share of the median. gap_seconds: sum of the steps over 2.5 periods.

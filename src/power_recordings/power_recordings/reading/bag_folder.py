@@ -27,7 +27,7 @@ class Bag:
 
     @property
     def is_sqlite(self) -> bool:
-        """Whether the messages are in rosbag2's sqlite3 storage."""
+        """True if the messages are in rosbag2's sqlite3 storage."""
         return self.files[0].suffix == '.db3'
 
     def batches(

@@ -47,7 +47,7 @@ _HEAD = np.dtype(
 
 
 class Output(Protocol):
-    """Where the bytes of a file go."""
+    """Destination of a file's bytes."""
 
     def write(self, data: bytes) -> int:
         """Take bytes."""

@@ -32,7 +32,7 @@ _EDGES = re.compile(rb'(?m)^[ \t]+|[ \t]+$')
 
 @dataclass(frozen=True)
 class TableDialect:
-    """How a delimited file is written."""
+    """Dialect of a delimited file."""
 
     encoding: str
     delimiter: str
