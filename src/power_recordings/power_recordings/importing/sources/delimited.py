@@ -202,6 +202,7 @@ def sniff(path: Path) -> TableDialect:
     plain = [i for i, line in enumerate(lines) if line.strip() and i not in set(comments)]
     begin = plain[0] if plain else 0
     best: TableDialect | None = None
+    most = 0.0
     longest = max(map(len, raw_lines), default=0)
     for delimiter in _DELIMITERS:
         rows = [_split(line, delimiter) for line in lines[begin : begin + 200]]
@@ -209,9 +210,12 @@ def sniff(path: Path) -> TableDialect:
         head = find_head(rows, above)
         if head is None or len(head.names) < 2:
             continue
-        if best is None or len(head.names) > len(best.head.names):
-            values = [f for row in rows[head.first_row : head.first_row + 50] for f in row]
-            comma = delimiter != ',' and any(',' in f and is_number(f) for f in values)
+        values = rows[head.first_row : head.first_row + 50]
+        numeric = _numeric_columns(values, len(head.names))
+        # A comma between decimals also splits rows, but into fields that are no numbers.
+        if numeric**2 / len(head.names) > most:
+            most = numeric**2 / len(head.names)
+            comma = delimiter != ',' and any(',' in f and is_number(f) for r in values for f in r)
             skip = len(whole) - sum(map(len, raw_lines[begin + head.first_row :]))
             best = TableDialect(encoding, delimiter, ',' if comma else '.', head, skip, longest)
     if best is None:
@@ -221,6 +225,13 @@ def sniff(path: Path) -> TableDialect:
             f'{path}: {len(best.head.names)} columns; at most {MOST_COLUMNS} are read'
         )
     return best
+
+
+def _numeric_columns(rows: Sequence[Sequence[str]], width: int) -> int:
+    """Return the number of columns in which most fields are numbers or empty."""
+    whole = [row for row in rows if len(row) == width]
+    good = ([is_number(f) or f.strip() in _NOTHING for f in row] for row in whole)
+    return sum(2 * sum(column) > len(whole) for column in zip(*good, strict=True))
 
 
 def _split(line: str, delimiter: str) -> list[str]:

@@ -1,0 +1,38 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from power_recordings.importing.sources.delimited import DelimitedFile
+
+TIME = np.arange(300) * 0.001
+VOLTS = 48.0 - 0.5 * np.sin(0.31 * np.arange(300))
+AMPS = 1.0 + np.sin(0.17 * np.arange(300))
+
+
+@pytest.mark.parametrize(
+    ('delimiter', 'comma'),
+    [(',', False), *((text, comma) for text in ';\t| ' for comma in (False, True))],
+)
+@pytest.mark.parametrize('columns', [2, 3])
+def test_delimiter_and_decimal_mark_are_told_apart(
+    tmp_path: Path, delimiter: str, comma: bool, columns: int
+) -> None:
+    table = np.column_stack([TIME, VOLTS, AMPS])[:, :columns]
+    names = ['time', 'voltage', 'current'][:columns]
+    rows = [delimiter.join(f'{value:.5f}' for value in row) for row in table]
+    rows = [row.replace('.', ',') for row in rows] if comma else rows
+    path = tmp_path / 'log.csv'
+    path.write_text('\n'.join([delimiter.join(names), *rows]) + '\n')
+    file = DelimitedFile(path)
+    assert [column.address for column in file.columns()] == names
+    blocks = list(file.read(names, lambda size: None))
+    for index, name in enumerate(names):
+        values = np.concatenate([block.values[name] for block in blocks])
+        np.testing.assert_allclose(values, table[:, index], atol=1e-5)
+
+
+def test_a_column_of_dates_does_not_hide_the_delimiter(tmp_path: Path) -> None:
+    path = tmp_path / 'log.csv'
+    rows = [f'15.06.2025 14:00:00.{i:03d};48,{i:03d};1,{i:03d}' for i in range(300)]
+    path.write_text('\n'.join(['Zeit;Spannung;Strom', *rows]) + '\n')
+    assert DelimitedFile(path).dialect.delimiter == ';'
