@@ -246,13 +246,13 @@ class Rig:
         for _ in range(round(seconds / 0.005)):
             self.now += 0.005
             if not self.silent:
-                self.run.inputs.on_joint_states(
+                self.run.inputs.on_joints(
                     round(self.now * 1e9),
                     JOINTS,
                     self.position,
                     self.velocity,
-                    self.effort,
                     self.now,
+                    self.effort,
                 )
             self.sent.append(self.run.update(self.now))
             if self.sent[-1] is not None and self.sent[-1].position is not None:
@@ -388,7 +388,7 @@ def test_a_motion_under_way_is_not_planned_anew():
 
 def test_a_start_before_the_first_step_plans_once():
     rig = Rig(turn(1.0, 2.0))
-    rig.run.inputs.on_joint_states(1, JOINTS, rig.position, rig.velocity, rig.effort, rig.now)
+    rig.run.inputs.on_joints(1, JOINTS, rig.position, rig.velocity, rig.now, rig.effort)
     assert rig.run.start(rig.now)[0]
     left = rig.run.policy.left
     rig.go(0.5)

@@ -240,13 +240,13 @@ class Rig:
     def go(self, seconds):
         for _ in range(round(seconds / 0.005)):
             self.now += 0.005
-            self.run.inputs.on_joint_states(
+            self.run.inputs.on_joints(
                 round(self.now * 1e9),
                 self.joints,
                 self.position,
                 self.velocity,
-                [0.1] * 3,
                 self.now,
+                [0.1] * 3,
             )
             if self.supply is not None:
                 self.run.policy.windings.on_supply(('B',), self.supply, self.now)

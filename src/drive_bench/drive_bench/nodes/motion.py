@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray
+from policy_runner.policies.inputs import Inputs
 from policy_runner.supervisor.safety import SafetyConfig
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -17,7 +18,7 @@ from wattwalk_core.nodes.parameters import DeviceParameters
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import limits_of
 from drive_bench.run.drive_names import resolve
-from drive_bench.run.monitor import JointInputs
+from drive_bench.run.monitor import present
 from drive_bench.run.motion_policy import MotionPolicy
 from drive_bench.run.motion_run import Command, MotionRun
 from drive_bench.run.options import RunOptions
@@ -109,19 +110,16 @@ class MotionNode(Node):
             self._run = self._run_of(message)
             self._run.count_publishers(self.count_publishers('joint_commands'))
             self.get_logger().info(self._run.introduction(bool(self._recording)))
-        stamp = int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
-        self._run.inputs.on_joint_states(
-            stamp, message.name, message.position, message.velocity, message.effort, self._now()
-        )
+        _take(self._run.inputs, message, self._now())
 
     def _run_of(self, message: JointState) -> MotionRun:
         names, options = tuple(message.name), self._options
-        read = JointInputs(joint_names=names)
-        read.on_joint_states(0, names, message.position, message.velocity, message.effort, 0.0)
+        read = Inputs(names)
+        _take(read, message, 0.0)
         return MotionRun(
             self._motion,
             names,
-            resolve(self._drives, names, read.there),
+            resolve(self._drives, names, present(read)),
             options.mounting,
             limits_of(names, options.limits),
             self._config,
@@ -194,3 +192,9 @@ class MotionNode(Node):
         level = Level.ERROR if run.code == 1 else Level.WARN if why else Level.OK
         sentence = f'not ready: {why}' if why else run.reason
         self._reporter.publish(Report(level, sentence, run.figures(self._now())))
+
+
+def _take(inputs: Inputs, message: JointState, now: float) -> None:
+    m, stamp = message, message.header.stamp
+    nanoseconds = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    inputs.on_joints(nanoseconds, m.name, m.position, m.velocity, now, m.effort)

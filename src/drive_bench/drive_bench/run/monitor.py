@@ -1,8 +1,6 @@
 """Safety monitor of a motion: speed, torque, position error and winding temperature."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,35 +18,11 @@ _AHEAD = 0.1  # s; without a position loop a joint must be stopped before its li
 _NO_LIMITS = JointLimits(speed=np.inf, torque=np.inf)
 
 
-@dataclass
-class JointInputs(Inputs):
-    """Measurements of the joints of any robot; only joint_states is required."""
-
-    needed: tuple[str, ...] = ('joint_states',)
-    effort: Floats = field(default_factory=lambda: np.zeros(0))  # N·m, zeros where not measured
-
-    def on_joint_states(
-        self,
-        stamp: int,
-        names: Sequence[str],
-        position: Any,
-        velocity: Any,
-        effort: Any,
-        now: float,
-    ) -> None:
-        """Take joint_states: stamp in ns, rad, rad/s and N·m in the order of names."""
-        self.on_joints(stamp, names, position, velocity, now)
-        if 'joint_states' not in self.complaints and len(effort) == len(names):
-            places = [list(names).index(name) for name in self.joint_names]
-            self.effort = np.asarray(effort, dtype=np.float64)[places]
-
-    @property
-    def there(self) -> list[bool]:
-        """Presence of each joint: drives missing on a bus read zeros only."""
-        effort = self.effort if len(self.effort) else np.zeros(len(self.joint_names))
-        read = np.stack((self.position, self.velocity, effort))
-        found: list[bool] = np.any(read, axis=0).tolist()
-        return found
+def present(inputs: Inputs) -> list[bool]:
+    """Return the presence of each joint: drives missing on a bus read zeros only."""
+    effort = inputs.effort if len(inputs.effort) else np.zeros(len(inputs.joint_names))
+    found: list[bool] = np.any((inputs.position, inputs.velocity, effort), axis=0).tolist()
+    return found
 
 
 class MotionMonitor(SafetyMonitor):
@@ -83,7 +57,7 @@ class MotionMonitor(SafetyMonitor):
         if self._policy.blocked:
             yield Fault(FaultKind.TARGET_RANGE, self._policy.blocked)
         over = _OVER_SATURATED if self._policy.slack else _OVER
-        effort = getattr(inputs, 'effort', np.zeros(0))
+        effort = inputs.effort
         for place, limits in self._policy.moving():
             name = inputs.joint_names[place]
             speed = abs(inputs.velocity[place])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from policy_runner.policies.inputs import Inputs
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig, TargetLimiter
 from policy_runner.supervisor.supervisor import State, Supervisor, SupervisorOutput
 from wattwalk_core.errors import InputError
@@ -13,7 +14,7 @@ from drive_bench.motion.file import MotionFile
 from drive_bench.motion.fitting import fitted
 from drive_bench.motion.joint_limits import JointLimits
 from drive_bench.motion.segment_path import Mounting
-from drive_bench.run.monitor import JointInputs, MotionMonitor, ranges_of
+from drive_bench.run.monitor import MotionMonitor, present, ranges_of
 from drive_bench.run.motion_policy import MotionPolicy
 
 Floats = NDArray[np.float64]
@@ -62,8 +63,11 @@ class MotionRun:
                 raise InputError(f'no limits are known for {drive}; give them with --limits FILE')
         count, ranges = len(joints), ranges_of(joints, limits)
         self.joints = tuple(joints)
-        self.inputs = JointInputs(
-            joint_names=self.joints, position=np.zeros(count), velocity=np.zeros(count)
+        self.inputs = Inputs(
+            self.joints,
+            position=np.zeros(count),
+            velocity=np.zeros(count),
+            needed=('joint_states',),
         )
         self.motion, self.drives = motion, tuple(drives)
         self.policy = MotionPolicy(motion, joints, drives, mounting, limits)
@@ -186,8 +190,8 @@ class MotionRun:
 
     def _prepare(self) -> None:
         if self.motion.free and not self._damp_others:
-            there = zip(self.joints, self.inputs.there, strict=True)
-            others = [name for name, present in there if present and name not in self.drives]
+            there = zip(self.joints, present(self.inputs), strict=True)
+            others = [name for name, found in there if found and name not in self.drives]
             if others:
                 raise InputError(
                     f'{", ".join(others)} could not hold while {self.drives[0]} is not in '

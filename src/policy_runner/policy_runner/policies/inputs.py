@@ -26,6 +26,7 @@ class Inputs:
     joint_time: float = NEVER
     position: Floats = field(default_factory=lambda: np.zeros(12))  # rad
     velocity: Floats = field(default_factory=lambda: np.zeros(12))  # rad/s
+    effort: Floats = field(default_factory=lambda: np.zeros(0))  # N·m, empty if not measured
     imu_time: float = NEVER
     gravity: Floats = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))  # unit vector
     spin: Floats = field(default_factory=lambda: np.zeros(3))  # rad/s
@@ -46,8 +47,9 @@ class Inputs:
         position: Any,
         velocity: Any,
         now: float,
+        effort: Any = (),
     ) -> None:
-        """Take joint_states: stamp in ns, rad and rad/s in the order of names."""
+        """Take joint_states: stamp in ns, rad, rad/s and N·m in the order of names."""
         key = tuple(names)
         if self._order is None or self._order[0] != key:
             missing = [name for name in self.joint_names if name not in key]
@@ -67,6 +69,8 @@ class Inputs:
         self.position = np.asarray(position, dtype=np.float64)[columns]
         if len(velocity):
             self.velocity = np.asarray(velocity, dtype=np.float64)[columns]
+        if len(effort) == len(key):
+            self.effort = np.asarray(effort, dtype=np.float64)[columns]
         if self._is_newer('joint_states', stamp):
             self.joint_time = now
 
