@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from typing import Protocol, TypeVar
 
 from wattwalk_core.errors import InputError
 
@@ -76,3 +77,19 @@ def assign(drives: Sequence[str], types: Sequence[DriveType]) -> dict[str, list[
                 columns[t.name].append(column)
                 break
     return columns
+
+
+class OfType(Protocol):
+    """Anything that belongs to a drive type."""
+
+    @property
+    def type(self) -> DriveType:
+        """Its drive type."""
+
+
+Item = TypeVar('Item', bound=OfType)
+
+
+def owners(drives: Sequence[str], items: Sequence[Item]) -> list[Item | None]:
+    """Return the first of the items that each drive belongs to, None for others."""
+    return [next((i for i in items if i.type.matches(drive)), None) for drive in drives]

@@ -9,7 +9,7 @@ from power_recordings.alignment.dataset import AlignedDataset
 from torch import Tensor
 from wattwalk_core.errors import InputError
 
-from power_estimator.drive_types import assign
+from power_estimator.drive_types import assign, owners
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import evaluate
 from power_estimator.effects.model_file.model import EffectModel
@@ -41,22 +41,11 @@ class EffectBatch:
         if not model.fitted or model.base is not None:
             what = 'stands on another model' if model.base else 'has no coefficients yet'
             raise InputError(f'{model.name} {what}; give a fitted model that stands alone')
-        columns = assign(drives, [group.type for group in model.groups])
-        owner = {c: g for g in model.groups for c in columns[g.type.name]}
-        unknown = [name for c, name in enumerate(drives) if c not in owner]
-        if unknown:
-            raise InputError(f'{model.name} does not know the drive {unknown[0]}')
-        members = [owner[c] for c in range(len(drives))]
-        rows = [
-            [
-                value.value
-                for active in model.structure.free
-                for value in g.coefficients[active.name]
-            ]
-            for g in members
-        ]
-        self._structure = model.structure
-        self._coefficients = np.array(rows).reshape(len(drives), -1)
+        found = owners(drives, model.groups)
+        if None in found:
+            raise InputError(f'{model.name} does not know the drive {drives[found.index(None)]}')
+        members = [group for group in found if group is not None]
+        self._structure, self._coefficients = model.coefficients(members)
         self._lag = np.array([g.velocity_lag for g in members])
         self._voltage = np.array([g.voltage for g in members])
         self._scale = DriveScale.stack([g.scale for g in members])

@@ -1,6 +1,5 @@
 """Inputs of power models: position error, torque and speed of each drive (Section II-A)."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,16 +16,6 @@ PLAUSIBLE = (10.0, 2000.0, 200.0)  # above: not rad, N·m, rad/s of a robot's jo
 def features(data: AlignedDataset) -> Floats:
     """Return features [T, D, 3] in the order and units of FEATURES; NaN where one is missing."""
     return np.stack([data.position_error, data.torque, data.velocity], axis=2)
-
-
-def finite_runs(values: Floats, data: AlignedDataset, shortest: int = 1) -> Iterator[slice]:
-    """Yield stretches of rows [T, …] without NaN that lie in one segment of the dataset."""
-    good = np.all(np.isfinite(values.reshape(len(values), -1)), axis=1)
-    for run in data.segments():
-        inside = np.flatnonzero(np.diff(np.r_[False, good[run], False].astype(np.int8)))
-        for start, stop in inside.reshape(-1, 2):
-            if stop - start >= shortest:
-                yield slice(run.start + int(start), run.start + int(stop))
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
-from power_estimator.drive_types import assign
+from power_estimator.drive_types import assign, owners
 from power_estimator.evaluation.scores import block_means
 from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.features import FEATURES, features
 from power_estimator.network.lstm import LstmBank
-from power_estimator.network.out_of_distribution import Guard, OutOfDistributionScore
+from power_estimator.network.out_of_distribution import Guard
 
 Floats = NDArray[np.float32]
 
@@ -49,22 +49,15 @@ class PowerPredictionNetwork:
 
     def range_of(self, drives: Sequence[str]) -> tuple[Floats, Floats]:
         """Return the lowest and highest features [D, 3] in training; NaN for unknown drives."""
-        low = np.full((len(drives), len(FEATURES)), np.nan, np.float32)
-        high = low.copy()
-        columns = assign(drives, self.types)
-        for network in self.checkpoint.networks:
-            low[columns[network.type.name]] = network.low
-            high[columns[network.type.name]] = network.high
-        return low, high
+        unknown = (np.nan,) * len(FEATURES)
+        found = owners(drives, self.checkpoint.networks)
+        low = np.array([n.low if n else unknown for n in found], np.float32)
+        return low, np.array([n.high if n else unknown for n in found], np.float32)
 
     def guard(self, drives: Sequence[str]) -> Guard:
         """Return the out-of-distribution test of the drives."""
-        known: list[OutOfDistributionScore | None] = [None] * len(drives)
-        columns = assign(drives, self.types)
-        for network in self.checkpoint.networks:
-            for column in columns[network.type.name]:
-                known[column] = network.out_of_distribution
-        return Guard(known)
+        found = owners(drives, self.checkpoint.networks)
+        return Guard(network and network.out_of_distribution for network in found)
 
     def interval(self, power: Floats, drives: Sequence[str]) -> tuple[Floats, Floats]:
         """

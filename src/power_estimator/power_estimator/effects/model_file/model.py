@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
-from power_estimator.drive_types import DriveType, assign
+from power_estimator.drive_types import DriveType, owners
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import BasePower, Structure, evaluate
 from power_estimator.effects.fit.fitter import measurement_terms
@@ -87,17 +87,16 @@ class EffectModel:
                 f'{self.name}: the model has no coefficients yet; fit it first (ros2 run '
                 'power_lab fit)'
             )
-        columns = assign(data.names, [group.type for group in self.groups])
         if base is None and self.base is not None:
             if self.base_model is None:
                 raise InputError(f'{self.name}: its base model {self.base} is not loaded')
             base = self.base_model.predict(data)
         result = np.full(data.torque.shape, np.nan, np.float32)
-        known = [(g, columns[g.type.name]) for g in self.groups if columns[g.type.name]]
-        if not known:
+        found = owners(data.names, self.groups)
+        order = [column for column, group in enumerate(found) if group is not None]
+        members = [group for group in found if group is not None]
+        if not members:
             return result
-        order = [column for _, own in known for column in own]
-        members = [group for group, own in known for _ in own]
         used = _with_voltage(data.drives([data.names[i] for i in order]), members)
         used = with_torque(
             used,
@@ -113,9 +112,8 @@ class EffectModel:
         if base is not None:
             copper = np.array([group.copper for group in members])
             layer = BasePower(np.asarray(base[:, order], dtype=np.float64), copper)
-        structure, coefficients = self._coefficients(members, as_measured=as_measured)
-        power = evaluate(structure, coefficients, signals, layer)
-        result[:, order] = power
+        structure, coefficients = self.coefficients(members, as_measured=as_measured)
+        result[:, order] = evaluate(structure, coefficients, signals, layer)
         return result
 
     def value(self, group: DriveGroup, effect: str) -> tuple[FittedValue, ...]:
@@ -125,9 +123,10 @@ class EffectModel:
             return (FittedValue(found.effect.fixed, (found.effect.fixed, found.effect.fixed)),)
         return group.coefficients[effect]
 
-    def _coefficients(
-        self, members: Sequence[DriveGroup], *, as_measured: bool
+    def coefficients(
+        self, members: Sequence[DriveGroup], *, as_measured: bool = False
     ) -> tuple[Structure, Floats]:
+        """Return the structure and its coefficients [D, m], with errors of the meter if asked."""
         structure = self.structure
         names = {name for group in members for name in group.measurement}
         if as_measured and names:
