@@ -18,7 +18,6 @@ setup(
         'scipy',
         'torch',
         'safetensors',
-        'pyyaml',
         'matplotlib',
         'rich',
     ],
