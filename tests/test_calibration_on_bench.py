@@ -67,7 +67,7 @@ def test_bench_writes_a_log_that_calibrate_reads(tmp_path, capsys):
     wanted = ['sine', '--unit', '3', '--duration', '5', '-o', str(bag), '--analyser', str(log)]
     assert bench([*wanted, '--analyser-drift', '40', '--analyser-offset', '-5000']) == 0
     said = capsys.readouterr().out
-    assert 'next: ros2 run power_daq calibrate' in said
+    assert 'next: ros2 run power_calibration calibrate' in said
     arguments = [str(bag), '--reference', str(log), '-o', str(tmp_path / 'c.yaml')]
     assert calibrate([*arguments, '--json', str(json_file)]) == 0
     found = json.loads(json_file.read_text())

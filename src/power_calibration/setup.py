@@ -17,6 +17,7 @@ setup(
         'numpy',
         'scipy',
         'matplotlib',
+        'pyarrow',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,

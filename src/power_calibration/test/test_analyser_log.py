@@ -120,7 +120,8 @@ def test_gaps_and_fields_that_are_no_numbers_are_left_out_and_told(tmp_path):
     log = Log.read(path)
     assert len(log.time) == ROWS - 52
     assert len(log.starts) == 3
-    assert '3 of 151 rows' in ' '.join(log.notes)
+    assert '2 of 150 rows' in ' '.join(log.notes)
+    assert '1 rows of another number of fields' in ' '.join(log.notes)
 
 
 def rows_of(times):

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from power_recordings.importing.sources.delimited import DelimitedFile
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import advice
 
-from power_calibration.analyser.csv_table import Dialect, read_columns
 from power_calibration.analyser.curve import Curve
+from power_calibration.analyser.log_columns import read_columns
 
 Floats = NDArray[np.float64]
 QUANTITIES = ('voltage', 'current', 'power')
@@ -91,33 +92,32 @@ class Log:
         that cannot be read or understood, has under 100 rows of use, is constant or clipped.
         """
         try:
-            dialect = Dialect.sniff(path)
-            places, scales = _columns(path, dialect, columns)
+            file = DelimitedFile(path)
+            heads = file.dialect.head.names
+            places, scales = _columns(path, heads, columns)
             names = [key for key in _KEYS if key in places]
-            rows, bad = read_columns(path, dialect, [places[key] for key in names], progress)
+            rows, notes = read_columns(file, [heads[places[key]] for key in names], progress)
         except OSError as error:
             raise InputError(f'cannot read {path}: {advice(error)}') from error
-        except UnicodeDecodeError as error:
-            raise InputError(f'{path} is no text: {error.reason}') from error
         for column, key in enumerate(names):
             rows[:, column] *= scales[key]
         if 'time' not in scales or scales['time'] == 1.0:
             rows[:, 0] *= _epoch_scale(rows[:, 0])
-        return cls.of(path, names, rows, bad)
+        return cls.of(path, names, rows, notes)
 
     @classmethod
-    def of(cls, path: Path, names: Sequence[str], rows: Floats, bad: int = 0) -> 'Log':
-        """
-        From rows [N, K] of time and of the named quantities, in s, V, A and W.
-
-        bad: fields that were no numbers. InputError as by `read`.
-        """
-        return _checked(path, names, rows, bad)
+    def of(
+        cls, path: Path, names: Sequence[str], rows: Floats, notes: Sequence[str] = ()
+    ) -> 'Log':
+        """Make a log of rows [N, K]: time and the named quantities, in s, V, A and W."""
+        return _checked(path, names, rows, notes)
 
 
-def _columns(path: Path, dialect: Dialect, given: str) -> tuple[dict[str, int], dict[str, float]]:
-    """Column of each quantity and what its numbers are multiplied by."""
-    heads = [_head(name) for name in dialect.names]
+def _columns(
+    path: Path, names: Sequence[str], given: str
+) -> tuple[dict[str, int], dict[str, float]]:
+    """Return the column of each quantity, and the factor to SI units."""
+    heads = [_head(name) for name in names]
     places: dict[str, int] = {}
     scales: dict[str, float] = {}
     if given:
@@ -129,7 +129,7 @@ def _columns(path: Path, dialect: Dialect, given: str) -> tuple[dict[str, int], 
                     'power=NAME, each with *scale if need be'
                 )
             name, _, factor = value.partition('*')
-            places[key] = _place(path, dialect, name.strip())
+            places[key] = _place(path, names, name.strip())
             scales[key] = _factor(part, factor) if factor else _unit(heads, places[key], key)
         if 'time' not in places:
             raise InputError(f'--columns {given!r}: time is missing')
@@ -142,9 +142,8 @@ def _columns(path: Path, dialect: Dialect, given: str) -> tuple[dict[str, int], 
                     scales[key] = _unit(heads, found[0], key)
                     break
     if 'time' not in places or len(places) < 2:
-        there = ', '.join(repr(name) for name in dialect.names) or 'none has a name'
         raise InputError(
-            f'{path}: which columns hold what? There are {len(dialect.fields)} ({there}); say '
+            f'{path}: which columns hold what? There are {", ".join(map(repr, names))}; say '
             '--columns time=NAME,voltage=NAME,current=NAME (or their numbers from 1)'
         )
     return places, scales
@@ -177,16 +176,18 @@ def _factor(part: str, factor: str) -> float:
     return value
 
 
-def _place(path: Path, dialect: Dialect, name: str) -> int:
-    if name in dialect.names:
-        return dialect.names.index(name)
-    if name.isdigit() and 1 <= int(name) <= len(dialect.fields):
+def _place(path: Path, names: Sequence[str], name: str) -> int:
+    if name in names:
+        return names.index(name)
+    if name.isdigit() and 1 <= int(name) <= len(names):
         return int(name) - 1
-    bare = [_head(text)[0] for text in dialect.names]
+    bare = [_head(text)[0] for text in names]
     if name.lower() in bare:
         return bare.index(name.lower())
-    there = ', '.join(dialect.names) or f'1 to {len(dialect.fields)}'
-    raise InputError(f'--columns: {path} has no column {name!r}; there are {there}')
+    raise InputError(
+        f'--columns: {path} has no column {name!r}; there are {", ".join(names)}, or numbers '
+        f'from 1 to {len(names)}'
+    )
 
 
 def _epoch_scale(times: Floats) -> float:
@@ -195,8 +196,8 @@ def _epoch_scale(times: Floats) -> float:
     return next((scale for least, scale in _EPOCHS if abs(middle) > least), 1.0)
 
 
-def _checked(path: Path, names: Sequence[str], rows: Floats, bad: int) -> Log:
-    notes = []
+def _checked(path: Path, names: Sequence[str], rows: Floats, told: Sequence[str]) -> Log:
+    notes = list(told)
     whole = np.isfinite(rows).all(axis=1)
     lost = int((~whole).sum())
     if lost:

@@ -88,12 +88,10 @@ def main(args: Sequence[str] | None = None) -> int:
     with progress(f'reading {options.recording}') as show:
         measured = MeasuredDrive.of(Recording.open(options.recording), options.drive)
         kept, is_applied = _kept(options.onto, measured)
-        size, read = max(options.reference.stat().st_size, 1), 0
+        size = max(options.reference.stat().st_size, 1)
 
-        def reading(count: int) -> None:
-            nonlocal read
-            read += count
-            show(f'reading {options.reference} {min(1.0, read / size):.0%}')
+        def reading(position: int) -> None:
+            show(f'reading {options.reference} {min(1.0, position / size):.0%}')
 
         found = compare(measured, Log.read(options.reference, options.columns, reading), show)
         content = found.json()
