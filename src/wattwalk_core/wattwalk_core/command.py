@@ -1,5 +1,6 @@
 """Entry points of commands: one line on stderr for bad input and for signals."""
 
+import argparse
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -65,6 +66,16 @@ def _on_uncaught(
 # Ctrl-C may come while the module of an entry point is still being imported.
 if sys.excepthook is sys.__excepthook__:
     sys.excepthook = _on_uncaught
+
+
+def command_parser(name: str, description: str, epilog: str) -> argparse.ArgumentParser:
+    """Return a parser for `ros2 run NAME`; the lines of the epilog are printed as they are."""
+    return argparse.ArgumentParser(
+        prog=f'ros2 run {name}',
+        description=description,
+        epilog=epilog,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
 
 
 def own_arguments(args: Sequence[str] | None = None) -> list[str]:

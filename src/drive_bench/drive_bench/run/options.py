@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from wattwalk_core.command import command_parser
 from wattwalk_core.errors import InputError
 
 from drive_bench.motion.file import MotionFile
@@ -132,12 +133,10 @@ class _List(argparse.Action):
 
 def parse(arguments: Sequence[str]) -> RunOptions:
     """Parse the arguments, those for ROS removed; SystemExit 2 for unknown ones."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run drive_bench run',
-        description='Put drives through a motion, safely; with --record, record, file and check '
-        'it, too.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        'drive_bench run',
+        'Put drives through a motion, safely; with --record, record, file and check it, too.',
+        _EPILOG,
     )
     add = parser.add_argument
     add('motion', metavar='MOTION', help=f'{", ".join(MOTIONS)}, or a motion/1 file')

@@ -1,10 +1,9 @@
 """`ros2 run policy_runner run`: run a walking policy on the robot, safely."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 
 from policy_runner.nodes.run_options import Options
 from policy_runner.policies.by_name import POLICIES, load_policy
@@ -26,10 +25,10 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def parse(arguments: Sequence[str]) -> Options:
     """Read the arguments, ROS ones removed; SystemExit 2 for unknown ones."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run policy_runner run',
-        description='Run a walking policy on the robot, safely. It waits for the service start.',
-        epilog='example: ros2 run policy_runner run --policy pmp --start --velocity=0.6,0,0',
+    parser = command_parser(
+        'policy_runner run',
+        'Run a walking policy on the robot, safely. It waits for the service start.',
+        'example: ros2 run policy_runner run --policy pmp --start --velocity=0.6,0,0',
     )
     add = parser.add_argument
     policies = f'{", ".join(POLICIES)}, a folder or a TorchScript file'

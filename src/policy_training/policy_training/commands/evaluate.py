@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from wattwalk_core.command import command
+from wattwalk_core.command import command, command_parser
 from wattwalk_core.console import check_suffix, output, progress, write_json
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
@@ -29,11 +29,10 @@ _DEFAULT_TASKS: Final = tuple(task.name for task in TASKS)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run policy_training evaluate',
-        description='Measure what policies draw on the simulated robot, and how well they walk.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        'policy_training evaluate',
+        'Measure what policies draw on the simulated robot, and how well they walk.',
+        _EPILOG,
     )
     add = parser.add_argument
     add('--policies', nargs='+', default=[], metavar='DIR', help='names, folders or runs')

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from wattwalk_core.command import command
+from wattwalk_core.command import command, command_parser
 from wattwalk_core.errors import InputError
 
 from policy_training.config import TrainingConfig
@@ -22,11 +22,10 @@ examples:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run policy_training train',
-        description='Train a walking policy with PPO, with predicted power in its reward.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        'policy_training train',
+        'Train a walking policy with PPO, with predicted power in its reward.',
+        _EPILOG,
     )
     add = parser.add_argument
     add('--config', default='baseline', help='file, or baseline, pmp, pmp_heavy')

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.console import (
     PICTURES,
     check_suffix,
@@ -36,13 +36,12 @@ examples:
 
 
 def _parse(args: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_calibration calibrate',
-        description='Compare one drive of a recording with the log of a certified power analyser: '
+    parser = command_parser(
+        'power_calibration calibrate',
+        'Compare one drive of a recording with the log of a certified power analyser: '
         'align the two, fit gain and offset of voltage and current with intervals, state the '
         'bandwidth, and write the file that the DAQ node applies.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EPILOG,
     )
     add = parser.add_argument
     add('recording', type=Path, metavar='BAG')

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.console import (
     PICTURES,
     check_suffix,
@@ -27,12 +27,11 @@ examples:
 
 
 def _parse(args: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_calibration sync',
-        description='Measure the delay of electrical samples against joint samples, the error '
+    parser = command_parser(
+        'power_calibration sync',
+        'Measure the delay of electrical samples against joint samples, the error '
         'of power that it causes, and the regularity of the stamps of each stream.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EPILOG,
     )
     add = parser.add_argument
     add('recording', type=Path, metavar='BAG')

@@ -1,10 +1,9 @@
 """`ros2 run power_daq daq`: measure drives on a CAN bus or EtherCAT terminals."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 
 _EXAMPLE = """
 example, with the simulated robot:
@@ -21,12 +20,11 @@ example, EtherCAT terminals (as root):
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until Ctrl-C; 2 for bad parameters, 1 for a failed device."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_daq daq',
-        description='Publishes the supply of each drive at 1 kHz and joint states at 400 Hz, '
+    parser = command_parser(
+        'power_daq daq',
+        'Publishes the supply of each drive at 1 kHz and joint states at 400 Hz, '
         'from a CAN FD bus; or the supply alone, from EtherCAT terminals.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EXAMPLE,
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(own_arguments(arguments))

@@ -10,7 +10,7 @@ from typing import Any
 
 from power_recordings.card import Card
 from power_recordings.messages.types import TYPES, message_class
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.errors import InputError
 
 _EXAMPLE = """
@@ -59,11 +59,10 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_daq record',
-        description="Records the suite's topics to a rosbag2 MCAP bag, until Ctrl-C.",
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        'power_daq record',
+        "Records the suite's topics to a rosbag2 MCAP bag, until Ctrl-C.",
+        _EXAMPLE,
     )
     parser.add_argument(
         '-o', '--output', type=Path, required=True, metavar='BAG', help='new folder of the bag'

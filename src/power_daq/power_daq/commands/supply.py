@@ -1,10 +1,9 @@
 """`ros2 run power_daq supply`: measure the supply of a robot by SCPI."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 
 _EXAMPLE = """
 It only reads, unless switch_output_on is true.
@@ -22,12 +21,11 @@ the energy counter back to zero:
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until Ctrl-C; 2 for bad parameters or a refused output."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_daq supply',
-        description='Publishes voltage and current of a bench supply at 100 Hz, from SCPI over '
+    parser = command_parser(
+        'power_daq supply',
+        'Publishes voltage and current of a bench supply at 100 Hz, from SCPI over '
         'TCP; counts energy and sets it against the drives.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EXAMPLE,
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(own_arguments(arguments))

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.errors import InputError
 
 _EXAMPLE = """
@@ -47,12 +47,11 @@ def main(args: Sequence[str] | None = None) -> None:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_daq watch',
-        description='Shows what a running measurement measures: watts of each drive, the '
+    parser = command_parser(
+        'power_daq watch',
+        'Shows what a running measurement measures: watts of each drive, the '
         'supply, energy, estimates, losses, clocks, the bus and the recorder.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EXAMPLE,
     )
     parser.add_argument('--duration', type=float, default=0.0, metavar='S', help='end after that')
     parser.add_argument(

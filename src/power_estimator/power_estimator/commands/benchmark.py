@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from wattwalk_core.command import command
+from wattwalk_core.command import command, command_parser
 from wattwalk_core.console import PICTURES, check_suffix, progress, write_json
 from wattwalk_core.files import together
 
@@ -45,11 +45,11 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_estimator benchmark',
-        description='Compare power models on recordings: R², errors in W and in energy. Networks '
+    parser = command_parser(
+        'power_estimator benchmark',
+        'Compare power models on recordings: R², errors in W and in energy. Networks '
         'are evaluated on what they were not trained on. Proxies are ' + ', '.join(PROXIES) + '.',
-        epilog='example: ros2 run power_estimator benchmark bags/walk --models ppn:runs/first '
+        'example: ros2 run power_estimator benchmark bags/walk --models ppn:runs/first '
         'torque_squared mechanical_power --json benchmark.json',
     )
     add = parser.add_argument

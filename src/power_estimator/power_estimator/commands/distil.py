@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command
+from wattwalk_core.command import command, command_parser
 from wattwalk_core.console import output, print_table
 
 from power_estimator.commands.options import add_training
@@ -119,12 +119,12 @@ def _print(
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_estimator distil',
-        description='Train a small network on the outputs of a trained one, and set both side by '
+    parser = command_parser(
+        'power_estimator distil',
+        'Train a small network on the outputs of a trained one, and set both side by '
         'side: R² against the measured power, and what a policy step of 20 ms costs with many '
         'robots at once. The result is a run folder like any other.',
-        epilog='example: ros2 run power_estimator distil runs/paper bags/paper/* -o runs/small '
+        'example: ros2 run power_estimator distil runs/paper bags/paper/* -o runs/small '
         '--hidden 32',
     )
     add = parser.add_argument

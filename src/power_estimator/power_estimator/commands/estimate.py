@@ -1,10 +1,9 @@
 """`ros2 run power_estimator estimate`: the power of every drive, live."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 
 _EXAMPLE = """
 example, with a network trained before:
@@ -17,12 +16,11 @@ example, against the measurement, shown on diagnostics:
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until Ctrl-C; 2 for bad parameters or a model that cannot be loaded."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_estimator estimate',
-        description='Estimates the electrical power of every drive at 50 Hz from joint_states '
+    parser = command_parser(
+        'power_estimator estimate',
+        'Estimates the electrical power of every drive at 50 Hz from joint_states '
         'and joint_commands.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EXAMPLE,
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(own_arguments(arguments))

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from wattwalk_core.command import command
+from wattwalk_core.command import command, command_parser
 from wattwalk_core.errors import InputError
 
 
@@ -55,10 +55,10 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_estimator replay',
-        description='Estimate the power of every drive in a recording, as the live node would.',
-        epilog='example: ros2 run power_estimator replay bags/walk --model ppn:runs/first '
+    parser = command_parser(
+        'power_estimator replay',
+        'Estimate the power of every drive in a recording, as the live node would.',
+        'example: ros2 run power_estimator replay bags/walk --model ppn:runs/first '
         '-o bags/walk_estimate',
     )
     parser.add_argument('bag', type=Path, help='recording with joint_states and joint_commands')

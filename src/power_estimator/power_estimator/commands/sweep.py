@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command
+from wattwalk_core.command import command, command_parser
 from wattwalk_core.console import output, print_table
 
 from power_estimator.commands.options import add_cross_validation, add_training
@@ -92,12 +92,12 @@ def _score(result: 'Result', kind: str) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_estimator sweep',
-        description='Train networks of several sizes (with carried state) and, at 100 units, of '
+    parser = command_parser(
+        'power_estimator sweep',
+        'Train networks of several sizes (with carried state) and, at 100 units, of '
         'several histories (windowed), test them on the same held-out data, and draw where more '
         'no longer helps. Costs are µs per sample of twelve drives on this machine.',
-        epilog='example: ros2 run power_estimator sweep bags/paper/* -o runs/sweep '
+        'example: ros2 run power_estimator sweep bags/paper/* -o runs/sweep '
         '--hidden 16 32 64 100 150 --history 0.05 0.1 0.2 0.3 0.5',
     )
     add_training(parser, epochs=12, workers=1)

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command
+from wattwalk_core.command import command, command_parser
 
 from power_estimator.commands.options import add_cross_validation, add_training
 from power_estimator.network.checkpoint import NetworkConfig
@@ -118,11 +118,11 @@ def _next(run: Path, bags: Sequence[Path]) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run power_estimator train',
-        description='Train a Power Prediction Network per drive type on recordings and test it '
+    parser = command_parser(
+        'power_estimator train',
+        'Train a Power Prediction Network per drive type on recordings and test it '
         'and the usual proxies on held-out parts of them.',
-        epilog='example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',
+        'example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',
     )
     add_training(parser)
     add_cross_validation(parser, folds=6)

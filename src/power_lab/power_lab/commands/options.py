@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wattwalk_core.command import command_parser
 from wattwalk_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,12 +18,7 @@ def parser(
     name: str, description: str, epilog: str, *, effects: bool = True
 ) -> argparse.ArgumentParser:
     """A parser with the arguments that every command has."""
-    made = argparse.ArgumentParser(
-        prog=f'ros2 run power_lab {name}',
-        description=description,
-        epilog=epilog,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    made = command_parser(f'power_lab {name}', description, epilog)
     if effects:
         made.add_argument(
             '--effects-path',

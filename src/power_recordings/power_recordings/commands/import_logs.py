@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
@@ -21,12 +21,11 @@ _EXAMPLE = """example:
 
 
 def _arguments(args: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        'ros2 run power_recordings import',
-        description='Turn logs (csv, xlsx, parquet, feather, mat, HDF5, JSON, hebilog, ROS 1 and '
+    parser = command_parser(
+        'power_recordings import',
+        'Turn logs (csv, xlsx, parquet, feather, mat, HDF5, JSON, hebilog, ROS 1 and '
         '2 bags) into one recording.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EXAMPLE,
     )
     add = parser.add_argument
     add('logs', nargs='+', type=Path, metavar='LOG', help='log file or bag folder')

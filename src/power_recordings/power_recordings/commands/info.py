@@ -1,11 +1,10 @@
 """`ros2 run power_recordings info`: content and quality of a recording."""
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 
 _WIDTH = 110
 
@@ -20,12 +19,11 @@ _EXAMPLE = """example:
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Print the quality of recordings."""
-    parser = argparse.ArgumentParser(
-        'ros2 run power_recordings info',
-        description='Rates, gaps, updates of the electrical signals, units judged by physics, and '
+    parser = command_parser(
+        'power_recordings info',
+        'Rates, gaps, updates of the electrical signals, units judged by physics, and '
         'coverage of recordings.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EXAMPLE,
     )
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG')
     parser.add_argument('--json', type=Path, metavar='F', help='also write the figures as JSON')

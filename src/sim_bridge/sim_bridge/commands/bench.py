@@ -9,7 +9,7 @@ from drive_bench.motion.library import MOTIONS, find_motion, listing
 from drive_bench.motion.load import Load
 from drive_bench.motion.segments import UNITS
 from wattwalk_core.anymal import JOINT_NAMES
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.errors import InputError
 
 from sim_bridge.commands.sim import load_plant
@@ -34,11 +34,10 @@ examples:
 
 def parse(args: Sequence[str]) -> argparse.Namespace:
     """Return the options of the command from its own arguments."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run sim_bridge bench',
-        description='Record one simulated drive on a stand, as fast as the machine can.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        'sim_bridge bench',
+        'Record one simulated drive on a stand, as fast as the machine can.',
+        _EPILOG,
     )
     add = parser.add_argument
     add('motion', metavar='MOTION', help=f'{", ".join(MOTIONS)}, or a motion/1 file')

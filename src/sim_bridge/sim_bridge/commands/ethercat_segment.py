@@ -4,7 +4,7 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.errors import InputError
 
 from sim_bridge.instruments.ethercat.terminals import EK1100, EL3102, Volts
@@ -22,12 +22,11 @@ Needs root, for raw sockets. example, on a cable of two virtual ends:
 
 def parse(args: Sequence[str]) -> argparse.Namespace:
     """Return the options of the command from its own arguments."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run sim_bridge ethercat_segment',
-        description='Emulates an EK1100 and an EL3102 for each two voltages, to try power_daq '
+    parser = command_parser(
+        'sim_bridge ethercat_segment',
+        'Emulates an EK1100 and an EL3102 for each two voltages, to try power_daq '
         'without hardware.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EXAMPLE,
     )
     parser.add_argument('--interface', required=True, metavar='NAME', help='such as ecat1')
     parser.add_argument(

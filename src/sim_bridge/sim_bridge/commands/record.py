@@ -7,7 +7,7 @@ from pathlib import Path
 
 from power_recordings.card import FILE, Card
 from wattwalk_core.anymal import JOINT_NAMES, JOINT_TYPES
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.errors import InputError
 
 from sim_bridge.commands.sim import load_plant
@@ -111,11 +111,10 @@ def _content(plan: RecordingPlan) -> dict[str, object]:
 
 def parse(args: Sequence[str]) -> argparse.Namespace:
     """Return the options of the command from its own arguments."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run sim_bridge record',
-        description='Make a set of recordings of the simulated robot, to train and judge on.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        'sim_bridge record',
+        'Make a set of recordings of the simulated robot, to train and judge on.',
+        _EPILOG,
     )
     add = parser.add_argument
     add('set', choices=tuple(SECONDS), help='which recordings to make')

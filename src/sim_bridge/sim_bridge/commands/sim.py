@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from policy_runner.policies.by_name import POLICIES, load_policy
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.errors import InputError
 
 from sim_bridge.plant.parameters import Plant
@@ -28,11 +28,10 @@ examples:
 
 def parse(args: Sequence[str]) -> argparse.Namespace:
     """Return the options of the command from its own arguments."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run sim_bridge sim',
-        description='The simulated robot, its drives and their power meter.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        'sim_bridge sim',
+        'The simulated robot, its drives and their power meter.',
+        _EPILOG,
     )
     add = parser.add_argument
     add('--offline', action='store_true', help='write a bag as fast as the machine can')

@@ -1,10 +1,9 @@
 """`ros2 run sim_bridge supply_instrument`: emulate a bench supply on a TCP socket."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 
 _EXAMPLE = """
 example, a constant load:
@@ -20,12 +19,11 @@ example, what the simulated robot draws (its own supply goes to another topic):
 @command
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until Ctrl-C; 2 for bad parameters or a port that is taken."""
-    parser = argparse.ArgumentParser(
-        prog='ros2 run sim_bridge supply_instrument',
-        description='A simulated bench supply that speaks SCPI over TCP, to try power_daq supply '
+    parser = command_parser(
+        'sim_bridge supply_instrument',
+        'A simulated bench supply that speaks SCPI over TCP, to try power_daq supply '
         'without hardware.',
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EXAMPLE,
     )
     arguments = sys.argv[1:] if args is None else list(args)
     parser.parse_args(own_arguments(arguments))

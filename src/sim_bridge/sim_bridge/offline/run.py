@@ -10,6 +10,7 @@ from power_daq.bus.description import BusDescription
 from power_recordings.card import Card
 from power_recordings.reading.reader import Recording
 from power_recordings.writing.writer import BagWriter
+from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from wattwalk_core.errors import InputError
 from wattwalk_core.interruption import DeferredSignals, Interrupted
@@ -187,6 +188,7 @@ def write_bag(
         BarColumn(),
         TextColumn('{task.completed:.0f} of {task.total:.0f} s'),
         TimeRemainingColumn(),
+        console=Console(stderr=True),
     )
     with (
         DeferredSignals() as signals,

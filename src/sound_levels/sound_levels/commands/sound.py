@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.console import output, print_table, progress, write_json
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
@@ -28,12 +28,11 @@ examples:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='ros2 run sound_levels sound',
-        description='Sound levels over time (IEC 61672-1) of sound files, by policy, in dB SPL '
+    parser = command_parser(
+        'sound_levels sound',
+        'Sound levels over time (IEC 61672-1) of sound files, by policy, in dB SPL '
         'with a calibrator; statistics, differences with intervals, third-octave spectra.',
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        _EPILOG,
     )
     add = parser.add_argument
     add('files', nargs='*', type=Path, metavar='WAV', help='wav, flac, …; 8 to 192 kHz')
