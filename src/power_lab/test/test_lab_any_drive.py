@@ -119,6 +119,14 @@ def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_men
     assert fit.main([*arguments, '--anyway']) == 0
 
 
+@pytest.mark.parametrize('rate', [30.0, 2000.0])
+def test_recordings_of_any_rate_give_the_same_copper_loss(tmp_path, rate):
+    bag = recording(tmp_path, DRIVE, rate=rate, seconds=40.0)
+    model, scores = fitted(bag, tmp_path)
+    assert copper(model) == pytest.approx(COPPER, rel=0.1)
+    assert scores['total']['r2'] > 0.99
+
+
 def test_a_drive_without_position_gets_a_verdict(tmp_path):
     bag = recording(tmp_path, DRIVE, units='position: {from: none, unit: rad, optional: true}')
     model, found = tmp_path / 'm.yaml', tmp_path / 'd.json'
