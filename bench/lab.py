@@ -1,5 +1,5 @@
 """
-The blind benchmark of power_lab: hidden effects, nulls, strangers and faults of the meter.
+Blind benchmark of power_lab: hidden and unmodelled effects, nulls and faults of the meter.
 
     python bench/lab.py [--seeds 0 1 …] [--sources circuit sim] [--quick] [--out FILE.jsonl]
 
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lab_scenarios import STRANGERS, Scenario, random_order, scenarios
+from lab_scenarios import UNMODELLED, Scenario, random_order, scenarios
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
@@ -105,7 +105,7 @@ def unabsorbed(diagnoser: Diagnoser, diagnosis: Diagnosis, truth: Iterable[str])
 
 def told(diagnosis: Diagnosis) -> dict[str, Any]:
     """The parts of a diagnosis that are scored."""
-    left = float(np.sqrt(diagnosis.leftover.explained.mean()))
+    left = float(np.sqrt(diagnosis.unexplained.explained.mean()))
     return {
         'verdict': diagnosis.verdict,
         'effects': list(diagnosis.effects),
@@ -151,8 +151,8 @@ def score(row: dict[str, Any]) -> str:
     A set of effects that may be missing counts as right if it is just what was hidden, as part if
     all of it was hidden; one untrue name in every possible set is WRONG.
     """
-    truth = {name for name in row['hidden'] if name not in STRANGERS}
-    strange = any(name in STRANGERS for name in row['hidden'])
+    truth = {name for name in row['hidden'] if name not in UNMODELLED}
+    unmodelled = any(name in UNMODELLED for name in row['hidden'])
     verdict = row['verdict']
     if verdict in ('named', 'ambiguous'):
         possible = [set(member) for member in row['possible']]
@@ -160,8 +160,8 @@ def score(row: dict[str, Any]) -> str:
             return 'named' if verdict == 'named' else 'in the set'
         return 'part' if any(member < truth for member in possible) else 'WRONG'
     if verdict == 'no_evidence':
-        return 'no evidence' if not truth and not strange else 'missed'
-    if strange:
+        return 'no evidence' if not truth and not unmodelled else 'missed'
+    if unmodelled:
         return 'none of the above'
     return 'none of the above' if truth else 'FALSE ALARM'
 
@@ -176,7 +176,7 @@ def main() -> int:
     add = parser.add_argument
     add('--seeds', type=int, nargs='+', default=[0])
     add('--sources', nargs='+', choices=('circuit', 'sim'), default=['circuit', 'sim'])
-    add('--groups', nargs='+', default=[], help='only these: effect null pair stranger fault …')
+    add('--groups', nargs='+', default=[], help='only these: effect null pair unmodelled fault …')
     add('--quick', action='store_true', help='one strength and one base each')
     add('--limit', type=int, default=0, help='at most so many, a fair sample')
     add('--workers', type=int, default=2)
@@ -291,7 +291,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
     large = [s for r, s in effects if (r['hidden_w'] or r['unabsorbed_w']) >= DETECTABLE]
     nulls = [s for r, s in scored if r['group'] == 'null']
     faults = [s for r, s in scored if r['group'] == 'fault']
-    strangers = [s for r, s in scored if r['group'] == 'stranger']
+    unmodelled = [s for r, s in scored if r['group'] == 'unmodelled']
     pairs = [s for r, s in scored if r['group'] == 'pair' and r['unabsorbed_w'] >= DETECTABLE]
     beside = [s for r, s in scored if r['group'] == 'beside']
     followed = [r for r, _ in effects if r['followed_up'] and r['unabsorbed_w'] >= DETECTABLE]
@@ -306,10 +306,15 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         _gate(f'truth named or in the set, {DETECTABLE} W not absorbed', strong, right, '≥ 95 %'),
         _gate('  of these named', strong, ('named',), '–'),
         _gate(f'the same, of all that change the power by {DETECTABLE} W', large, right, '–'),
-        _gate('strangers called none of the above', strangers, ('none of the above',), '≥ 90 %'),
+        _gate(
+            'unmodelled effects called none of the above',
+            unmodelled,
+            ('none of the above',),
+            '≥ 90 %',
+        ),
         _gate('both of two named or in the set', pairs, right, '–'),
         _gate('  of these both named', pairs, ('named',), 'all'),
-        _gate('an effect beside a stranger: its name', beside, right, '–'),
+        _gate('an effect beside an unmodelled effect: its name', beside, right, '–'),
         _gate('  none of the above', beside, ('none of the above',), '–'),
     ]
     if falls:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
-from truth_circuit import STRANGERS, Faults, Truth, record
+from truth_circuit import UNMODELLED, Faults, Truth, record
 
 BASES: Mapping[str, tuple[str, ...]] = {
     'lean': ('copper_loss', 'idle'),
@@ -61,7 +61,7 @@ LEG = ('LF_HAA', 'LF_HFE', 'LF_KFE')
 class Scenario:
     """One recording to be judged."""
 
-    group: str  # effect, null, pair, stranger, fault, beside
+    group: str  # effect, null, pair, unmodelled, fault, beside
     source: str  # circuit or sim
     motion: str  # walk, ladder or bench
     base: str
@@ -91,7 +91,7 @@ class Scenario:
     @property
     def truth(self) -> frozenset[str]:
         """Effects that a perfect diagnosis names."""
-        return frozenset(name for name in self.hidden if name not in STRANGERS)
+        return frozenset(name for name in self.hidden if name not in UNMODELLED)
 
     def content(self) -> dict[str, Any]:
         """For a file of results."""
@@ -169,14 +169,14 @@ def _circuit(seed: int, strengths: Sequence[float], quick: bool) -> list[Scenari
             for index, pair in enumerate(PAIRS)
         ]
         out += [
-            Scenario('stranger', 'circuit', motion, 'mid', {name: strength}, seed=seed)
-            for name in STRANGERS
+            Scenario('unmodelled', 'circuit', motion, 'mid', {name: strength}, seed=seed)
+            for name in UNMODELLED
             for strength in ((1.0,) if quick else (0.5, 1.0))
         ]
         out += [Scenario('fault', 'circuit', motion, 'mid', {}, fault, seed) for fault in FAULTS]
     out += [
-        Scenario('beside', 'circuit', 'walk', 'mid', {stranger: 1.0, effect: 1.0}, seed=seed)
-        for stranger in STRANGERS
+        Scenario('beside', 'circuit', 'walk', 'mid', {missing: 1.0, effect: 1.0}, seed=seed)
+        for missing in UNMODELLED
         for effect in ('load_friction', 'spring')
     ]
     return out
@@ -196,7 +196,7 @@ def _sim(seed: int, quick: bool) -> list[Scenario]:
         Scenario('effect', 'sim', 'bench', 'core', {name: 2.0}, seed=seed)
         for name in ('load_friction', 'coulomb_friction', 'iron_loss', 'viscous_friction')
     ]
-    out += [walk('stranger', {name: 1.0}) for name in STRANGERS]
+    out += [walk('unmodelled', {name: 1.0}) for name in UNMODELLED]
     pairs = combinations(('load_friction', 'regeneration_efficiency', 'spring'), 2)
     out += [walk('pair', dict.fromkeys(pair, 2.0)) for pair in pairs]
     return out

@@ -40,7 +40,7 @@ TYPICAL: dict[str, float] = {
     'fan': 5.0,  # W
     'cross_talk': 0.06,
 }
-STRANGERS = ('position_rub', 'fan', 'cross_talk')
+UNMODELLED = ('position_rub', 'fan', 'cross_talk')
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import yaml
 from power_lab.challenge.challenge import (
     HIDDEN,
     SEALED,
-    STRANGERS,
+    UNMODELLED,
     Challenge,
     draw,
     score,
@@ -247,7 +247,7 @@ def test_a_damaged_or_missing_seal_is_said(tmp_path, capsys):
 def test_seeds_draw_every_kind_of_challenge():
     drawn = [draw(seed) for seed in range(300)]
     hidden = {c.hidden[0] for c in drawn if c.hidden}
-    assert hidden == {*HIDDEN, *STRANGERS}
+    assert hidden == {*HIDDEN, *UNMODELLED}
     assert {c.expected for c in drawn} == {'named', 'none_of_the_above', 'no_evidence'}
     assert all(not set(c.hidden) & set(c.known) for c in drawn)
     assert draw(7) == draw(7)

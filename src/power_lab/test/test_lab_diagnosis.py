@@ -58,13 +58,13 @@ def test_two_hidden_effects_are_both_named():
 
 
 @pytest.mark.parametrize(
-    ('stranger', 'kind'), [('position_rub', 'state'), ('fan', 'slow'), ('cross_talk', 'cross')]
+    ('missing', 'kind'), [('position_rub', 'state'), ('fan', 'slow'), ('cross_talk', 'cross')]
 )
-def test_a_stranger_is_none_of_the_above(stranger, kind):
-    found = diagnose({stranger: 1.0})
+def test_an_unmodelled_effect_is_none_of_the_above(missing, kind):
+    found = diagnose({missing: 1.0})
     assert found.verdict == 'none_of_the_above'
     assert found.effects == ()
-    assert getattr(found.leftover, kind).max() > 0.05
+    assert getattr(found.unexplained, kind).max() > 0.05
     assert 'none of the known effects' in sentence(found)
 
 

@@ -5,7 +5,7 @@ from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.signals.prepared import prepare
 from power_lab.compare.regimes import Regime, bins, worst_regimes
 from power_lab.diagnose.confidence_set import confidence_set
-from power_lab.diagnose.residual_structure import examine_leftover
+from power_lab.diagnose.residual_structure import examine_structure
 from truth_circuit import Truth, record
 
 
@@ -55,7 +55,7 @@ def noise(prepared):
 
 def test_noise_has_no_structure(walk):
     prepared, blocks, folds = walk
-    left = examine_leftover(noise(prepared), prepared, blocks, folds)
+    left = examine_structure(noise(prepared), prepared, blocks, folds)
     assert left.explained.max() < 0.05**2
     assert left.total == pytest.approx(0.04, rel=0.1)
     assert np.isnan(left.period).all()
@@ -65,7 +65,7 @@ def test_structure_over_position_is_found_in_the_state(walk):
     prepared, blocks, folds = walk
     position = prepared.state()['position']
     bump = 0.8 * np.sin(3.0 * (position - position.mean(axis=0)) / position.std(axis=0))
-    left = examine_leftover(noise(prepared) + bump, prepared, blocks, folds)
+    left = examine_structure(noise(prepared) + bump, prepared, blocks, folds)
     expected = np.mean(np.square(bump), axis=0)
     assert (left.state > 0.6 * expected).all()
     assert left.slow.max() < 0.1 * expected.min()
@@ -75,7 +75,7 @@ def test_what_lives_in_time_alone_is_found_with_its_period(walk):
     prepared, blocks, folds = walk
     since = prepared.time - prepared.time[0]
     cycle = np.sign(np.sin(2 * np.pi * since / 10.0))[:, None]
-    left = examine_leftover(noise(prepared) + cycle, prepared, blocks, folds)
+    left = examine_structure(noise(prepared) + cycle, prepared, blocks, folds)
     assert left.slow.min() > 0.15
     assert left.period == pytest.approx([10.0] * 3, rel=0.25)
     assert left.ljung_box.max() < 1e-6
@@ -86,7 +86,7 @@ def test_a_neighbours_power_is_found_as_cross_talk(walk):
     power = prepared.power_at(0.0)
     leak = np.zeros_like(power)
     leak[:, 0] = 0.05 * (power[:, 2] - power[:, 2].mean())
-    left = examine_leftover(noise(prepared) + leak, prepared, blocks, folds)
+    left = examine_structure(noise(prepared) + leak, prepared, blocks, folds)
     assert left.state[0] + left.cross[0] > 0.7 * np.mean(np.square(leak[:, 0]))
     assert left.cross[1:].max() < 0.01
 

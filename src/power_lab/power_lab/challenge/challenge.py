@@ -29,15 +29,16 @@ HIDDEN = (
     'winding_heating',
     'spring',
 )
-STRANGERS = ('position_rub', 'fan', 'cross_talk')
+UNMODELLED = ('position_rub', 'fan', 'cross_talk')
 STRENGTHS = (1.0, 1.5, 2.5)
-_NOTHING, _STRANGE = 0.12, 0.12  # how often nothing, and how often a stranger is hidden
+_NOTHING = 0.12  # share of challenges that hide nothing
+_UNMODELLED_SHARE = 0.12  # that hide an unmodelled effect
 _TOP_STRENGTH = {'cross_talk': 1.5}
 
 
 @dataclass(frozen=True)
 class Challenge:
-    """What is hidden, and what the model may know."""
+    """Hidden effects of a challenge, and those that the model may know."""
 
     hidden: tuple[str, ...]
     strength: float
@@ -49,7 +50,7 @@ class Challenge:
         """The verdict that a perfect judge gives."""
         if not self.hidden:
             return 'no_evidence'
-        return 'none_of_the_above' if self.hidden[0] in STRANGERS else 'named'
+        return 'none_of_the_above' if self.hidden[0] in UNMODELLED else 'named'
 
     def plant(self, base: Plant) -> Plant:
         """The base plant with the known effects and the hidden one, and nothing else."""
@@ -88,11 +89,11 @@ def draw(seed: int) -> Challenge:
     known = [*ALWAYS, *(name for name in SOMETIMES if random.uniform() < 0.7)]
     strength = float(random.choice(STRENGTHS))
     hidden: tuple[str, ...] = ()
-    if kind >= _NOTHING + _STRANGE:
+    if kind >= _NOTHING + _UNMODELLED_SHARE:
         choices = [name for name in HIDDEN if name not in known]
         hidden = (str(random.choice(choices)),)
     elif kind >= _NOTHING:
-        hidden = (str(random.choice(STRANGERS)),)
+        hidden = (str(random.choice(UNMODELLED)),)
         strength = min(strength, _TOP_STRENGTH.get(hidden[0], strength))
     unit = int(random.integers(1, 1000))
     return Challenge(hidden, strength if hidden else 1.0, ('shaft', *known), unit)

@@ -89,9 +89,9 @@ def reveal(args: Sequence[str] | None = None) -> int:
 
     answer = unseal(options.bag)
 
-    from power_lab.diagnose.verdict import plain
+    from power_lab.diagnose.verdict import in_words
 
-    hidden = ', '.join(plain(name) for name in answer['hidden']) or 'nothing'
+    hidden = ', '.join(in_words(name) for name in answer['hidden']) or 'nothing'
     times = f' at {answer["strength"]:g} times its usual strength' if answer['hidden'] else ''
     print(f'hidden: {hidden}{times}; the verdict to expect is {answer["expected"]}')
     if options.diagnosis:

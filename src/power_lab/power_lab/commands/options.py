@@ -60,7 +60,7 @@ def add_doubts(made: argparse.ArgumentParser) -> None:
 
 
 def add_outputs(made: argparse.ArgumentParser, *, report: bool = True) -> None:
-    """Where to write."""
+    """Arguments for files of results."""
     made.add_argument('--json', type=Path, metavar='FILE', help='write the result as JSON')
     if report:
         made.add_argument('--report', type=Path, metavar='FILE.html', help='write a page to read')

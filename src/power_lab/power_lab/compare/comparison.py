@@ -113,7 +113,7 @@ def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Compa
     seconds and past the first 0.2 s, less those that a network among the models knows.
     """
     models = [open_model(spec, catalogue) for spec in specs]
-    plain = material(loaded.data, window=loaded.window)
+    alone = material(loaded.data, window=loaded.window)
     judged = []
     for spec, model in zip(specs, models, strict=True):
         if isinstance(model, EffectModel):
@@ -121,17 +121,17 @@ def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Compa
             if model.base is not None:
                 base = base_power(loaded, model.base)
             if _knows(model, loaded):
-                judged.append(_refitted(model, loaded, base, plain, catalogue))
+                judged.append(_refitted(model, loaded, base, alone, catalogue))
             else:
                 power = _predicted(model, loaded, base)
                 how = _ON_BASE if base is not None and base.partly else 'other recordings'
-                judged.append(_plain(model.name, model.effects, power, plain, how))
+                judged.append(_plain(model.name, model.effects, power, alone, how))
             continue
         if isinstance(model, Proxy):
-            judged.append(_proxy(model, loaded, plain))
+            judged.append(_proxy(model, loaded, alone))
         else:
-            judged.append(_network(spec, model, loaded, plain))
-    return _together(judged, models, plain, loaded)
+            judged.append(_network(spec, model, loaded, alone))
+    return _together(judged, models, alone, loaded)
 
 
 def open_model(spec: str, catalogue: Catalogue) -> PowerModel:
@@ -174,8 +174,12 @@ def _best_delay(prepared: Prepared, residual_at: Callable[[float], Floats]) -> f
     delay = float(prepared.shifts[best])
     if 0 < best < len(errors) - 1:
         a, b, c = errors[best - 1 : best + 2]
-        bend = a - 2 * b + c
-        delay += 0.5 * (a - c) / bend * (prepared.shifts[1] - prepared.shifts[0]) if bend else 0.0
+        curvature = a - 2 * b + c
+        delay += (
+            0.5 * (a - c) / curvature * (prepared.shifts[1] - prepared.shifts[0])
+            if curvature
+            else 0.0
+        )
     return delay
 
 
@@ -200,18 +204,18 @@ def _rows(power: NDArray[np.float32], own: Material) -> NDArray[np.float32]:
 
 
 def _refitted(
-    model: EffectModel, loaded: Loaded, base: Unseen | None, plain: Material, catalogue: Catalogue
+    model: EffectModel, loaded: Loaded, base: Unseen | None, alone: Material, catalogue: Catalogue
 ) -> Judged:
-    own = plain
+    own = alone
     if base is not None:
         own = material(loaded.data, base=base.power, catalogue=catalogue, window=loaded.window)
     terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
     examiner = Examiner(own.fitter())
     fit = examiner.fitter.fit(own.structure(model.structure.actives).plus(*terms), iterations=4)
     found = examiner.residual(examiner.examine(fit), all_rows=True)
-    measured = plain.prepared.power_at(fit.delay)
+    measured = alone.prepared.power_at(fit.delay)
     residual = np.full(measured.shape, np.nan)
-    residual[:, [plain.prepared.names.index(name) for name in own.prepared.names]] = found
+    residual[:, [alone.prepared.names.index(name) for name in own.prepared.names]] = found
     how = 'cross-validated'
     if base is not None and base.partly:
         how += f' on the {_ON_BASE}'
@@ -254,9 +258,9 @@ def _network(spec: str, model: PowerModel, loaded: Loaded, own: Material) -> Jud
 
 
 def _together(
-    judged: Sequence[Judged], given: Sequence[PowerModel], plain: Material, loaded: Loaded
+    judged: Sequence[Judged], given: Sequence[PowerModel], alone: Material, loaded: Loaded
 ) -> Comparison:
-    prepared = plain.prepared
+    prepared = alone.prepared
     common = np.zeros(prepared.measured.shape, bool)
     whole = Blocks.of(prepared).rows.ravel()
     common[whole] = prepared.measured[whole]

@@ -1,4 +1,4 @@
-"""How well a structure predicts what it was not fitted on: blocked cross-validation."""
+"""Blocked cross-validation: errors of a structure on data that it was not fitted to."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Where a model fails, in words: the ranges of state in which its error is largest."""
+"""Ranges of state in which a model's error is largest, in words."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What may be missing: the catalogue's effects that a model has not, in all their shapes."""
+"""Candidates: the catalogue's effects that a model lacks, in all their shapes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +44,11 @@ def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Ac
     ]
 
 
-def best_shapes(bank: CandidateScreener) -> dict[str, Screened]:
+def best_shapes(screener: CandidateScreener) -> dict[str, Screened]:
     """For each effect the screening of its best shape."""
     best: dict[str, Screened] = {}
-    for active in bank.candidates:
-        screened = bank.screen([active])
+    for active in screener.candidates:
+        screened = screener.screen([active])
         known = best.get(active.name)
         if known is None or screened.training_error < known.training_error:
             best[active.name] = screened

@@ -1,4 +1,4 @@
-"""Which of several models may be the best: the Model Confidence Set."""
+"""Model Confidence Set: those of several models that may be the best."""
 
 from collections.abc import Sequence
 

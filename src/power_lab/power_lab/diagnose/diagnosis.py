@@ -1,4 +1,4 @@
-"""Which physical effect a model misses: the procedure and its verdict."""
+"""Procedure that finds the effect that a model lacks, and its verdict."""
 
 import itertools
 from collections.abc import Collection, Sequence
@@ -23,33 +23,33 @@ from power_lab.diagnose.floors import (
     shared,
     unseen,
 )
-from power_lab.diagnose.residual_structure import Leftover, examine_leftover
+from power_lab.diagnose.residual_structure import ResidualStructure, examine_structure
 
 Floats = NDArray[np.float64]
 Verdict = Literal['named', 'ambiguous', 'none_of_the_above', 'no_evidence']
 
 NAME_FLOOR, NAME_SHARE_OF_RMS = 0.1, 0.0015
 """W, and share of the rms power: an effect that explains less is not worth a name."""
-STRANGER_FLOOR, STRANGER_SHARE_OF_RMS = 0.15, 0.004
+STRUCTURE_FLOOR, STRUCTURE_SHARE_OF_RMS = 0.15, 0.004
 """The same for structure that no effect explains; formulas are not more accurate than this."""
 NEXT_SHARE = 0.02
 """A further effect must explain this share, in watts, of what the others do."""
 NAMED_SHARE, NAMED_SHARE_QUIET = 0.8, 0.5
 """
 Named effects must explain this share of all that can be explained; half of it where what is left
-is too small to be a stranger.
+is too small to be an unmodelled effect.
 """
 MOST_EFFECTS = 8
-EARNED_SHARE, EARNED_BESIDE_STRANGER = 0.4, 0.8
+EARNED_SHARE, EARNED_BESIDE_STRUCTURE = 0.4, 0.8
 """
 The last effect to join must explain this share of what was still to be explained; more where
-what is left is large enough to be a stranger, which a wrong name explains in part.
+what is left is large enough to be an unmodelled effect, which a wrong name explains in part.
 """
 _FINALISTS, _EXTRAS, _SWAPS = 6, 3, 2
 _LARGEST_SWAP, _LATE_EXTRAS = 3, 2  # sets beyond this size grow by the best candidates only
 MOST_RIVALS = 3
 """That a further effect may have."""
-_MOST_SAMPLED = 3.0  # times its usual size may sampling raise the floor of strangers
+_MOST_SAMPLED = 3.0  # times its usual size may sampling raise the floor of unmodelled effects
 _LEAST_FALL = 1e-3  # of the log error, for another shape
 _EVENT = 20.0  # times the median squared error
 _EVENT_SHARE = 0.05
@@ -75,11 +75,11 @@ class Step:
     best: tuple[str, ...]
     gain: Floats  # W² [D], of the best over what was there before
 
-    def less(self, idlers: Collection[str]) -> 'Step':
+    def less(self, redundant: Collection[str]) -> 'Step':
         """Without effects that proved superfluous beside the others."""
-        if not idlers:
+        if not redundant:
             return self
-        left = [tuple(name for name in member if name not in idlers) for member in self.members]
+        left = [tuple(name for name in member if name not in redundant) for member in self.members]
         return replace(self, members=tuple(dict.fromkeys(left)))
 
 
@@ -98,9 +98,9 @@ class Diagnosis:
     possible: tuple[tuple[str, ...], ...]  # sets that may be missing, where something is named
     ladder: tuple[Evidence, ...]  # the base, and what the data asked for step by step
     explained: Floats  # W² [D], by the chosen effects
-    leftover: Leftover
+    unexplained: ResidualStructure
     floor: Floats  # W [D], of what is worth a name
-    stranger_floor: Floats  # W [D]
+    structure_floor: Floats  # W [D]
     share: float
     steps: tuple[Step, ...] = field(default=())
     beyond: tuple[str, ...] = ()  # effects that only fit with a coefficient at its bound
@@ -120,36 +120,42 @@ class Diagnoser:
         self.catalogue = catalogue
         self.seed = seed
         self.floor = floors(fitter, NAME_FLOOR, NAME_SHARE_OF_RMS)
-        self.stranger_floor = floors(fitter, STRANGER_FLOOR, STRANGER_SHARE_OF_RMS)
+        self.structure_floor = floors(fitter, STRUCTURE_FLOOR, STRUCTURE_SHARE_OF_RMS)
         self.candidates = candidates(fitter, base, catalogue)
 
     def run(self) -> Diagnosis:
         """All of it."""
         none = self._base()
-        bank = CandidateScreener(self.fitter, self.examiner.folds, none.fit, self.candidates)
-        found = best_shapes(bank)
-        events = self._events(none, bank, found)
+        screener = self._screener(none)
+        found = best_shapes(screener)
+        events = self._events(none, screener, found)
         if events.any():
             self.fitter.leave_out(events)
             none = self.examiner.examine(self.fitter.fit(self.base, none.fit, iterations=2))
-            bank = CandidateScreener(self.fitter, self.examiner.folds, none.fit, self.candidates)
-            found = best_shapes(bank)
-        usual = self.stranger_floor
+            screener = CandidateScreener(
+                self.fitter, self.examiner.folds, none.fit, self.candidates
+            )
+            found = best_shapes(screener)
+        usual = self.structure_floor
         sampled = unseen(self.fitter.prepared, none.fit)
-        self.stranger_floor = np.clip(sampled, usual, _MOST_SAMPLED * usual)
-        singles = self._singles(none, bank, found)
+        self.structure_floor = np.clip(sampled, usual, _MOST_SAMPLED * usual)
+        singles = self._singles(none, screener, found)
         ladder, steps = [none], []
         while len(ladder) <= min(MOST_EFFECTS, len(found)):
-            step, better = self._next(none, ladder[-1], bank, found)
+            step, better = self._next(none, ladder[-1], screener, found)
             steps.append(step)
             if better is None:
                 break
-            grown = self._reshaped(self._without_idlers(better))
+            grown = self._reshaped(self._without_redundant(better))
             if frozenset(grown.names) in [frozenset(rung.names) for rung in ladder]:
                 break
             ladder.append(grown)
             steps[-1] = steps[-1].less(set(better.names) - set(grown.names))
         return self._judge(ladder, singles, steps)
+
+    def _screener(self, none: Evidence) -> CandidateScreener:
+        folds = self.examiner.folds
+        return CandidateScreener(self.fitter, folds, none.fit, self.candidates)
 
     def _base(self) -> Evidence:
         """The base alone, its shapes chosen, bent as real drives are."""
@@ -158,14 +164,14 @@ class Diagnoser:
         return self.examiner.examine(self.fitter.fit(self.base, iterations=4))
 
     def _events(
-        self, none: Evidence, bank: CandidateScreener, found: dict[str, Screened]
+        self, none: Evidence, screener: CandidateScreener, found: dict[str, Screened]
     ) -> NDArray[np.bool_]:
         """
         Blocks [B, D] that not even all candidates together follow: stumbles, pushes.
 
         At most a twentieth of the recording; what fails more often is no event.
         """
-        together = bank.screen([screened.actives[0] for screened in found.values()])
+        together = screener.screen([screened.actives[0] for screened in found.values()])
         best = np.fmin(none.mse, together.mse)
         limit = np.maximum(
             _EVENT * np.nanmedian(best, axis=0), np.nanquantile(best, 1 - _EVENT_SHARE, axis=0)
@@ -173,7 +179,7 @@ class Diagnoser:
         return np.nan_to_num(best) > limit
 
     def _singles(
-        self, none: Evidence, bank: CandidateScreener, found: dict[str, Screened]
+        self, none: Evidence, screener: CandidateScreener, found: dict[str, Screened]
     ) -> tuple[Candidate, ...]:
         order = sorted(found.values(), key=lambda screened: screened.loss)
         out = []
@@ -190,11 +196,15 @@ class Diagnoser:
         return self.examiner.examine(fit, [active.name for active in actives])
 
     def _next(
-        self, none: Evidence, best: Evidence, bank: CandidateScreener, found: dict[str, Screened]
+        self,
+        none: Evidence,
+        best: Evidence,
+        screener: CandidateScreener,
+        found: dict[str, Screened],
     ) -> tuple[Step, Evidence | None]:
         """The best set with one effect more, if it is worth it."""
         chosen = best.names
-        sets = self._rivals(best, bank, found)
+        sets = self._rivals(best, screener, found)
         finalists = [self.added(best.fit if chosen else none.fit, actives) for actives in sets]
         finalists = [e for e in finalists if not negligible(e, self.fitter.scale)] or finalists[:1]
         finalists.sort(key=lambda e: float(e.loss.mean()))
@@ -249,18 +259,18 @@ class Diagnoser:
         place = same.index(active) if active in same else 0
         return [same[i] for i in (place - 1, place + 1) if 0 <= i < len(same)]
 
-    def _without_idlers(self, evidence: Evidence) -> Evidence:
+    def _without_redundant(self, evidence: Evidence) -> Evidence:
         """Drop effects that later ones have made superfluous."""
         for name in evidence.names[:-1]:
             rest = tuple(active for active in evidence.actives if active.name != name)
             less = self.added(evidence.fit, rest)
             gain = less.mean_mse - evidence.mean_mse
             if len(rest) > 1 and not above_floor(gain, self.floor):
-                return self._without_idlers(less)
+                return self._without_redundant(less)
         return evidence
 
     def _rivals(
-        self, best: Evidence, bank: CandidateScreener, found: dict[str, Screened]
+        self, best: Evidence, screener: CandidateScreener, found: dict[str, Screened]
     ) -> list[tuple[Active, ...]]:
         """Sets of one effect more that come into question, by screening."""
         if not best.names:
@@ -279,7 +289,9 @@ class Diagnoser:
             for subset in itertools.combinations(names, size)
             if len(set(subset) - set(best.names)) == 2
         ]
-        screened = [bank.screen([found[name].actives[0] for name in subset]) for subset in swaps]
+        screened = [
+            screener.screen([found[name].actives[0] for name in subset]) for subset in swaps
+        ]
         screened.sort(key=lambda one: one.loss)
         return sets + [one.actives for one in screened[:_SWAPS]]
 
@@ -288,27 +300,27 @@ class Diagnoser:
     ) -> Diagnosis:
         ladder = list(ladder)
         none = ladder[0]
-        leftover = self._leftover(ladder[-1])
+        unexplained = self._unexplained(ladder[-1])
         beyond = tuple(dict.fromkeys(name for rung in ladder for name in beyond_physics(rung)))
         while beyond_physics(ladder[-1]):
             ladder.pop()
-            leftover = self._leftover(ladder[-1])
-        while len(ladder) > 2 and not self._earned(ladder[-2], ladder[-1], leftover):
+            unexplained = self._unexplained(ladder[-1])
+        while len(ladder) > 2 and not self._earned(ladder[-2], ladder[-1], unexplained):
             ladder.pop()
-            leftover = self._leftover(ladder[-1])
+            unexplained = self._unexplained(ladder[-1])
         best, chosen = ladder[-1], ladder[-1].names
         explained = np.maximum(none.mean_mse - best.mean_mse, 0.0)
-        explainable = explained + leftover.explained
+        explainable = explained + unexplained.explained
         share = float(explained.sum() / max(explainable.sum(), 1e-12))
         possible = steps[len(ladder) - 2].members if chosen else ()
         effects = tuple(dict.fromkeys((*chosen, *itertools.chain(*possible))))
         certain = frozenset.intersection(*(frozenset(m) for m in possible)) if possible else ()
         verdict: Verdict
-        strange = above_floor(leftover.explained, self.stranger_floor)
+        unmodelled = above_floor(unexplained.explained, self.structure_floor)
         if not chosen:
-            verdict, effects = ('none_of_the_above' if strange else 'no_evidence'), ()
-        elif share < (NAMED_SHARE if strange else NAMED_SHARE_QUIET):
-            verdict = 'none_of_the_above' if strange else 'no_evidence'
+            verdict, effects = ('none_of_the_above' if unmodelled else 'no_evidence'), ()
+        elif share < (NAMED_SHARE if unmodelled else NAMED_SHARE_QUIET):
+            verdict = 'none_of_the_above' if unmodelled else 'no_evidence'
             effects = ()
         elif len(possible) > 1:
             verdict = 'ambiguous'
@@ -327,24 +339,24 @@ class Diagnoser:
             possible=possible if named else (),
             ladder=tuple(ladder),
             explained=explained,
-            leftover=leftover,
+            unexplained=unexplained,
             floor=self.floor,
-            stranger_floor=self.stranger_floor,
+            structure_floor=self.structure_floor,
             share=share,
             steps=tuple(steps),
             beyond=beyond,
         )
 
-    def _leftover(self, evidence: Evidence) -> Leftover:
+    def _unexplained(self, evidence: Evidence) -> ResidualStructure:
         residual = self.examiner.residual(evidence)
         fitter = self.fitter
-        return examine_leftover(
+        return examine_structure(
             residual, fitter.prepared, fitter.blocks, self.examiner.folds, self.seed
         )
 
-    def _earned(self, before: Evidence, after: Evidence, leftover: Leftover) -> bool:
-        """Whether the last effect explains most of what was still to be explained."""
+    def _earned(self, before: Evidence, after: Evidence, unexplained: ResidualStructure) -> bool:
+        """Return whether the last effect explains most of the structure before it."""
         gain = float(np.maximum(before.mean_mse - after.mean_mse, 0.0).sum())
-        strange = above_floor(leftover.explained, self.stranger_floor)
-        least = EARNED_BESIDE_STRANGER if strange else EARNED_SHARE
-        return gain >= least * (gain + float(leftover.explained.sum()))
+        unmodelled = above_floor(unexplained.explained, self.structure_floor)
+        least = EARNED_BESIDE_STRUCTURE if unmodelled else EARNED_SHARE
+        return gain >= least * (gain + float(unexplained.explained.sum()))

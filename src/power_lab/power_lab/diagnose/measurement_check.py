@@ -1,4 +1,4 @@
-"""Whether the measurement itself is sound: offset, gain, bias, lag and delay with intervals."""
+"""Measurement check: offset, gain, bias, lag and delay with intervals."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -65,7 +65,7 @@ class MeasurementTerm:
 
 def check_measurement(
     diagnosis: Diagnosis,
-    bank: CandidateScreener,
+    screener: CandidateScreener,
     model: EffectModel,
     *,
     other_recording: bool,
@@ -74,14 +74,14 @@ def check_measurement(
     """
     The terms of the best fit with 95 % intervals, by name.
 
-    bank holds the best fit's own columns. With other_recording, a change of the idle draw against
-    the model's counts as current offset: at one bus voltage they are the same.
+    screener holds the best fit's own columns. With other_recording, a change of the idle draw
+    against the model's counts as current offset: at one bus voltage they are the same.
     """
-    fit, fitter = diagnosis.best.fit, bank.fitter
+    fit, fitter = diagnosis.best.fit, screener.fitter
     prepared = fitter.prepared
     intervals = fitter.intervals(fit, seed)
     found: dict[str, MeasurementTerm] = {}
-    delays = _delays(bank, seed)
+    delays = _delays(screener, seed)
     rate = np.gradient(prepared.power_at(fit.delay), axis=0) * REDUCED_RATE
     slope = np.sqrt(np.nanmean(np.square(rate), axis=0))
     found['time_offset'] = _term(
@@ -161,13 +161,13 @@ def _against_idle(
     return values, bounds
 
 
-def _delays(bank: CandidateScreener, seed: int) -> Floats:
+def _delays(screener: CandidateScreener, seed: int) -> Floats:
     random = np.random.default_rng(seed)
-    count = len(bank.fitter.blocks.starts)
+    count = len(screener.fitter.blocks.starts)
     size = min(5, count)
     drawn = np.zeros((_DRAWS, count))
     for row in drawn:
         starts = random.integers(0, count - size + 1, -(-count // size))
         np.add.at(row, (starts[:, None] + np.arange(size)).ravel(), 1.0)
-    delays = np.array([bank.delay(weights) for weights in drawn])
+    delays = np.array([screener.delay(weights) for weights in drawn])
     return np.quantile(delays, [0.025, 0.975])

@@ -1,4 +1,4 @@
-"""Which recording would settle a diagnosis, as a file that a bench or a robot can execute."""
+"""Motion that would settle a diagnosis, as a file that a bench or a robot can execute."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -21,7 +21,7 @@ from power_lab.compare.regimes import Regime, worst_regimes
 from power_lab.diagnose.diagnosis import Candidate, Diagnoser, Diagnosis
 from power_lab.diagnose.measurement_check import MeasurementTerm, check_measurement
 from power_lab.diagnose.next_recording import Motion, separating_motion
-from power_lab.diagnose.verdict import plain, sentence
+from power_lab.diagnose.verdict import in_words, sentence
 from power_lab.recordings import Loaded, base_power
 
 Floats = NDArray[np.float64]
@@ -96,7 +96,7 @@ class Outcome:
         hidden = _could_be_there(self.diagnosis, self.rows)
         if not hidden:
             return told
-        words = ', '.join(f'{plain(row.name)} ({row.could_hide_w:.1f} W)' for row in hidden)
+        words = ', '.join(f'{in_words(row.name)} ({row.could_hide_w:.1f} W)' for row in hidden)
         return f'{told} Other terms of the model would cover up to this much of: {words}.'
 
     def json(self) -> dict[str, Any]:
@@ -114,15 +114,15 @@ class Outcome:
             'measurement': {name: term.json() for name, term in self.measurement.items()},
             'candidates': [row.json() for row in self.rows],
             'leftover': {
-                'r2': _short(d.leftover.r2),
+                'r2': _short(d.unexplained.r2),
                 'worst': worst,
                 'watts': {
-                    'state': _roots(d.leftover.state, names),
-                    'other_drives': _roots(d.leftover.cross, names),
-                    'time': _roots(d.leftover.slow, names),
+                    'state': _roots(d.unexplained.state, names),
+                    'other_drives': _roots(d.unexplained.cross, names),
+                    'time': _roots(d.unexplained.slow, names),
                 },
-                'period_s': _values(d.leftover.period, names),
-                'ljung_box_p': _values(d.leftover.ljung_box, names),
+                'period_s': _values(d.unexplained.period, names),
+                'ljung_box_p': _values(d.unexplained.ljung_box, names),
             },
             'next_recording': self.motion.content(),
             'drives': {
@@ -131,7 +131,7 @@ class Outcome:
                     'rmse_after_w': _short(float(d.best.rmse[i])),
                     'sensor_noise_w': _short(float(self.diagnoser.fitter.prepared.noise[i])),
                     'floor_w': _short(float(d.floor[i])),
-                    'stranger_floor_w': _short(float(d.stranger_floor[i])),
+                    'stranger_floor_w': _short(float(d.structure_floor[i])),
                 }
                 for i, name in enumerate(names)
             },
@@ -185,7 +185,7 @@ def diagnose(
 
     known = {entry.get('sha256') for entry in model.fitted_on}
     other = not seen and not any(entry['sha256'] in known for entry in loaded.identities)
-    bank = CandidateScreener(fitter, Folds.of(fitter.blocks), diagnosis.best.fit, ())
+    screener = CandidateScreener(fitter, Folds.of(fitter.blocks), diagnosis.best.fit, ())
     rows = _rows(diagnosis, diagnoser, seed)
     return Outcome(
         model=model,
@@ -193,7 +193,9 @@ def diagnose(
         diagnoser=diagnoser,
         diagnosis=diagnosis,
         rows=rows,
-        measurement=check_measurement(diagnosis, bank, model, other_recording=other, seed=seed),
+        measurement=check_measurement(
+            diagnosis, screener, model, other_recording=other, seed=seed
+        ),
         regimes=regimes_of(diagnosis.best),
         base_regimes=regimes_of(diagnosis.base),
         motion=_motion(diagnosis, rows, catalogue, own.prepared.signals),

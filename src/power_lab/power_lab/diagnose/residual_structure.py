@@ -1,4 +1,4 @@
-"""What no candidate explains: structure of a residual over state, other drives and time."""
+"""Structure of a residual that no candidate explains: over state, other drives and time."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ _TEST_LAGS = 10
 
 
 @dataclass(frozen=True)
-class Leftover:
+class ResidualStructure:
     """Held-out explained squared error of each drive, W² [D], by what explains it."""
 
     state: Floats  # boosted trees over the drive's own state
@@ -42,9 +42,9 @@ class Leftover:
         return float(self.explained.sum() / max(self.total.sum(), 1e-12))
 
 
-def examine_leftover(
+def examine_structure(
     residual: Floats, prepared: Prepared, blocks: Blocks, folds: Folds, seed: int = 0
-) -> Leftover:
+) -> ResidualStructure:
     """Look for structure in a held-out residual, W [N, D]."""
     state = prepared.state()
     power = prepared.power_at(0.0)
@@ -80,7 +80,9 @@ def examine_leftover(
             if len(means) > 2 * _TEST_LAGS:
                 table = acorr_ljungbox(means, lags=[_TEST_LAGS])
                 test[drive] = float(table['lb_pvalue'].iloc[0])
-    return Leftover(found['state'], found['cross'], found['slow'], found['total'], period, test)
+    return ResidualStructure(
+        found['state'], found['cross'], found['slow'], found['total'], period, test
+    )
 
 
 def _gain(target: Floats, predicted: Floats) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from power_lab.diagnose.diagnosis import MOST_RIVALS, Diagnosis
 from power_lab.diagnose.floors import above_floor
 
-PLAIN = {
+IN_WORDS = {
     'shaft': 'mechanical power at the joint',
     'copper_loss': 'copper loss in the winding',
     'winding_heating': 'heating of the winding',
@@ -33,7 +33,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     base = diagnosis.base.mean_mse
     best = diagnosis.best.mean_mse
     before, after = float(np.sqrt(np.mean(base))), float(np.sqrt(np.mean(best)))
-    leftover = float(np.sqrt(np.mean(diagnosis.leftover.explained)))
+    unexplained = float(np.sqrt(np.mean(diagnosis.unexplained.explained)))
     if diagnosis.verdict == 'named':
         are = 'is' if len(diagnosis.effects) == 1 else 'are'
         told = (
@@ -41,10 +41,10 @@ def sentence(diagnosis: Diagnosis) -> str:
             f'{"it" if len(diagnosis.effects) == 1 else "them"} the error on held-out data falls '
             f'from {before:.2f} to {after:.2f} W.'
         )
-        if above_floor(diagnosis.leftover.explained, diagnosis.stranger_floor):
+        if above_floor(diagnosis.unexplained.explained, diagnosis.structure_floor):
             told += (
-                f' {leftover:.2f} W of structure is left that no known effect explains, most in '
-                f'{_leftover_kind(diagnosis)}.'
+                f' {unexplained:.2f} W of structure is left that no known effect explains, most '
+                f'in {_unexplained_kind(diagnosis)}.'
             )
         last = diagnosis.steps[-1]
         rivals = last.added == diagnosis.chosen and len(last.members) > MOST_RIVALS
@@ -66,16 +66,16 @@ def sentence(diagnosis: Diagnosis) -> str:
         if diagnosis.chosen:
             verb = 'explains' if len(diagnosis.chosen) == 1 else 'explain'
             tail = f' {_joined(diagnosis.chosen).capitalize()} {verb} a part of the error.'
-        where = f' It shows most in: {_leftover_kind(diagnosis)}.'
+        where = f' It shows most in: {_unexplained_kind(diagnosis)}.'
         return (
             'The model misses something that none of the known effects explains '
-            f'({leftover:.2f} W of structure is left).{where}{tail}{_beyond(diagnosis)}'
+            f'({unexplained:.2f} W of structure is left).{where}{tail}{_beyond(diagnosis)}'
         )
     if diagnosis.chosen:
         return (
             f'No evidence that would bear a name: {_joined(diagnosis.chosen)} lowers the error on '
             f'held-out data from {before:.2f} to {after:.2f} W, but as much structure is left '
-            f'({leftover:.2f} W), no more than the sampling of the signals may put on.'
+            f'({unexplained:.2f} W), no more than the sampling of the signals may put on.'
         )
     return (
         f'No evidence that an effect is missing: the error of {before:.2f} W on held-out data has '
@@ -93,27 +93,27 @@ def _beyond(diagnosis: Diagnosis) -> str:
     )
 
 
-def plain(name: str) -> str:
+def in_words(name: str) -> str:
     """The effect in everyday words."""
-    return PLAIN.get(name, name.replace('_', ' '))
+    return IN_WORDS.get(name, name.replace('_', ' '))
 
 
 def _joined(names: Sequence[str], word: str = 'and') -> str:
-    words = [plain(name) for name in names]
+    words = [in_words(name) for name in names]
     if len(words) < 2:
         return ''.join(words)
     return f'{", ".join(words[:-1])} {word} {words[-1]}'
 
 
-def _leftover_kind(diagnosis: Diagnosis) -> str:
-    leftover = diagnosis.leftover
+def _unexplained_kind(diagnosis: Diagnosis) -> str:
+    unexplained = diagnosis.unexplained
     sizes = {
-        'the state of the drive (torque, speed, position …)': float(leftover.state.sum()),
-        "other drives' power (cross-talk)": float(leftover.cross.sum()),
-        'time alone, whatever the drive does': float(leftover.slow.sum()),
+        'the state of the drive (torque, speed, position …)': float(unexplained.state.sum()),
+        "other drives' power (cross-talk)": float(unexplained.cross.sum()),
+        'time alone, whatever the drive does': float(unexplained.slow.sum()),
     }
     kind = max(sizes, key=lambda key: sizes[key])
-    periods = leftover.period[np.isfinite(leftover.period)]
+    periods = unexplained.period[np.isfinite(unexplained.period)]
     if 'time' in kind and periods.size:
         kind += f', with a period of about {float(np.median(periods)):.0f} s'
     return kind

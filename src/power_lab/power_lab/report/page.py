@@ -13,7 +13,7 @@ from wattwalk_core.pages.page import Page, escape
 from power_lab.compare.comparison import Comparison, by_drive, compare
 from power_lab.diagnose.measurement_check import UNITS as TERM_UNITS
 from power_lab.diagnose.outcome import Outcome
-from power_lab.diagnose.verdict import plain
+from power_lab.diagnose.verdict import in_words
 from power_lab.report import figures
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ def write_diagnosis(
         {
             'Model': outcome.model.name
             + (f' on {outcome.model.base}' if outcome.model.base else ''),
-            'Active effects': ', '.join(map(plain, outcome.model.effects)) or 'none',
+            'Active effects': ', '.join(map(in_words, outcome.model.effects)) or 'none',
             'Recordings': ', '.join(entry['name'] for entry in outcome.loaded.identities),
             'Drives': ', '.join(prepared.names),
             'Length': f'{prepared.seconds:.0f} s without gaps',
@@ -53,7 +53,7 @@ def write_diagnosis(
     measured = prepared.power_at(diagnosis.best.fit.delay)
     residuals = {outcome.model.name: examiner.residual(diagnosis.base, all_rows=True)}
     if diagnosis.best is not diagnosis.base:
-        label = ' + '.join(plain(name) for name in diagnosis.chosen)
+        label = ' + '.join(in_words(name) for name in diagnosis.chosen)
         residuals[f'with {label}'] = examiner.residual(diagnosis.best, all_rows=True)
     floors = dict(zip(prepared.names, diagnosis.floor, strict=True))
     _section_traces(page, prepared, measured, residuals, floors)
@@ -223,7 +223,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
     page.add(
         page.figure(
             figures.candidates(
-                [plain(row.name) for row in shown],
+                [in_words(row.name) for row in shown],
                 [max(row.delta_rmse_w, 0.0) for row in shown],
                 [row.in_confidence_set for row in shown],
             ),
@@ -234,7 +234,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
         ['effect', 'error falls by', 'coefficient', '95 % interval', 'of drive', 'may be it'],
         [
             [
-                plain(row.name),
+                in_words(row.name),
                 f'{row.delta_rmse_w + 0.0:.3f} W'.replace('-0.000', '0.000'),
                 f'{row.symbol} = {row.coefficient:.3g}{"*" if row.at_bound else ""} '
                 f'{row.unit if row.unit != "1" else ""}',
@@ -247,7 +247,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
         numbers=(1,),
         bold=[i for i, row in enumerate(rows) if row.name in outcome.diagnosis.effects],
     )
-    left = outcome.diagnosis.leftover
+    left = outcome.diagnosis.unexplained
     total = float(np.sqrt(np.mean(left.explained)))
     sentence = f'After that, {total:.2f} W of structure is left'
     if outcome.regimes and total > 0.05:
@@ -261,7 +261,7 @@ def _section_next(page: Page, outcome: Outcome) -> None:
     if ties:
         page.text('No recording like this one can tell these apart:')
         items = ''.join(
-            f'<li>{escape(" = ".join(plain(name) for name in tie.split("/")))}</li>'
+            f'<li>{escape(" = ".join(in_words(name) for name in tie.split("/")))}</li>'
             for tie in ties
         )
         page.add(f'<ul class="regimes">{items}</ul>')
@@ -290,7 +290,7 @@ def _section_staircase(
     steps.append(outcome.model.name)
     errors.append(float(np.sqrt(np.mean(diagnosis.base.mean_mse))))
     for rung in diagnosis.ladder[1:]:
-        steps.append('+ ' + ', '.join(plain(name) for name in rung.names))
+        steps.append('+ ' + ', '.join(in_words(name) for name in rung.names))
         errors.append(float(np.sqrt(np.mean(rung.mean_mse))))
     prepared = outcome.diagnoser.fitter.prepared
     lines = {'sensor noise': float(np.sqrt(np.nanmean(np.square(prepared.noise))))}
@@ -360,7 +360,7 @@ def _worst_first(residuals: Mapping[str, Floats]) -> list[int]:
 
 
 def closest(models: Sequence[Mapping[str, object]]) -> str:
-    """Which of the models is closest to the measurement, in a sentence."""
+    """Name the model that is closest to the measurement, in a sentence."""
     order = sorted(models, key=_error)
     best, worst = order[0], order[-1]
     text = f'{best["name"]} is closest to the measurement: {_error(best):.2f} W for each drive'

@@ -50,7 +50,7 @@ def print_model(console: Console, model: EffectModel) -> None:
 
 
 def notes(prepared: Prepared) -> list[str]:
-    """What a fit rests on that a user should know: little data, one meter, computed torque."""
+    """Facts that a fit rests on: little data, one meter, torque computed from a current."""
     found = []
     if prepared.seconds < LEAST_SECONDS:
         found.append(

@@ -118,8 +118,8 @@ class CandidateScreener:
         for index, group in enumerate(self.fitter.groups):
             out[:, group] = solved[:, index, None]
         own = out[self.folds.test]
-        bent = np.einsum('bdij,bdj->bdi', gram, own)
-        error = square + (own * (bent - 2.0 * moment)).sum(axis=2)
+        product = np.einsum('bdij,bdj->bdi', gram, own)
+        error = square + (own * (product - 2.0 * moment)).sum(axis=2)
         mse = np.maximum(error, 0.0) / blocks.counts
         return np.where(blocks.valid, mse, np.nan)
 
@@ -216,17 +216,17 @@ def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
     }
     if not options:
         return structure
-    plain = structure
+    fixed = structure
     for name in options:
-        plain = plain.without(name)
-    bank = CandidateScreener(
-        fitter, folds, fitter.fit(plain, iterations=3), list(itertools.chain(*options.values()))
+        fixed = fixed.without(name)
+    screener = CandidateScreener(
+        fitter, folds, fitter.fit(fixed, iterations=3), list(itertools.chain(*options.values()))
     )
     chosen = {name: shapes[0] for name, shapes in options.items()}
     for _ in range(2):
         for name, shapes in options.items():
             others = [active for other, active in chosen.items() if other != name]
             chosen[name] = min(
-                shapes, key=lambda shape: bank.screen([*others, shape]).training_error
+                shapes, key=lambda shape: screener.screen([*others, shape]).training_error
             )
     return Structure(tuple(chosen.get(active.name, active) for active in structure.actives))

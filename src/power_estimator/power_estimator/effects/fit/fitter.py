@@ -104,12 +104,12 @@ class Normal:
 
     def errors(self, coefficients: Floats) -> Floats:
         """Sum of squared residuals, W² [B, D], at coefficients [D, m] or [B, D, m]."""
-        bent = (
+        product = (
             np.einsum('bdij,...dj->bdi', self.gram, coefficients)
             if coefficients.ndim == 2
             else np.einsum('bdij,bdj->bdi', self.gram, coefficients)
         )
-        linear = (coefficients * (bent - 2.0 * self.moment)).sum(axis=2)
+        linear = (coefficients * (product - 2.0 * self.moment)).sum(axis=2)
         return np.maximum(self.square + linear, 0.0)
 
 
