@@ -30,7 +30,7 @@ def test_plain_values_are_read_as_yaml_has_them():
         ('a: 1\na: 2', "file: line 2: key 'a' is there twice"),
         ('? [1, 2]\n: 3', 'file: line 1: a key is a list or a mapping'),
         ('a: !!python/object/apply:os.system [echo]', 'file: line 1: tags (!!python/object/app'),
-        ('a: [1, 2', 'file is no valid YAML: line 1: expected'),
+        ('a: [1, 2', "file is no valid YAML: line 2: did not find expected ',' or ']'"),
         ('a: "\x00"', 'file: unacceptable character'),
         ('a: 2026-99-99', 'file is no valid YAML: month must be in 1..12'),
         ('a: !!int ""', 'file: line 1: tags (!!int) are not allowed'),

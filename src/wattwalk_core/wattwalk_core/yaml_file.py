@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import yaml
+from yaml.composer import Composer
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import read_bytes
@@ -25,10 +26,18 @@ class _Refused(yaml.YAMLError):
     """YAML that is valid but beyond the limits."""
 
 
-class _PlainLoader(yaml.SafeLoader):
-    """Constructs plain values only, within the limits of this module."""
+class _PlainLoader(Composer, yaml.CSafeLoader):
+    """
+    Constructs plain values only, within the limits of this module.
+
+    The parser is that of libyaml, five times as fast as the one in Python.
+    """
 
     depth = 0
+
+    def __init__(self, stream: str) -> None:
+        yaml.CSafeLoader.__init__(self, stream)
+        Composer.__init__(self)
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
@@ -45,7 +54,8 @@ class _PlainLoader(yaml.SafeLoader):
         return node
 
     def _line(self) -> int:
-        return int(self.peek_event().start_mark.line) + 1
+        event: Any = self.peek_event()
+        return int(event.start_mark.line) + 1
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen = set()
