@@ -259,7 +259,7 @@ def break_empty(m):
         (break_counter, ['frames[0]', "'m'", 'hip_mA']),
         (break_twice, ['frames[2]', 'drives[3]', "'ankle'", 'twice']),
         (break_twice_over_frames, ['frames[2]', 'current', "'hip'", 'twice']),
-        (break_missing_field, ['frames[0]', "'time' is missing", 'counter, drives, message']),
+        (break_missing_field, ['frames[0]', "'time' is missing", "there is 'counter'"]),
         (break_missing_quantity, ['electrical', "'hip' has no 'voltage'", 'current']),
         (break_unknown_key, ["'electrcal'", 'electrical, joints, temperature']),
         (break_shared, ["'hip_mA'", "current of 'hip'", "current of 'toe'"]),

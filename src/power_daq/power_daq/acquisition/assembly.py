@@ -2,6 +2,9 @@
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from power_daq.bus.frame_group import FrameGroup
 from power_daq.bus.signal_layout import Floats
 from power_daq.clock.mapping import WrappingCounter
@@ -11,11 +14,16 @@ _SLACK = 1.5
 
 
 class Assembled(NamedTuple):
-    """A complete sample: its index, the device time in ns of its first frame, values [Q, D]."""
+    """
+    A complete sample: its index, the device time in ns of its first frame, values [Q, D].
+
+    stale [Q, D]: True for values whose frame is silent; None where all frames came.
+    """
 
     number: int
     device_time: int
     values: Floats
+    stale: NDArray[np.bool_] | None = None
 
 
 class _Open:
@@ -48,6 +56,7 @@ class Assembler:
 
     def __init__(self, group: FrameGroup) -> None:
         self._group = group
+        assert group.counter_bits is not None, 'frames without counter are interleaved'
         self._counter = WrappingCounter(group.counter_bits)
         self._slots = len(group.frames)
         self._seen: list[_Seen | None] = [None] * self._slots

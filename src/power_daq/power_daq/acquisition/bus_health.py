@@ -1,18 +1,20 @@
 """State of the acquisition from a CAN bus for `diagnostics`: a sentence and figures."""
 
+import time
 from collections.abc import Mapping
 
 from wattwalk_core.nodes.diagnostics import Level, Report
 
 from power_daq.acquisition.bus_acquisition import Acquisition, BusState, SampleQueue
 from power_daq.acquisition.count_changes import CountChanges
+from power_daq.acquisition.interleaving import Interleaver
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
 
 _RATE_SLACK = 0.02
 _NAMED = 4
 _FAULTS = (
-    *(' lost', ' missing', ' jumps', ' duplicates', ' dropped unpublished'),
+    *(' lost', ' missing', ' jumps', ' duplicates', ' dropped unpublished', ' not finite'),
     *('error frames', 'malformed packets', 'wrong length', 'unknown', 'steps of the system clock'),
 )
 
@@ -32,6 +34,12 @@ class BusHealth:
         self._description = description
         self._settings = settings
         self._changes = CountChanges()
+        self._interleavers = {
+            name: assembler
+            for name, assembler in acquisition.receiver.assemblers.items()
+            if isinstance(assembler, Interleaver)
+        }
+        self._on_receipt = bool(self._interleavers)
 
     def _counts(self) -> dict[str, float]:
         receiver = self._acquisition.receiver
@@ -44,12 +52,13 @@ class BusHealth:
             counts[f'{name} duplicates'] = assembler.duplicates
             counts[f'{name} counter jumps'] = assembler.counter_jumps
             counts[f'{name} unsettled'] = receiver.unsettled[name]
+            counts[f'{name} not finite'] = receiver.not_finite[name]
             counts[f'{name} dropped unpublished'] = self._queue.refused[name]
             counts[f'{name} published'] = self._queue.published[name]
             for slot, missing in enumerate(assembler.missing):
                 if missing:
                     frame = self._description.groups[name].frames[slot]
-                    counts[f'{frame.message.name} missing'] = missing
+                    counts[f'{frame.name} missing'] = missing
         counts['steps of the system clock'] = receiver.ros_time.steps
         for name, clock in receiver.clocks.items():
             counts[f'clock {name} jumps'] = clock.epoch
@@ -71,6 +80,11 @@ class BusHealth:
             figures['bus load [%]'] = f'{100 * load:.1f}'
         figures |= {f'{name} rate [Hz]': f'{rate:.1f}' for name, rate in rates.items()}
         figures |= self._clock_figures()
+        figures |= {f'torque of {drive}': at for drive, at in self._description.torque_at.items()}
+        figures |= {
+            f'torque unit of {drive}': unit
+            for drive, unit in self._description.torque_unit.items()
+        }
         figures |= {name: f'{value:.0f}' for name, value in counts.items()}
         figures['samples waiting'] = str(len(self._queue))
         receiver = self._acquisition.receiver
@@ -88,6 +102,9 @@ class BusHealth:
             figures[f'clock {name} drift [ppm]'] = f'{-1e6 * clock.drift:.2f}'
             figures[f'clock {name} mean delay [us]'] = f'{1e-3 * clock.delay_mean:.0f}'
             figures[f'clock {name} worst delay [us]'] = f'{1e-3 * clock.delay_worst:.0f}'
+        if self._on_receipt:
+            groups = ', '.join(self._interleavers)
+            figures['stamps'] = f'{groups}: on receipt, the device sends no time'
         offset = self._acquisition.receiver.ros_time.offset
         figures['ROS minus steady time [s]'] = f'{1e-9 * offset:.6f}'
         return figures
@@ -103,11 +120,37 @@ class BusHealth:
         ]
         if state is BusState.SILENT:
             instead = f', but {", ".join(faults)}' if faults else ''
-            return Level.ERROR, f'bus silent: no frame of the mapping comes{instead}'
+            sentence = f'bus silent: no frame of the mapping comes{instead}{self._strangers()}'
+            return Level.ERROR, sentence
+        if silent := self._silent_frames():
+            return Level.WARN, f'no frames of {silent}{self._strangers()}'
         if faults:
             return Level.WARN, 'in the last second: ' + ', '.join(faults)
         for name, rate in rates.items():
             nominal = self._description.groups[name].rate
             if nominal >= 100 and abs(rate - nominal) > _RATE_SLACK * nominal:
                 return Level.WARN, f'{name} at {rate:.0f} Hz, not {nominal:.0f} Hz'
-        return Level.OK, 'measuring'
+        return Level.OK, 'measuring' + (', stamped on receipt' if self._on_receipt else '')
+
+    def _silent_frames(self) -> str:
+        """Frames without device clock that do not come, with the comment that the DBC has."""
+        now, found = time.monotonic_ns(), []
+        for name, interleaver in self._interleavers.items():
+            frames = self._description.groups[name].frames
+            for slot in interleaver.merger.silent(now):
+                # A drive without thermistor sends no temperature.
+                if name != 'temperature' or interleaver.merger.seen(slot):
+                    note = ' '.join((frames[slot].message.comment or '').split())
+                    found.append(frames[slot].name + (f' ({note})' if note else ''))
+        more = f' and {len(found) - _NAMED} more' if len(found) > _NAMED else ''
+        return ', '.join(found[:_NAMED]) + more
+
+    def _strangers(self) -> str:
+        """Nodes that frames come from and that the mapping does not name."""
+        nodes = self._description.nodes
+        unknown = self._acquisition.receiver.unknown_ids
+        if nodes is None or not unknown:
+            return ''
+        heard = sorted({(key & 0x1FFFFFFF) >> nodes.shift for key in unknown})
+        known = ', '.join(f'{drive}={number}' for drive, number in nodes.drives.items())
+        return f'; frames come from node {", ".join(map(str, heard))}, the drives are {known}'

@@ -10,12 +10,13 @@ from power_recordings.calibration import Calibration
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Report
 from wattwalk_core.nodes.parameters import DeviceParameters
+from wattwalk_core.quoting import quoted
 
 from power_daq.acquisition.bus_acquisition import Acquisition, SampleQueue
 from power_daq.acquisition.bus_health import BusHealth
 from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.connection import BusSettings
-from power_daq.bus.description import BusDescription
+from power_daq.bus.description import READY, BusDescription
 from power_daq.clock.mapping import RosTime
 from power_daq.ethercat.acquisition import SegmentAcquisition
 from power_daq.ethercat.health import SegmentHealth
@@ -73,14 +74,23 @@ def open_device(
     calibration = given.path('calibration', 'YAML file of gains and offsets; empty for none')
     if interface == ETHERCAT:
         return _ethercat(channel, mapping, calibration, queue, report)
+    ready = given.text('bus', '', f'ready description instead of a DBC: {", ".join(READY)}')
+    nodes = _nodes(given.text('drives', '', 'node numbers of drives, as hip=0,knee=1'))
+    dbc = given.path('dbc', 'DBC file of the bus; empty for the shipped one')
+    if ready and dbc is not None:
+        raise InputError(f'give bus {ready} or dbc {dbc}, not both')
+    if ready:
+        bus = BusDescription.ready(ready, mapping, nodes)
+    else:
+        bus = BusDescription.load(dbc, mapping, nodes)
+    bitrate = 250_000 if ready == 'odrive' else 1_000_000
     settings = BusSettings(
         interface,
         channel,
-        given.whole('bitrate', 1_000_000, 'bit/s, arbitration phase', 10_000, 1_000_000),
+        given.whole('bitrate', bitrate, 'bit/s, arbitration phase', 10_000, 1_000_000),
         given.whole('data_bitrate', 5_000_000, 'bit/s, data phase', 10_000, 10_000_000),
+        bus.is_fd,
     )
-    dbc = given.path('dbc', 'DBC file of the bus; empty for the shipped one')
-    bus = BusDescription.load(dbc, mapping)
     delay = given.real('transport_delay', 0.0, 's from sample to arrival, at best', 0.0, 0.1)
     corrections = None
     if calibration is not None and 'electrical' in bus.groups:
@@ -91,6 +101,20 @@ def open_device(
     drives = {name: group.drives for name, group in bus.groups.items()}
     hardware = f'{settings.interface} {settings.channel}'
     return MeasuringDevice(bus.device, 'bus', hardware, drives, acquisition, health.report)
+
+
+def _nodes(text: str) -> dict[str, int]:
+    """Return node numbers by drive of `hip=0,knee=1`; InputError for another form."""
+    nodes: dict[str, int] = {}
+    for part in filter(None, text.replace(',', ' ').split()):
+        drive, equals, number = part.partition('=')
+        if not equals or not drive or not number.isdecimal() or len(number) > 9 or drive in nodes:
+            raise InputError(
+                f'drives: expected names with node numbers, each once, as hip=0,knee=1; there is '
+                f'{quoted(part)}'
+            )
+        nodes[drive] = int(number)
+    return nodes
 
 
 def _ethercat(

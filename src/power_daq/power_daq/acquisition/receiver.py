@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import can
+import numpy as np
 from power_recordings.calibration import Calibration
 
-from power_daq.acquisition.assembly import Assembler
-from power_daq.bus.description import BusDescription
-from power_daq.bus.frame_group import Route
+from power_daq.acquisition.assembly import Assembled, Assembler
+from power_daq.acquisition.interleaving import Interleaver
+from power_daq.bus.description import DEVICE_ERROR, STALE, BusDescription
+from power_daq.bus.frame import Route
 from power_daq.bus.signal_layout import Floats
 from power_daq.clock.mapping import ClockMapping, RosTime, Stamper
 
@@ -70,7 +72,10 @@ class Receiver:
         self.clocks = {
             name: ClockMapping(tick, bits) for name, (tick, bits) in description.clocks.items()
         }
-        self.assemblers = {name: Assembler(group) for name, group in description.groups.items()}
+        self.assemblers: dict[str, Assembler | Interleaver] = {
+            name: Interleaver(group) if group.counter_bits is None else Assembler(group)
+            for name, group in description.groups.items()
+        }
         self._routes = description.routes
         self._first_clock = {
             name: group.frames[0].clock for name, group in description.groups.items()
@@ -78,6 +83,7 @@ class Receiver:
         self._stampers = {name: Stamper(ros_time) for name in description.groups}
         self.counts = FrameCounts()
         self.unsettled: Counter[str] = Counter()
+        self.not_finite: Counter[str] = Counter()
         self.unknown_ids: Counter[int] = Counter()
         self.wrong_lengths: Counter[str] = Counter()
         self.last_mapped = 0
@@ -104,12 +110,9 @@ class Receiver:
             self._count_unrouted(key)
             return []
         self._ros_time.follow(arrival)
-        samples = []
-        for route in routes:
-            sample = self._follow(route, message.data, arrival)
-            if sample is not None:
-                samples.append(sample)
-        return samples
+        return [
+            sample for route in routes for sample in self._follow(route, message.data, arrival)
+        ]
 
     def _count_unrouted(self, key: int) -> None:
         if key in self._description.known:
@@ -119,45 +122,70 @@ class Receiver:
         if key in self.unknown_ids or len(self.unknown_ids) < _REMEMBERED_IDS:
             self.unknown_ids[key] += 1
 
-    def _follow(self, route: Route, data: bytearray, arrival: int) -> Sample | None:
+    def _follow(self, route: Route, data: bytearray, arrival: int) -> list[Sample]:
         if len(data) != route.size:
             self.counts.wrong_length += 1
             self.wrong_lengths[f'{route.message}: {len(data)} bytes, not {route.size}'] += 1
-            return None
+            return []
         if route.selector is not None and route.selector[0].read(data) != route.selector[1]:
-            return None
+            return []
         self.counts.mapped += 1
         self.last_mapped = arrival
+        if route.time is None or route.counter is None:
+            interleaver = self.assemblers[route.group]
+            assert isinstance(interleaver, Interleaver)
+            return [
+                self._sample(route.group, done, done.device_time, 0)
+                for done in interleaver.add(route.slot, arrival, bytes(data))
+            ]
         clock = self.clocks[route.clock]
         epoch = clock.epoch
         device_time = clock.update(route.time.read(data), arrival)
         if clock.epoch != epoch and not clock.settled:
             self._restart(route.clock)
         assembler = self.assemblers.get(route.group)
-        if assembler is None:
-            return None
-        done = assembler.add(
-            route.slot, route.counter.read(data), device_time, arrival, bytes(data)
-        )
+        if not isinstance(assembler, Assembler):
+            return []
+        counter = route.counter.read(data)
+        done = assembler.add(route.slot, counter, device_time, arrival, bytes(data))
         if done is None:
-            return None
+            return []
         clock = self.clocks[self._first_clock[route.group]]
         if not clock.settled:
             self.counts.unsettled += 1
             self.unsettled[route.group] += 1
-            return None
+            return []
+        steady = clock.to_steady(done.device_time)
+        return [self._sample(route.group, done, steady, clock.epoch)]
+
+    def _sample(self, group: str, done: Assembled, steady: int, epoch: int) -> Sample:
+        """Return a sample taken at a steady time in ns, calibrated, its faults flagged."""
         values = done.values
-        if route.group == 'electrical' and self._calibration is not None:
+        if group == 'electrical' and self._calibration is not None:
             values[:2] = values[:2] * self._calibration.gain + self._calibration.offset
-        steady = clock.to_steady(done.device_time) - self._delay
-        stamp = self._stampers[route.group].of(steady, clock.epoch)
-        return Sample(route.group, done.number, stamp, done.device_time, values)
+        if done.stale is not None or not np.isfinite(values).all():
+            self._flag(group, done)
+        stamp = self._stampers[group].of(steady - self._delay, epoch)
+        return Sample(group, done.number, stamp, done.device_time, values)
+
+    def _flag(self, group: str, done: Assembled) -> None:
+        """Count values that are no numbers, and flag those of voltage and current."""
+        stale = np.zeros(done.values.shape, bool) if done.stale is None else done.stale
+        wrong = ~np.isfinite(done.values) & ~stale
+        if group != 'temperature':  # no thermistor, no number
+            self.not_finite[group] += bool(wrong.any())
+        if group == 'electrical':
+            status = done.values[2]
+            status[stale[:2].any(axis=0)] = STALE
+            status[wrong[:2].any(axis=0)] = DEVICE_ERROR
 
     def _restart(self, clock: str) -> None:
         """Restart the counters of the frames of a device that has restarted."""
         for name, group in self._description.groups.items():
-            if any(frame.clock == clock for frame in group.frames):
-                self.assemblers[name].restart()
+            assembler = self.assemblers[name]
+            is_of_it = any(frame.clock == clock for frame in group.frames)
+            if is_of_it and isinstance(assembler, Assembler):
+                assembler.restart()
 
     @property
     def losses(self) -> Mapping[str, int]:

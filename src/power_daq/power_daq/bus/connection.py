@@ -9,6 +9,7 @@ from wattwalk_core.errors import InputError
 _KERNEL_CONFIGURED = ('socketcan', 'virtual', 'unixsocket')
 _OVERHEAD_ARBITRATION_BITS = 29
 _OVERHEAD_DATA_BITS = 34
+_CLASSICAL_OVERHEAD_BITS = 47
 _STUFFING = 1.1
 
 
@@ -18,13 +19,14 @@ class BusSettings:
     Interface, channel and bit rates (bit/s) of a bus.
 
     socketcan has its bit rates from the network interface (`ip link set … dbitrate …`); there
-    they only serve to compute the bus load.
+    they only serve to compute the bus load. fd: whether frames are CAN FD ones.
     """
 
     interface: str = 'socketcan'
     channel: str = 'can0'
     bitrate: int = 1_000_000
     data_bitrate: int = 5_000_000
+    fd: bool = True
 
     def __post_init__(self) -> None:
         if self.interface not in can.VALID_INTERFACES:
@@ -41,15 +43,18 @@ class BusSettings:
         """
         rates: dict[str, Any] = {}
         channel: str | int = self.channel
-        if self.interface not in _KERNEL_CONFIGURED:
-            rates = {'bitrate': self.bitrate, 'data_bitrate': self.data_bitrate}
+        is_configured = self.interface in _KERNEL_CONFIGURED
+        if not is_configured:
+            rates = {'bitrate': self.bitrate}
+            if self.fd:
+                rates['data_bitrate'] = self.data_bitrate
             channel = int(channel) if self.channel.isdecimal() else channel
         try:
             return can.Bus(
                 interface=self.interface,
                 channel=channel,
                 ignore_config=True,
-                fd=True,
+                fd=self.fd or is_configured,
                 **rates,
             )
         except can.CanInterfaceNotImplementedError as error:
@@ -63,7 +68,10 @@ class BusSettings:
             ) from error
 
     def load(self, frames: float, payload_bytes: float) -> float:
-        """Return the approximate bus load, 0 … 1, of FD frames and payload bytes per second."""
+        """Return the approximate bus load, 0 … 1, of frames and payload bytes per second."""
+        if not self.fd:
+            bits = frames * _CLASSICAL_OVERHEAD_BITS + 8 * payload_bytes
+            return _STUFFING * bits / self.bitrate
         arbitration = frames * _OVERHEAD_ARBITRATION_BITS / self.bitrate
         data = (frames * _OVERHEAD_DATA_BITS + 8 * payload_bytes) / self.data_bitrate
         return _STUFFING * (arbitration + data)

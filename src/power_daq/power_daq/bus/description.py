@@ -1,6 +1,6 @@
 """Description of the bus of a robot: a DBC and the mapping of its signals to drives."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -10,22 +10,17 @@ import numpy as np
 from cantools.database.can.database import Database
 from numpy.typing import ArrayLike
 from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import quoted
 
-from power_daq.bus.frame_group import (
-    Frame,
-    FrameGroup,
-    Route,
-    bind_frame,
-    find_message,
-    head_layout,
-    head_values,
-)
+from power_daq.bus.frame import Frame, Route, bind_frame, find_message, head_values, heads
+from power_daq.bus.frame_group import FrameGroup
 from power_daq.bus.mapping import BusMapping, load_mapping
-from power_daq.bus.signal_layout import Field, Floats, SignalLayout
+from power_daq.bus.signal_layout import Floats, SignalLayout
 
 _FOLDER = Path(__file__).parent
 DEFAULT_DBC = _FOLDER / 'drives.dbc'
 DEFAULT_MAPPING = _FOLDER / 'anymal.yaml'
+READY = ('odrive',)
 UNDERRANGE, OVERRANGE, DEVICE_ERROR, STALE = 1, 2, 4, 8
 
 
@@ -41,32 +36,69 @@ class BusDescription:
         self.device = mapping.device
         self.drives = mapping.drives
         self.groups: Mapping[str, FrameGroup] = {
-            name: FrameGroup(group, database, self.drives)
+            name: FrameGroup(group, database, self.drives, mapping.nodes)
             for name, group in mapping.groups.items()
         }
+        self.nodes = mapping.nodes
         self._sync: Frame | None = None
         if mapping.sync is not None:
             message = find_message(database, mapping.sync)
             self._sync = bind_frame(message, mapping.sync, [])
-        self.known = frozenset(m.frame_id | m.is_extended_frame << 31 for m in database.messages)
+        self.is_fd = any(message.is_fd for message in database.messages)
+        self.known = frozenset(self._known(database))
         self.clocks = self._clocks(mapping)
 
     @classmethod
-    def load(cls, dbc: Path | None = None, mapping: Path | None = None) -> 'BusDescription':
+    def load(
+        cls,
+        dbc: Path | None = None,
+        mapping: Path | None = None,
+        nodes: Mapping[str, int] | None = None,
+    ) -> 'BusDescription':
         """
         Read both files; the defaults are the shipped ones, of an ANYmal's twelve drives.
 
-        Raises InputError for a file that cannot be read or names a message or signal that the DBC
-        does not have.
+        nodes: numbers of the nodes by drive, instead of those in the mapping. Raises InputError
+        for a file that cannot be read or names a message or signal that the DBC does not have.
         """
         database = load_database(DEFAULT_DBC if dbc is None else dbc)
-        return cls(database, load_mapping(DEFAULT_MAPPING if mapping is None else mapping))
+        path = DEFAULT_MAPPING if mapping is None else mapping
+        return cls(database, load_mapping(path, nodes))
+
+    @classmethod
+    def ready(
+        cls, name: str, mapping: Path | None = None, nodes: Mapping[str, int] | None = None
+    ) -> 'BusDescription':
+        """Read the ready description of a name, with another mapping or other nodes if given."""
+        if name not in READY:
+            raise InputError(f'no bus {quoted(name)}: expected one of {", ".join(READY)}')
+        return cls.load(_FOLDER / f'{name}.dbc', mapping or _FOLDER / f'{name}.yaml', nodes)
+
+    @cached_property
+    def torque_at(self) -> Mapping[str, str]:
+        """`joint` or `motor` by drive, of the drives of which the mapping says it."""
+        return self.groups['joints'].torque_at if 'joints' in self.groups else {}
+
+    @cached_property
+    def torque_unit(self) -> Mapping[str, str]:
+        """A by drive, of the drives whose torque is the motor's current."""
+        return self.groups['joints'].torque_unit if 'joints' in self.groups else {}
+
+    def _known(self, database: Database) -> Iterator[int]:
+        shift, numbers = 0, [0]
+        if self.nodes is not None:
+            shift, numbers = self.nodes.shift, list(self.nodes.drives.values())
+        for message in database.messages:
+            for number in numbers:
+                identifier = message.frame_id | number << shift
+                extended = message.is_extended_frame or identifier > 0x7FF
+                yield identifier | extended << 31
 
     def _clocks(self, mapping: BusMapping) -> Mapping[str, tuple[float, int]]:
         clocks: dict[str, tuple[float, int]] = {}
         for frame in self._all_frames():
-            form = frame.ns_per_tick, frame.time.length
-            if clocks.setdefault(frame.clock, form) != form:
+            form = frame.clock_form
+            if form is not None and clocks.setdefault(frame.clock, form) != form:
                 raise InputError(
                     f'mapping {mapping.path}: message {frame.message.name!r} shows clock '
                     f'{frame.clock!r} in another resolution or size than the frames before it; '
@@ -90,13 +122,7 @@ class BusDescription:
         if self._sync is not None:
             slots.append(('sync', 0, self._sync))
         for name, slot, frame in slots:
-            selector = None
-            if frame.selector is not None:
-                selector = Field.of(frame.selector[0]), frame.selector[1]
-            time, counter = Field.of(frame.time), Field.of(frame.counter)
-            message = frame.message.name
-            route = Route(message, name, slot, frame.size, time, counter, frame.clock, selector)
-            routes[frame.key] = (*routes.get(frame.key, ()), route)
+            routes[frame.key] = (*routes.get(frame.key, ()), Route.of(frame, name, slot))
         return routes
 
     def encode_sync(self, counter: int, device_us: int) -> list[can.Message]:
@@ -109,7 +135,8 @@ class BusDescription:
     @cached_property
     def _sync_layout(self) -> SignalLayout:
         assert self._sync is not None
-        return head_layout(self._sync)
+        placed, factors = heads([self._sync])
+        return SignalLayout(placed, self._sync.size, factors)
 
     def encode_electrical(
         self,
@@ -126,7 +153,7 @@ class BusDescription:
         becomes 0 and is flagged as an error of the device.
         """
         group = self._group('electrical')
-        values = np.zeros((3, len(self.drives)))
+        values = np.zeros((len(group.quantities), len(self.drives)))
         values[0], values[1] = voltage, current
         if status is not None:
             values[2] = status
@@ -203,8 +230,8 @@ def load_database(path: Path) -> Database:
 
 def _message(frame: Frame, payload: bytes) -> can.Message:
     return can.Message(
-        arbitration_id=frame.message.frame_id,
-        is_extended_id=frame.message.is_extended_frame,
+        arbitration_id=frame.identifier,
+        is_extended_id=frame.is_extended,
         is_fd=frame.message.is_fd,
         bitrate_switch=frame.message.is_fd,
         data=payload,

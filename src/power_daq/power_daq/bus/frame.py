@@ -1,0 +1,243 @@
+"""Frames of a bus, bound to the messages and signals of their DBC."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import pi
+from typing import Final
+
+from cantools.database.can.database import Database
+from cantools.database.can.message import Message
+from cantools.database.can.signal import Signal
+from wattwalk_core.errors import InputError
+
+from power_daq.bus.mapping import BusSignal, FrameMapping, NodeNumbers
+from power_daq.bus.signal_layout import Field
+
+_SHARED = ('voltage', 'status')
+_TIME_UNITS = {'s': 1e9, 'ms': 1e6, 'us': 1e3, 'µs': 1e3, 'ns': 1.0, '': 1e3}
+UNITS: Final[Mapping[str, Mapping[str, float]]] = {
+    'voltage': {'V': 1.0, 'mV': 1e-3, '': 1.0},
+    'current': {'A': 1.0, 'mA': 1e-3, '': 1.0},
+    'power': {'W': 1.0, 'mW': 1e-3, 'kW': 1e3, '': 1.0},
+    'position': {
+        'rad': 1.0,
+        'mrad': 1e-3,
+        'deg': pi / 180,
+        '°': pi / 180,
+        'rev': 2 * pi,
+        'turns': 2 * pi,
+        '': 1.0,
+    },
+    'velocity': {
+        'rad/s': 1.0,
+        'mrad/s': 1e-3,
+        '': 1.0,
+        'deg/s': pi / 180,
+        '°/s': pi / 180,
+        'rpm': pi / 30,
+        '1/min': pi / 30,
+        'rev/s': 2 * pi,
+        'turns/s': 2 * pi,
+    },
+    'torque': {'Nm': 1.0, 'N.m': 1.0, 'N·m': 1.0, 'mNm': 1e-3, '': 1.0},
+    'temperature': {'degC': 1.0, '°C': 1.0, 'C': 1.0, '': 1.0},
+}
+_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+_LARGEST_STANDARD = 0x7FF
+
+
+@dataclass(frozen=True)
+class Frame:
+    """
+    A message of the DBC that carries samples: identifier, payload length, clock and counter.
+
+    name: the message's, with the drive of its node. time and counter are None where the device
+    sends none. selector: multiplexer signal and its value for this frame.
+    """
+
+    message: Message
+    name: str
+    identifier: int
+    is_extended: bool
+    clock: str
+    time: Signal | None
+    counter: Signal | None
+    ns_per_tick: float
+    size: int
+    selector: tuple[Signal, int] | None = None
+
+    @property
+    def key(self) -> int:
+        """Identifier as SocketCAN writes it: bit 31 marks an extended one."""
+        return self.identifier | self.is_extended << 31
+
+    @property
+    def clock_form(self) -> tuple[float, int] | None:
+        """Nanoseconds of a tick and bits of the device's clock; None without one."""
+        return None if self.time is None else (self.ns_per_tick, self.time.length)
+
+
+@dataclass(frozen=True)
+class Route:
+    """The fields of a frame that the receiver reads before its sample is complete."""
+
+    message: str
+    group: str
+    slot: int
+    size: int
+    time: Field | None
+    counter: Field | None
+    clock: str
+    selector: tuple[Field, int] | None
+
+    @classmethod
+    def of(cls, frame: Frame, group: str, slot: int) -> 'Route':
+        """Return the route of a frame in a slot of a group."""
+        time, counter, selector = None, None, None
+        if frame.time is not None and frame.counter is not None:
+            time, counter = Field.of(frame.time), Field.of(frame.counter)
+        if frame.selector is not None:
+            selector = Field.of(frame.selector[0]), frame.selector[1]
+        return cls(frame.name, group, slot, frame.size, time, counter, frame.clock, selector)
+
+
+def head_values(frame: Frame, counter: int, device_us: int) -> list[int]:
+    """Return raw clock, counter and multiplexer of a frame, as far as it has them."""
+    head = []
+    if frame.time is not None and frame.counter is not None:
+        ticks = round(device_us * 1000 / frame.ns_per_tick) % (1 << frame.time.length)
+        head = [ticks, counter % (1 << frame.counter.length)]
+    return head if frame.selector is None else [*head, frame.selector[1]]
+
+
+def heads(frames: Sequence[Frame]) -> tuple[list[tuple[Signal, int]], list[float]]:
+    """Return the signals of head_values, each with the first byte of its frame, and factors."""
+    placed: list[tuple[Signal, int]] = []
+    base = 0
+    for frame in frames:
+        selector = None if frame.selector is None else frame.selector[0]
+        head = [signal for signal in (frame.time, frame.counter, selector) if signal is not None]
+        placed += [(signal, base) for signal in head]
+        base += frame.size
+    return placed, [1 / float(signal.scale) for signal, _ in placed]
+
+
+def find_message(database: Database, entry: FrameMapping) -> Message:
+    """Return the message of an entry; InputError lists the messages of the DBC."""
+    for message in database.messages:
+        if message.name == entry.message:
+            return message
+    names = ', '.join(message.name for message in database.messages)
+    raise InputError(
+        f'mapping {entry.where}: message {entry.message!r} is not in the DBC; there are {names}'
+    )
+
+
+def find_signal(message: Message, name: str, entry: FrameMapping) -> Signal:
+    """Return the signal of a message; InputError lists its signals."""
+    for signal in message.signals:
+        if signal.name == name:
+            return signal
+    names = ', '.join(signal.name for signal in message.signals)
+    raise InputError(
+        f'mapping {entry.where}: signal {name!r} is not in message {message.name!r}; '
+        f'there are {names}'
+    )
+
+
+def bind_frame(
+    message: Message,
+    entry: FrameMapping,
+    names: Sequence[str],
+    nodes: NodeNumbers | None = None,
+) -> Frame:
+    """Return a message as a frame; InputError for its clock, counter or multiplexing."""
+    heads = [name for name in (entry.time, entry.counter) if name is not None]
+    time, counter = None, None
+    if entry.time is not None and entry.counter is not None:
+        time, counter = (find_signal(message, name, entry) for name in heads)
+        _check_head(time, counter, entry)
+    identifier, name = message.frame_id, message.name
+    if entry.node is not None and nodes is not None:
+        number, drive = entry.node
+        identifier, name = identifier | number << nodes.shift, f'{drive} {name}'
+    return Frame(
+        message=message,
+        name=name,
+        identifier=identifier,
+        is_extended=message.is_extended_frame or identifier > _LARGEST_STANDARD,
+        clock=entry.clock,
+        time=time,
+        counter=counter,
+        ns_per_tick=1.0 if time is None else _TIME_UNITS[time.unit or ''] * float(time.scale),
+        size=next(length for length in _FD_LENGTHS if length >= message.length),
+        selector=_selector(message, [*heads, *names], entry),
+    )
+
+
+def _check_head(time: Signal, counter: Signal, entry: FrameMapping) -> None:
+    if (time.unit or '') not in _TIME_UNITS:
+        units = ', '.join(unit for unit in _TIME_UNITS if unit)
+        raise InputError(
+            f'mapping {entry.where}: time signal {time.name!r} has unit {time.unit!r}, not {units}'
+        )
+    for signal in (time, counter):
+        if signal.is_float or signal.is_signed or signal.offset:
+            raise InputError(
+                f'mapping {entry.where}: signal {signal.name!r} is not an unsigned integer '
+                'without offset, as clocks and counters have to be'
+            )
+
+
+def _selector(
+    message: Message, names: Sequence[str], entry: FrameMapping
+) -> tuple[Signal, int] | None:
+    chosen = [s for s in message.signals if s.name in names and s.multiplexer_ids]
+    if not chosen:
+        return None
+    selectors = {signal.multiplexer_signal for signal in chosen}
+    common = set.intersection(*(set(signal.multiplexer_ids or ()) for signal in chosen))
+    if len(selectors) > 1 or not common:
+        raise InputError(
+            f'mapping {entry.where}: the signals of message {message.name!r} never come in one '
+            'frame (multiplexed); give each value of the multiplexer a frame of its own'
+        )
+    selector = find_signal(message, selectors.pop() or '', entry)
+    if selector.multiplexer_ids:
+        raise InputError(
+            f'mapping {entry.where}: message {message.name!r} has nested multiplexers, '
+            'which cannot be read'
+        )
+    return selector, min(common)
+
+
+def factor_of(signal: Signal, given: BusSignal, quantity: str, entry: FrameMapping) -> float:
+    """Return the factor from a signal to SI; InputError for a unit of another quantity."""
+    sign = -1.0 if given.positive == 'fed' else 1.0
+    if given.scale is not None:
+        return sign * given.scale
+    units = UNITS.get(quantity)
+    if units is None:
+        return sign
+    if quantity == 'torque':
+        units = {**UNITS['current'], **units}
+    unit = given.unit or signal.unit or ''
+    if unit not in units:
+        known = ', '.join(unit for unit in units if unit)
+        raise InputError(
+            f'mapping {entry.where}: {quantity} signal {signal.name!r} has unit '
+            f'{unit!r}; understood are {known}'
+        )
+    return sign * units[unit]
+
+
+def check_shared(entry: FrameMapping) -> None:
+    """Raise InputError for a signal with two meanings."""
+    used: dict[str, tuple[str, str]] = {}
+    for drive, quantity, given in entry.quantities():
+        first = used.setdefault(given.source, (drive, quantity))
+        if first != (drive, quantity) and not (first[1] == quantity and quantity in _SHARED):
+            raise InputError(
+                f'mapping {entry.where}: signal {given.source!r} is both {first[1]} of '
+                f'{first[0]!r} and {quantity} of {drive!r}'
+            )
