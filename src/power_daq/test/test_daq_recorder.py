@@ -17,6 +17,7 @@ import pytest
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from power_daq.acquisition.torque import torque_figures
 from power_daq.commands.record import card_of, main, topics_of
 from power_recordings.card import Card
 from power_recordings.messages import cdr
@@ -153,7 +154,9 @@ def test_what_is_published_is_in_the_bag_after_ctrl_c(
     wait_for(lambda: supply.get_subscription_count() and joints.get_subscription_count())
     wait_for(lambda: said.get_subscription_count() >= 2)
     applied = KeyValue(key='calibration', value='cal.yaml (sha256 0123456789ab)')
-    said.publish(DiagnosticArray(status=[DiagnosticStatus(values=[applied])]))
+    figures = torque_figures({'LF_HAA': 'motor', 'LF_KFE': 'cellar'}, {'LF_HAA': 'A'})
+    torques = [KeyValue(key=key, value=value) for key, value in figures.items()]
+    said.publish(DiagnosticArray(status=[DiagnosticStatus(values=[applied, *torques])]))
     for i in range(300):
         if i == 200:
             robot.sequence += 7
@@ -175,6 +178,7 @@ def test_what_is_published_is_in_the_bag_after_ctrl_c(
     card = recording.card
     assert (card.robot, card.unit, card.drives) == ('anymal_c', 'A', ('LF_HAA', 'LF_KFE'))
     assert card.calibration == 'cal.yaml (sha256 0123456789ab)'
+    assert (card.torque, card.torque_unit) == ({'LF_HAA': 'motor'}, {'LF_HAA': 'A'})
     assert card.other == {'load_kg': '4'}
     assert card.created
     assert card.software.startswith('power_daq')

@@ -102,6 +102,20 @@ class Card:
         """Return the card with the applied calibration, unless it names one already."""
         return self if self.calibration else replace(self, calibration=applied)
 
+    def with_torque(self, at: Mapping[str, str], unit: Mapping[str, str]) -> Self:
+        """
+        Return the card with what is known of the drives' torque, unless it says so already.
+
+        at: joint or motor, and unit: A or N*m, by drive; other words are left out.
+        """
+        if self.torque or self.torque_unit:
+            return self
+        return replace(
+            self,
+            torque={drive: where for drive, where in at.items() if where in ('joint', 'motor')},
+            torque_unit={drive: name for drive, name in unit.items() if name in ('A', 'N*m')},
+        )
+
     def save(self, bag_dir: Path) -> Path:
         """Write card.yaml into a recording's folder, whole or not at all, and return its path."""
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'other'}

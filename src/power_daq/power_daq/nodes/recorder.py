@@ -19,6 +19,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 
+from power_daq.acquisition.torque import TORQUE_AT, TORQUE_UNIT
+
 _DEPTH = 2000
 _HOUSEKEEPING = 0.2  # s
 
@@ -49,7 +51,8 @@ class RecorderNode(Node):
             name: self._subscribe(name, ReliabilityPolicy.RELIABLE) for name in self._types
         }
         self._calibrations: dict[str, None] = {}
-        self.create_subscription(DiagnosticArray, 'diagnostics', self._note_calibration, 10)
+        self._torque: dict[str, dict[str, str]] = {TORQUE_AT: {}, TORQUE_UNIT: {}}
+        self.create_subscription(DiagnosticArray, 'diagnostics', self._note_conditions, 10)
         self._before = recorder.progress()
         self._reporter = Reporter(self, 'bag')
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -77,15 +80,20 @@ class RecorderNode(Node):
         recorder = self._recorder
         recorder.close()
         applied = ', '.join(self._calibrations)
-        self._card.with_drives(recorder.measured()).with_calibration(applied).save(self._bag)
+        card = self._card.with_drives(recorder.measured()).with_calibration(applied)
+        card.with_torque(self._torque[TORQUE_AT], self._torque[TORQUE_UNIT]).save(self._bag)
         print(f'{recorder.summary()}\n{self._bag}')
         return 0 if recorder.progress().counts else 1
 
-    def _note_calibration(self, message: DiagnosticArray) -> None:
+    def _note_conditions(self, message: DiagnosticArray) -> None:
+        """Note what acquisition says about its samples, for the card."""
         for status in message.status:
             for pair in status.values:
                 if pair.key == 'calibration':
                     self._calibrations[pair.value] = None
+                for prefix, noted in self._torque.items():
+                    if pair.key.startswith(prefix):
+                        noted[pair.key.removeprefix(prefix)] = pair.value
 
     def _keep_house(self) -> None:
         for name in sorted(self._best_effort):
