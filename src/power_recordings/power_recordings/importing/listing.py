@@ -8,7 +8,7 @@ import numpy as np
 from power_recordings.importing.sources.source import LogColumn, LogSource
 
 _ROWS = 50_000  # of each stream that are looked at
-_AT_ONCE = 500
+_CELLS = 25_000_000
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,7 @@ class Listed:
 def list_columns(source: LogSource) -> list[Listed]:
     """Read the first rows of all columns."""
     columns = source.columns()
-    found: dict[str, Listed] = {}
-    for start in range(0, len(columns), _AT_ONCE):
-        part = columns[start : start + _AT_ONCE]
-        found |= _look(source, part)
+    found = _look(source, columns)
     return [found.get(c.address, Listed(c, 0, np.nan, np.nan, 0.0, np.nan)) for c in columns]
 
 
@@ -39,6 +36,7 @@ def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
     parts: dict[str, list[np.ndarray]] = {}
     stamps: dict[str, list[np.ndarray]] = {}
     streams = {column.stream for column in columns}
+    enough = min(_ROWS, _CELLS // max(len(columns), 1))
     for block in source.read(list(known), lambda done: None):
         rows[block.stream] = rows.get(block.stream, 0) + len(block)
         for address, values in block.values.items():
@@ -50,7 +48,7 @@ def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
             stamps.setdefault(block.stream, []).append(
                 times if times is not None else block.log_ns
             )
-        if all(rows.get(stream, 0) >= _ROWS for stream in streams):
+        if all(rows.get(stream, 0) >= enough for stream in streams):
             break
     result = {}
     for address, arrays in parts.items():

@@ -177,6 +177,8 @@ class McapFile:
             except ValueError as error:
                 self._problem(f': a damaged chunk was left out ({error})')
                 return
+            if records.lost:
+                self._problem(f': {records.lost} bytes of a chunk are damaged')
         for channel, (offsets, sizes, times) in found.items():
             if channel in self.topics:
                 yield Batch(self.topics[channel], records.data, offsets, sizes, times)
@@ -188,15 +190,18 @@ class _Records:
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
         self.data = np.frombuffer(raw, np.uint8)
+        self.lost = 0  # bytes at which the last iteration ended early
         self._index: dict[int, NDArray[np.void]] = {}
 
     def __iter__(self) -> Iterator[tuple[int, int, int]]:
         position, end = 0, len(self.raw)
+        self.lost = 0
         while position + _RECORD.size <= end:
             code, length = _RECORD.unpack_from(self.raw, position)
             start = position + _RECORD.size
             position = start + length
             if position > end or not code:
+                self.lost = end - start + _RECORD.size
                 return
             yield code, start, length
 

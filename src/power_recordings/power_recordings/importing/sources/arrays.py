@@ -9,9 +9,13 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
 from power_recordings.importing.sources.heads import unit_of
-from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
-
-_ROWS = 65_536
+from power_recordings.importing.sources.source import (
+    MOST_COLUMNS,
+    LogBlock,
+    LogColumn,
+    Progress,
+    rows_at_once,
+)
 
 
 class ArrayLog:
@@ -37,9 +41,10 @@ class ArrayLog:
             chosen = [c for c in self._columns if c.stream == stream and c.address in wanted]
             rows = {c.address: _column(self._arrays, c.address) for c in chosen}
             count = chosen[0].rows or 0
-            for start in range(0, count, _ROWS):
-                progress(round(self.size * min(start + _ROWS, count) / count))
-                yield LogBlock(stream, {a: r[start : start + _ROWS] for a, r in rows.items()})
+            step = rows_at_once(len(chosen))
+            for start in range(0, count, step):
+                progress(round(self.size * min(start + step, count) / count))
+                yield LogBlock(stream, {a: r[start : start + step] for a, r in rows.items()})
 
 
 def table_columns(where: str, shapes: Mapping[str, Sequence[int]]) -> list[LogColumn]:

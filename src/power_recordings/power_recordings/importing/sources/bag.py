@@ -214,6 +214,7 @@ def _names(layout: Layout, path: str, count: int | None) -> list[str]:
     return [str(i) for i in range(count or 0)]
 
 
+@np.errstate(invalid='ignore')
 def _numbers(layout: Layout, rows: NDArray[np.uint8], field: str) -> NDArray[np.float64]:
     if field in layout.columns and layout.columns[field].count is None:
         return np.asarray(layout.decode(rows, field), np.float64)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from wattwalk_core.errors import InputError
@@ -15,9 +15,8 @@ from power_recordings.importing.sources.source import (
     Progress,
     check_room,
     reading,
+    rows_at_once,
 )
-
-_ROWS: Final = 65_536
 
 
 def open_file(path: Path, messages: Path | None = None) -> 'ColumnarFile':
@@ -31,23 +30,41 @@ class ColumnarFile:
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-        from pyarrow import feather, parquet
+        from pyarrow import parquet
 
         self.path = path
         self.size = path.stat().st_size
-        self._parquet: Any = None
+        self._is_parquet = path.suffix.lower() in ('.parquet', '.pq')
+        self._rows: int | None = None
         with reading(path, 'table'):
-            if path.suffix.lower() in ('.parquet', '.pq'):
-                self._parquet = parquet.ParquetFile(path)
-                self._schema = self._parquet.schema_arrow
-                self._rows = self._parquet.metadata.num_rows
+            if self._is_parquet:
+                file = parquet.ParquetFile(path)
+                self._schema, self._rows = file.schema_arrow, file.metadata.num_rows
             else:
-                self._table = feather.read_table(path, memory_map=True)
-                self._schema, self._rows = self._table.schema, self._table.num_rows
+                self._schema = self._feather(None).schema
         count = len(self._schema.names)
         if count > MOST_COLUMNS:
             raise InputError(f'{path}: {count} columns; at most {MOST_COLUMNS} are read')
-        check_room(path, self.size, self._rows * count * 8)
+        check_room(path, self.size, (self._rows or 0) * count * 8)
+
+    def _feather(self, columns: list[int] | None) -> Any:
+        import pyarrow as pa
+
+        options = pa.ipc.IpcReadOptions(included_fields=columns)
+        return pa.ipc.open_file(pa.memory_map(str(self.path)), options=options)
+
+    def _batches(self, names: list[str]) -> Iterator[Any]:
+        from pyarrow import parquet
+
+        if self._is_parquet:
+            file = parquet.ParquetFile(self.path)
+            yield from file.iter_batches(rows_at_once(len(names)), columns=names)
+            return
+        reader = self._feather([self._schema.get_field_index(name) for name in names])
+        for i in range(reader.num_record_batches):
+            batch, step = reader.get_batch(i), rows_at_once(len(names))
+            for start in range(0, batch.num_rows, step):
+                yield batch.slice(start, step)
 
     def columns(self) -> Sequence[LogColumn]:
         """Return the columns of numbers, and of texts and times that may be dates."""
@@ -56,7 +73,7 @@ class ColumnarFile:
         found = []
         for field in self._schema:
             kind = field.type
-            if pa.types.is_fixed_size_list(kind):
+            if pa.types.is_fixed_size_list(kind) and kind.list_size <= MOST_COLUMNS:
                 unit, names = unit_of(field.name), range(kind.list_size)
                 found += [LogColumn(f'{field.name}.{i}', '', unit, self._rows) for i in names]
             elif not pa.types.is_nested(kind):
@@ -67,15 +84,12 @@ class ColumnarFile:
         """Yield rows."""
         fields = {a: self._field(a) for a in addresses}
         names = list(dict.fromkeys(name for name, _ in fields.values()))
-        if self._parquet is not None:
-            batches = self._parquet.iter_batches(_ROWS, columns=names)
-        else:
-            batches = self._table.select(names).to_batches(_ROWS)
         done = 0
         with reading(self.path, 'table'):
-            for batch in batches:
+            for batch in self._batches(names):
                 done += batch.num_rows
-                progress(round(self.size * done / max(self._rows, 1)))
+                check_room(self.path, self.size, done * 8)
+                progress(round(self.size * done / max(self._rows or 0, done, 1)))
                 yield LogBlock(
                     '', {a: _values(batch.column(n), i) for a, (n, i) in fields.items()}
                 )

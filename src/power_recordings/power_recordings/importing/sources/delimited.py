@@ -86,7 +86,10 @@ class DelimitedFile:
                     if fresh.num_rows:
                         yield LogBlock('', self._numbers(fresh))
         except (pa.ArrowInvalid, UnicodeDecodeError) as error:
-            raise InputError(f'{self.path}: {printable(str(error))}') from None
+            why = printable(str(error))
+            if 'straddling' in why:
+                why = 'a line far longer than those at its beginning'
+            raise InputError(f'{self.path}: {why}') from None
         if skipped:
             note = f'{len(skipped)} rows of another number of fields left out'
             yield LogBlock('', {name: np.zeros(0) for name in wanted}, notes=(note,))
@@ -199,7 +202,8 @@ def sniff(path: Path) -> TableDialect:
     except UnicodeDecodeError:
         lines, encoding = [line.decode('latin-1').rstrip('\r\n') for line in raw_lines], 'latin1'
     comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(_COMMENTS)]
-    plain = [i for i, line in enumerate(lines) if line.strip() and i not in set(comments)]
+    marked = set(comments)
+    plain = [i for i, line in enumerate(lines) if line.strip() and i not in marked]
     begin = plain[0] if plain else 0
     best: TableDialect | None = None
     most = 0.0

@@ -17,9 +17,9 @@ from power_recordings.importing.sources.source import (
     Progress,
     check_room,
     reading,
+    rows_at_once,
 )
 
-_ROWS: Final = 65_536
 _MOST_DATASETS: Final = 20_000
 
 
@@ -75,8 +75,9 @@ class Hdf5File:
             for stream in dict.fromkeys(c.stream for c in self._columns if c.address in wanted):
                 chosen = [c for c in self._columns if c.stream == stream and c.address in wanted]
                 rows = chosen[0].rows or 0
-                for start in range(0, rows, _ROWS):
-                    part = slice(start, min(start + _ROWS, rows))
+                step = rows_at_once(len(chosen))
+                for start in range(0, rows, step):
+                    part = slice(start, min(start + step, rows))
                     progress(round(self.size * part.stop / rows))
                     values = {c.address: self._values(file, c.address, part) for c in chosen}
                     yield LogBlock(stream, values)

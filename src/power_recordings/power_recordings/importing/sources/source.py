@@ -66,6 +66,11 @@ class LogSource(Protocol):
         """Yield the rows of the named columns; progress is told the bytes done so far."""
 
 
+def rows_at_once(columns: int) -> int:
+    """Return how many rows of so many columns a block may have, at 32 MB of numbers."""
+    return max(64, min(65_536, 4_000_000 // max(columns, 1)))
+
+
 @contextmanager
 def reading(path: Path, kind: str) -> Iterator[None]:
     """Turn what a library raises on a damaged file, in ways it does not list, to InputError."""

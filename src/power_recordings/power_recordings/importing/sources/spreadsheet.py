@@ -18,9 +18,9 @@ from power_recordings.importing.sources.source import (
     Progress,
     number,
     reading,
+    rows_at_once,
 )
 
-_ROWS: Final = 4096
 _HEAD: Final = 50
 _MOST_ROWS: Final = 1 << 20
 _MOST_EMPTY: Final = 10_000  # rows in a row
@@ -74,7 +74,7 @@ class Spreadsheet:
             rows = islice(_rows(self._book[sheet]), head.first_row, None)
             done = 0
             with reading(self.path, 'workbook'):
-                while some := list(islice(rows, _ROWS)):
+                while some := list(islice(rows, rows_at_once(16 * len(places)))):
                     done += len(some)
                     progress(min(self.size, done * 8 * len(head.names)))
                     yield LogBlock(
