@@ -1,8 +1,10 @@
 """Small valid logs of every kind, and seeded damage to them."""
 
 import json
+import os
+import socket
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,8 @@ from power_recordings.messages import cdr
 from power_recordings.writing.writer import BagWriter
 
 START = 1_700_000_000_000_000_000
+RED = '\x1b[31mred\x1b[0m\x07'
+LONG = 'n' * 100_000
 NAMES = ('t', 'pos', 'vel', 'iq', 'v', 'i')
 TABLE_MAP = """
 format: import/1
@@ -215,3 +219,23 @@ def damaged(data: bytes, seed: int) -> bytes:
     """Return the data with the damage that a seed stands for."""
     rng = np.random.default_rng(seed)
     return DAMAGES[seed % len(DAMAGES)](rng, data)
+
+
+def special_paths(folder: Path, ending: str) -> Iterator[tuple[str, Path]]:
+    """Things that are no regular files, under a name with an ending."""
+    for name in ('folder', 'pipe', 'socket', 'zero', 'loop', 'dangling', 'empty'):
+        path = folder / f'{name}{ending}'
+        if name == 'folder':
+            path.mkdir()
+        elif name == 'pipe':
+            os.mkfifo(path)
+        elif name == 'socket':
+            with socket.socket(socket.AF_UNIX) as server:
+                server.bind(str(path))
+        elif name == 'empty':
+            path.touch()
+        else:
+            path.symlink_to({'zero': '/dev/zero', 'loop': path.name}.get(name, 'nowhere'))
+        yield name, path
+    yield 'a long name', folder / ('x' * 5000 + ending)
+    yield 'a name in red that is not there', folder / (RED + ending)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import quoted
 from wattwalk_core.schema import Quantity, parse, schema
 from wattwalk_core.yaml_file import read_yaml
 
@@ -17,6 +18,7 @@ MAPS: Final = Path(__file__).parent / 'maps'
 JOINT: Final = ('position', 'velocity', 'torque')
 ELECTRICAL: Final = ('voltage', 'current', 'power', 'temperature')
 QUANTITIES: Final = (*JOINT, 'command', *ELECTRICAL)
+_LONGEST: Final = 200  # characters of the name of a map
 _Scale = Annotated[float, Quantity(-1e12, 1e12)]
 
 
@@ -118,10 +120,10 @@ def names() -> tuple[str, ...]:
 def load_map(given: str) -> ImportMap:
     """Read a map from a file, or a ready one by name; InputError that names file and entry."""
     path = Path(given)
-    if not path.suffix and not path.exists():
+    if given in names():
         path = MAPS / f'{given}.yaml'
-        if not path.is_file():
-            raise InputError(f'no map {given!r}: give a file, or one of {", ".join(names())}')
+    elif not path.suffix and len(given) < _LONGEST and not path.exists():
+        raise InputError(f'no map {quoted(given)}: give a file, or one of {", ".join(names())}')
     return parse_map(read_yaml(path, 'map'), f'map {path}')
 
 
