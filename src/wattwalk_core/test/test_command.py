@@ -3,6 +3,7 @@ import subprocess
 import sys
 
 import pytest
+from rclpy.utilities import remove_ros_args
 from wattwalk_core.command import command, own_arguments
 from wattwalk_core.errors import InputError
 
@@ -17,8 +18,7 @@ from wattwalk_core.errors import InputError
     ],
 )
 def test_arguments_for_ros_are_left_out_as_rclpy_does(given, own, monkeypatch):
-    utilities = pytest.importorskip('rclpy.utilities')
-    assert own_arguments(given) == own == utilities.remove_ros_args(given)
+    assert own_arguments(given) == own == remove_ros_args(given)
     monkeypatch.setattr(sys, 'argv', ['program', *given])
     assert own_arguments() == own
 

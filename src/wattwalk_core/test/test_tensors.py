@@ -4,6 +4,7 @@ import zipfile
 
 import numpy as np
 import pytest
+import torch
 from safetensors.numpy import save
 from wattwalk_core.errors import InputError
 from wattwalk_core.tensors import checked_tensors, read_state, read_tensors
@@ -79,7 +80,6 @@ def test_tensors_that_do_not_fit_are_refused_by_name(given, words):
 
 
 def test_a_state_of_torch_is_read_without_running_it(tmp_path):
-    torch = pytest.importorskip('torch')
 
     class Trap:
         def __reduce__(self):

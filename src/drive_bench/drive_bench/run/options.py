@@ -38,6 +38,12 @@ examples:
 """
 
 
+_DRIVE_HELP: Final = (
+    'drive to move (LF_KFE; KFE if it is the only one), may be repeated; default: the first that '
+    'the motion names. All others hold their positions'
+)
+
+
 @dataclass(frozen=True)
 class RunOptions:
     """Options; record: the bag, '' for one with a new name, None for no recording."""
@@ -141,13 +147,7 @@ def parse(arguments: Sequence[str]) -> RunOptions:
     add = parser.add_argument
     add('motion', metavar='MOTION', help=f'{", ".join(MOTIONS)}, or a motion/1 file')
     add('--list', nargs=0, action=_List, help='list the motions with their modes and end')
-    add(
-        '--drive',
-        action='append',
-        metavar='NAME',
-        help='drive to move (LF_KFE; KFE if it is the only one), may be repeated; default: the '
-        'first that the motion names. All others hold their positions',
-    )
+    add('--drive', action='append', metavar='NAME', help=_DRIVE_HELP)
     add('--mode', choices=('position', 'velocity', 'torque'), help='one that the motion has')
     add('--amplitude', type=float, metavar='X', help='in the unit of the mode')
     add('--frequency', type=float, metavar='HZ')
@@ -159,18 +159,8 @@ def parse(arguments: Sequence[str]) -> RunOptions:
     add('--locked', action='store_true', help='the joint is held fast')
     add('--limits', type=Path, metavar='FILE', help='joint_limits/1; default: those of ANYmal C')
     add('--fit', action='store_true', help='shorten and lower what would leave the limits')
-    add(
-        '--damp-others',
-        action='store_true',
-        help='in velocity and torque mode other joints may be damped instead of held',
-    )
-    add(
-        '--record',
-        nargs='?',
-        const='',
-        metavar='BAG',
-        help='record the motion; default: a new bag in bags/bench',
-    )
+    add('--damp-others', action='store_true', help='damp other joints where they cannot be held')
+    add('--record', nargs='?', const='', metavar='BAG', help='default: a new bag in bags/bench')
     recording = parser.add_argument_group('with --record').add_argument
     recording('--card', nargs='+', action='extend', metavar='KEY=VALUE', help='robot, …')
     recording('--patience', type=float, metavar='S', help='for the topics; default 30')

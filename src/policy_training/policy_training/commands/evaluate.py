@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from wattwalk_core.command import command, command_parser
-from wattwalk_core.console import check_suffix, output, progress, write_json
+from wattwalk_core.console import check_suffix, output, print_table, progress, write_json
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
 
@@ -121,30 +121,23 @@ def _name(source: str) -> str:
 
 
 def _print(console: 'Console', result: Mapping[str, Any]) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    table = Table(box=SIMPLE_HEAD)
-    for column in ('policy', 'task'):
-        table.add_column(column, no_wrap=True)
-    for column in (
-        *('supply W', 'electronics', 'idle', 'HAA', 'HFE', 'KFE', 'estimated'),
-        *('vx off', 'vy off', 'yaw off', 'CoT', 'falls'),
-    ):
-        table.add_column(column, justify='right', no_wrap=True)
-    for e in result['policies']:
-        power = e['power_w'] or {}
-        keys = ('supply', 'electronics', 'idle', 'HAA', 'HFE', 'KFE')
-        table.add_row(
-            e['name'],
-            e['task'],
-            *(_number(power.get(key), 0) for key in keys),
-            _number(e['estimated_w'], 0),
-            *(_number(e['tracking'][key], 2) for key in ('vx', 'vy', 'yaw')),
-            _number(e['cost_of_transport'], 2),
-            str(e['falls']),
+    parts = ('electronics', 'idle', 'HAA', 'HFE', 'KFE')
+    errors = ('vx off', 'vy off', 'yaw off')
+    rows = []
+    for entry in result['policies']:
+        power = entry['power_w'] or {}
+        rows.append(
+            (
+                f'{entry["name"]}, {entry["task"]}',
+                *(_number(power.get(part), 0) for part in ('supply', *parts)),
+                _number(entry['estimated_w'], 0),
+                *(_number(error, 2) for error in entry['tracking'].values()),
+                _number(entry['cost_of_transport'], 2),
+                str(entry['falls']),
+            )
         )
-    console.print(table)
+    columns = ('policy, task', 'supply W', *parts, 'estimated', *errors, 'CoT', 'falls')
+    print_table(console, columns, rows)
     for sentence in result['verdict']:
         console.print(sentence)
 

@@ -45,17 +45,21 @@ def evaluate(
         TimeElapsedColumn(),
         console=Console(stderr=True),
     )
+
+    def add(walk: MeasuredWalk, name: str) -> None:
+        entries.append({**score(walk, idle, models), 'name': name})
+        cycle = cycle_of(walk)
+        if cycle is not None:
+            cycles.setdefault(walk.task.name, {})[name] = cycle
+        bar.advance(work)
+
     with bar:
         each = len(tasks) + bool(options.trials)
         work = bar.add_task('idle', total=len(sources) * each + len(recorded) + 1)
         idle = idle_power(plant)
         bar.advance(work)
         for walk in recorded:
-            entries.append(score(walk, idle, models))
-            cycle = cycle_of(walk)
-            if cycle is not None:
-                cycles.setdefault(walk.task.name, {})[walk.policy] = cycle
-            bar.advance(work)
+            add(walk, walk.policy)
         for name, source in sources.items():
             for task in tasks:
                 bar.update(work, description=f'{name}: {task.name}')
@@ -68,11 +72,7 @@ def evaluate(
                     on_rough=options.rough,
                     trust_code=options.trust_code,
                 )
-                entries.append({**score(walk, idle, models), 'name': name})
-                cycle = cycle_of(walk)
-                if cycle is not None:
-                    cycles.setdefault(task.name, {})[name] = cycle
-                bar.advance(work)
+                add(walk, name)
             if options.trials:
                 bar.update(work, description=f'{name}: {options.trials} robots')
                 found = _robustness(source, options)
