@@ -13,7 +13,7 @@ from power_estimator.model import PowerModel
 from power_estimator.network.checkpoint import TrainingRecording
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import describe, held_out
-from power_recordings.alignment.align import load_aligned
+from power_recordings.alignment.align import RATES, load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.quality.refusal import refuse_slow, refuse_wrong_units, slowest_power
 from power_recordings.reading.reader import Recording
@@ -21,6 +21,8 @@ from wattwalk_core.errors import InputError
 
 RATE = 400.0
 _SMOOTH_RATE = 200.0
+_LONG = 60.0  # s
+_OVERSAMPLED = 1.9  # samples for each of a slow recording, so that nothing is filtered away
 _CHANGES = 4.0  # of a slow meter in a window
 _LONGEST_WINDOW = 30.0  # s
 _LOST = 1.4  # s of each stretch, to the low-pass and to whole seconds
@@ -56,7 +58,11 @@ def load(
     """
     recordings = [Recording.open(Path(path)) for path in paths]
     data = load_aligned(
-        recordings, rate=RATE, smooth=False, drives=_in_common(recordings), need_power=False
+        recordings,
+        rate=_rate(recordings),
+        smooth=False,
+        drives=_in_common(recordings),
+        need_power=False,
     )
     measured = data.measured_drives()
     if not measured and np.isfinite(data.supply).any():
@@ -90,6 +96,18 @@ def _window(recordings: Sequence[Recording]) -> float:
     """Window in s in which the slowest meter changes often enough for its energy to be known."""
     slowest = min(slowest_power(recording)[1] for recording in recordings)
     return float(np.clip(_CHANGES / max(slowest, 1e-3), 1.0, _LONGEST_WINDOW))
+
+
+def _rate(recordings: Sequence[Recording]) -> float:
+    """
+    Lowest rate in Hz that holds twice what the joint states hold.
+
+    Short recordings keep the highest: its filters cost them least at their ends.
+    """
+    if sum(recording.duration for recording in recordings) < _LONG:
+        return RATE
+    period = min(float(np.median(np.diff(r.joint_states().stamp_ns))) for r in recordings) / 1e9
+    return min((rate for rate in RATES if rate * period >= _OVERSAMPLED), default=RATE)
 
 
 def _in_common(recordings: Sequence[Recording]) -> tuple[str, ...] | None:
