@@ -15,6 +15,8 @@ from wattwalk_core.yaml_file import dump_yaml, read_yaml
 FILE = 'card.yaml'
 DRIVE_TYPES = ('HAA', 'HFE', 'KFE')
 _TEXTS = ('robot', 'unit', 'controller', 'terrain', 'notes', 'software', 'calibration', 'created')
+_AT: Mapping[str, Literal['joint', 'motor']] = {'joint': 'joint', 'motor': 'motor'}
+_UNIT: Mapping[str, Literal['N*m', 'A']] = {'N*m': 'N*m', 'A': 'A'}
 _PLAIN = (int, float, datetime.date)  # what YAML reads where text was meant, as in `unit: 3`
 
 
@@ -112,8 +114,8 @@ class Card:
             return self
         return replace(
             self,
-            torque={drive: where for drive, where in at.items() if where in ('joint', 'motor')},
-            torque_unit={drive: name for drive, name in unit.items() if name in ('A', 'N*m')},
+            torque={drive: _AT[where] for drive, where in at.items() if where in _AT},
+            torque_unit={drive: _UNIT[name] for drive, name in unit.items() if name in _UNIT},
         )
 
     def save(self, bag_dir: Path) -> Path:
