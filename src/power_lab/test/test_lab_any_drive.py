@@ -28,15 +28,19 @@ COPPER = (0.02, 0.5)  # W/(N·m)²
 IDLE = 12.0  # W, of the robot
 
 
-def recording(tmp_path, electric, *, seconds=90.0, rate=100.0, hold=0.0, units=''):
+def recording(
+    tmp_path, electric, *, seconds=90.0, rate=100.0, hold=0.0, units='', turning=0.0, wrapped=False
+):
     """Two joints of 40 and 4 N·m; the power is the mean of `hold` s where that is given."""
     random = np.random.default_rng(5)
     time = np.arange(round(seconds * rate)) / rate
     waves = 2 * np.pi * random.uniform(0.1, 1.2, (2, 2, 4)) * time[:, None, None, None]
     swings = np.sin(waves + random.uniform(0, 6, (2, 2, 4))).sum(axis=-1)
     torque = swings[:, 0] * np.array([10.0, 1.0]) + np.array([8.0, 0.5])
-    velocity = swings[:, 1] * np.array([1.0, 2.0])
+    velocity = swings[:, 1] * np.array([1.0, 2.0]) + turning
     position = np.cumsum(velocity, axis=0) / rate
+    if wrapped:
+        position = np.mod(position, 2 * np.pi)
     power = torque * velocity + np.array(COPPER) * torque**2 + IDLE / 2
     power = power + random.normal(0.0, 0.05, power.shape)
     if hold:
@@ -117,6 +121,14 @@ def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_men
     assert 'power grows by 1e+03 W with each W of torque × speed' in error
     assert 'in the map: torque: {scale: ' in error
     assert fit.main([*arguments, '--anyway']) == 0
+
+
+@pytest.mark.parametrize('wrapped', [False, True], ids=['on', 'anew each turn'])
+def test_drives_that_turn_on_are_judged(tmp_path, wrapped):
+    bag = recording(tmp_path, DRIVE, turning=6.0, wrapped=wrapped)
+    model, scores = fitted(bag, tmp_path)
+    assert copper(model) == pytest.approx(COPPER, rel=0.1)
+    assert scores['total']['r2'] > 0.99
 
 
 @pytest.mark.parametrize('rate', [30.0, 2000.0])
