@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from power_recordings.alignment.align import load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.card import FILE, Card
-from power_recordings.reading.reader import Recording
+from power_recordings.reading.reader import Recording, open_recordings
 from wattwalk_core.errors import InputError
 
 from power_estimator.input_checks import check_sampling
@@ -47,7 +47,7 @@ def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingS
     known = tuple(describe(path) for path in paths)
     if len({r.sha256 for r in known}) < len(known):
         raise InputError(f'a recording is given twice among {", ".join(map(str, paths))}')
-    recordings = [Recording.open(path) for path in paths]
+    recordings = open_recordings(paths)
     check_sampling(recordings)
     data = load(recordings, drives)
     return TrainingSet(data, live_features(recordings, data), known)

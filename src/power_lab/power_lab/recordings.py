@@ -16,7 +16,7 @@ from power_estimator.recordings import describe, held_out
 from power_recordings.alignment.align import RATES, load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.quality.refusal import refuse_slow, refuse_wrong_units, slowest_power
-from power_recordings.reading.reader import Recording
+from power_recordings.reading.reader import Recording, open_recordings
 from wattwalk_core.errors import InputError
 
 RATE = 400.0
@@ -56,7 +56,7 @@ def load(
     windows. anyway: take recordings whose signals contradict each other, too. InputError for
     recordings that cannot be read, lack electrical data, or lack a named drive.
     """
-    recordings = [Recording.open(Path(path)) for path in paths]
+    recordings = open_recordings(paths)
     data = load_aligned(
         recordings,
         rate=_rate(recordings),

@@ -30,6 +30,7 @@ from crafted_tables import (
 from hostile_files import BAG_MAP, TABLE_MAP, TABLES, damaged, mcap_bag, special_paths, write_logs
 from power_recordings.commands.import_logs import main as import_command
 from power_recordings.commands.info import main as info_command
+from power_recordings.reading.reader import open_recordings
 
 SEEDS = {
     'csv': 40,
@@ -193,6 +194,18 @@ def test_a_damaged_recording_says_what_it_lacks(tmp_path: Path) -> None:
         (tmp_path / 'log.mcap').write_bytes(files[what])
         found = ended(info_command, [tmp_path / 'log.mcap'], what)
         assert line in found.out + found.error, what
+
+
+def test_commands_that_read_recordings_say_what_one_lacks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = mcap_bag(tmp_path / 'walk') / 'walk_0.mcap'
+    open_recordings([whole])
+    assert not capsys.readouterr().err
+    (tmp_path / 'cut.mcap').write_bytes(whole.read_bytes()[:-200])
+    open_recordings([tmp_path / 'cut.mcap'])
+    assert 'note: ' in (said := capsys.readouterr().err)
+    assert 'cut.mcap was not closed (no index)' in said
 
 
 @pytest.mark.parametrize('key', ['', *re.findall(r'(\w+):', TABLE_MAP)][::3])

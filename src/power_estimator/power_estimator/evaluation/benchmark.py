@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.reading.reader import open_recordings
 from wattwalk_core.errors import InputError
 
 from power_estimator import recordings
@@ -71,7 +72,7 @@ def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) 
         raise InputError(f'--models names a model twice: {", ".join(specs)}')
     models = [_open(spec, bags) for spec in specs]
     networks = [m for m in models if isinstance(m, PowerPredictionNetwork)]
-    data = recordings.load(bags, drives)
+    data = recordings.load(open_recordings(bags), drives)
     measured = data.measured_drives()
     if not measured:
         raise InputError(f'{", ".join(map(str, bags))}: no drive has measured power')

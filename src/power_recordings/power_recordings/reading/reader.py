@@ -1,6 +1,7 @@
 """Recordings in memory: reading of bags, checks and order of stamps."""
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -193,6 +194,15 @@ class Recording:
             there = ', '.join(n for n, topic in self.topics.items() if topic.count)
             raise InputError(f'{self.path} has no messages on topic {name!r}; there are: {there}')
         return self._samples[name]
+
+
+def open_recordings(paths: Iterable[Path]) -> list[Recording]:
+    """Read recordings for a command; what they lack is said on stderr, a line each."""
+    recordings = [Recording.open(Path(path)) for path in paths]
+    for recording in recordings:
+        for problem in recording.problems:
+            print(printable(f'note: {recording.path}: {problem}', 500), file=sys.stderr)
+    return recordings
 
 
 class _Loader:
