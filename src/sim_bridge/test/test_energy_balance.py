@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from energy_balance import BalancedSimulation
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.effects import Effects
 from sim_bridge.plant.parameters import Plant
@@ -39,8 +40,7 @@ def alone(name, strength=1.0):
 def swung(plant, duration=1.5, seed=1, load=None):
     """One drive swings a pendulum through random targets, its whole speed range."""
     load = Stand(inertia=0.05, mass=3.0, length=0.4) if load is None else load
-    simulation = Simulation(plant, stand_world('LF_KFE', load))
-    simulation.track_energy = True
+    simulation = BalancedSimulation(plant, stand_world('LF_KFE', load))
     random = np.random.default_rng(seed)
     for _ in range(round(duration / 0.05)):
         simulation.hold(JointCommand(position=random.uniform(-2.0, 2.0, 1)))
@@ -50,8 +50,7 @@ def swung(plant, duration=1.5, seed=1, load=None):
 
 def paced(plant, duration=2.0, seed=0):
     """All twelve drives in motions as large as those of walking."""
-    simulation = Simulation(plant, walking_world())
-    simulation.track_energy = True
+    simulation = BalancedSimulation(plant, walking_world())
     random = np.random.default_rng(seed)
     phase = random.uniform(0.0, 2 * np.pi, 12)
     size = np.tile([0.1, 0.25, 0.4], 4)
@@ -97,8 +96,7 @@ def test_work_at_the_joint_is_the_change_of_the_loads_mechanical_energy():
 
 
 def test_power_at_the_meter_and_the_loss_before_it_are_what_the_supply_gives():
-    simulation = Simulation(Plant.load('anymal_c'), stand_world('LF_HFE'))
-    simulation.track_energy = True
+    simulation = BalancedSimulation(Plant.load('anymal_c'), stand_world('LF_HFE'))
     metered = 0.0
     for target in (0.8, -0.8) * 4:
         simulation.hold(JointCommand(position=np.array([target])))

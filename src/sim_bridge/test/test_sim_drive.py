@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from energy_balance import friction_parts
 from sim_bridge.plant.circuit import Circuit
 from sim_bridge.plant.drive import Drives, Friction, JointCommand
 from sim_bridge.plant.parameters import Plant
@@ -21,7 +22,7 @@ def drag(plant, velocity, motor=0.0, position=0.0):
     velocity = np.asarray(velocity, dtype=float)
     friction = Friction(plant, plant.resolve(DRIVE), STEP)
     like = np.ones_like(velocity)
-    return sum(friction.parts(position * like, velocity, motor * like).values())
+    return sum(friction_parts(friction, position * like, velocity, motor * like).values())
 
 
 def flow(plant, motor, speed, voltage=48.0, time=0.0):
@@ -90,7 +91,7 @@ def test_drag_in_the_loop_is_the_sum_of_its_parts():
         position, velocity, motor = random.normal(0.0, (1.0, 3.0, 30.0))[:, None]
         out = np.empty(1)
         drives.friction.torque(position, velocity, motor, out)
-        parts = drives.friction.parts(position, velocity, motor)
+        parts = friction_parts(drives.friction, position, velocity, motor)
         np.testing.assert_allclose(out, sum(parts.values()), rtol=1e-12)
 
 

@@ -94,18 +94,6 @@ class Friction:
             np.divide(b, a, out=b)
             np.add(out, b, out=out)
 
-    def parts(self, position: Floats, velocity: Floats, motor: Floats) -> dict[str, Floats]:
-        """Return the drag by effect, N·m [..., D] each."""
-        sign = np.tanh(velocity * self._slope)
-        fade = 1.0 + (velocity * self._fade) ** 2
-        return {
-            'coulomb_friction': self._coulomb * sign,
-            'stribeck_friction': self._stribeck / fade**2 * sign,
-            'load_friction': (self._load * np.abs(motor) + self._asymmetry * motor * sign) * sign,
-            'viscous_friction': self._viscous * velocity / (1.0 + np.abs(velocity) * self._thin),
-            'position_rub': self._rubbing(position) * sign,
-        }
-
     def _rubbing(self, position: Floats) -> Floats:
         away = (np.abs(position) - self._angle) / self._width
         return self._rub / (1.0 + away * away) ** 2

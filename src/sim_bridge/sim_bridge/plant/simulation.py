@@ -9,11 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_bridge.plant.circuit import Circuit, Flow
+from sim_bridge.plant.circuit import Circuit
 from sim_bridge.plant.drive import Drives, JointCommand
-from sim_bridge.plant.energy_balance import EnergyBalance
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.supply import Bus, BusFlow
+from sim_bridge.plant.supply import Bus
 from sim_bridge.plant.world import World, fallen
 
 Floats = NDArray[np.float64]
@@ -82,8 +81,6 @@ class Simulation:
         """capacity: largest number of steps per block. InputError for an unknown drive type."""
         self.plant = plant
         self.world = replace(world, model=copy(world.model))
-        self.energy_balance = EnergyBalance()
-        self.track_energy = False
         self.steps = 0
         self.capacity = capacity
         joints = len(world.joints)
@@ -203,75 +200,28 @@ class Simulation:
         self.steps += stop - start
 
     def _draw(self, rows: slice) -> None:
-        drives, count = self.drives, len(self.joints)
-        trace = drives.trace
-        after = slice(rows.start + 1, rows.stop + 1)
-        joint_before = self._qvel[rows, -count:]
-        joint_after = self._qvel[after, -count:]
-        speed = 0.5 * (joint_before + joint_after)
+        drives, trace = self.drives, self.drives.trace
+        _, rotor_speed, acceleration = self._rates(rows)
         torque = trace.output[rows]
-        if drives.elastic:
-            before = trace.velocity[rows]
-            rotor_after = np.vstack((before[1:], drives.rotor_velocity))
-            rotor_speed = 0.5 * (before + rotor_after)
-            acceleration = (rotor_after - before) / STEP
-        else:
-            rotor_speed = speed
-            acceleration = (joint_after - joint_before) / STEP
-            torque = torque - drives.inertia * acceleration
-        self._torque[rows] = torque
+        self._torque[rows] = torque if drives.elastic else torque - drives.inertia * acceleration
         time = STEP * np.arange(self.steps - rows.stop + rows.start + 1, self.steps + 1)
-        flow = self.circuit.solve(
+        self.flow = self.circuit.solve(
             trace.motor[rows], rotor_speed, trace.drag[rows], self._latched, time
         )
-        bus = self.bus.solve(flow.link)
-        self._power[rows] = bus.power
-        self._voltage[rows] = bus.voltage
-        self._supply[rows] = bus.supply_current
-        if self.track_energy:
-            self._account(rows, flow, bus, speed, rotor_speed, acceleration)
+        self.bus_flow = self.bus.solve(self.flow.link)
+        self._power[rows] = self.bus_flow.power
+        self._voltage[rows] = self.bus_flow.voltage
+        self._supply[rows] = self.bus_flow.supply_current
 
-    def _account(
-        self,
-        rows: slice,
-        flow: Flow,
-        bus: BusFlow,
-        speed: Floats,
-        rotor_speed: Floats,
-        acceleration: Floats,
-    ) -> None:
-        drives, trace = self.drives, self.drives.trace
-        spring = damper = np.zeros_like(speed)
-        if drives.elastic:
-            twisting = rotor_speed - speed
-            joint = self._qvel[rows, -len(self.joints) :]
-            damper = drives.damping * (trace.velocity[rows] - joint) * twisting
-            spring = trace.output[rows] * twisting - damper
-        parts = drives.friction.parts(
-            trace.position[rows], trace.velocity[rows], trace.motor[rows]
-        )
-        powers = {
-            'supply': self.plant.supply.voltage * bus.supply_current,
-            'supply_line': bus.supply_loss,
-            'capacitor_resistance': bus.capacitor_loss,
-            'capacitor': bus.stored,
-            'line_resistance': bus.line,
-            'regeneration_limit': bus.burned,
-            'regeneration_efficiency': flow.regeneration,
-            'idle': flow.idle,
-            'fan': flow.fan,
-            'inverter_loss': flow.inverter,
-            'iron_loss': flow.iron,
-            'copper_loss': flow.copper,
-            'field_weakening': flow.weakening,
-            **{name: part * rotor_speed for name, part in parts.items()},
-            'cogging_field': trace.cogging[rows] * rotor_speed,
-            'rotor': drives.inertia * acceleration * rotor_speed,
-            'spring': spring,
-            'spring_damping': damper,
-            'shaft': self._torque[rows] * speed,
-        }
-        self.energy_balance.add({name: float(power.sum()) for name, power in powers.items()}, STEP)
+    def _rates(self, rows: slice) -> tuple[Floats, Floats, Floats]:
+        """Return mean joint and rotor speeds, rad/s, and rotor accelerations, rad/s² [B, D]."""
+        joints = self._qvel[rows.start : rows.stop + 1, -len(self.joints) :]
+        speed = 0.5 * (joints[:-1] + joints[1:])
+        if not self.drives.elastic:
+            return speed, speed, np.diff(joints, axis=0) / STEP
+        before = self.drives.trace.velocity[rows]
+        after = np.vstack((before[1:], self.drives.rotor_velocity))
+        return speed, 0.5 * (before + after), (after - before) / STEP
 
     def _block(self, first: int, steps: int) -> PlantBlock:
         count = len(self.joints)
