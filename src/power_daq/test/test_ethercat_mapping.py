@@ -14,7 +14,7 @@ from drive_power_msgs.msg import DriveSupply
 
 EK1100, EL3102 = TYPES['EK1100'], TYPES['EL3102']
 COUPLER, INPUTS = SlaveIdentity(2, 0x044C2C52), SlaveIdentity(2, 0x0C1E3052)
-STRANGER = SlaveIdentity(2, 0x03F03052, 0, 'EL1008')
+UNKNOWN = SlaveIdentity(2, 0x03F03052, 0, 'EL1008')
 
 CONTENT = {
     'device': 'terminals',
@@ -155,12 +155,12 @@ def test_what_does_not_fit_is_refused_with_its_place_and_value(tmp_path, content
         ([], 'EK1100 (vendor 0x2, product 0x044c2c52) should be at position 0, but the segment'),
         ([COUPLER], 'should be at position 1, but the segment ends after 1 of 2 slaves'),
         (
-            [COUPLER, STRANGER],
+            [COUPLER, UNKNOWN],
             'EL3102 (vendor 0x2, product 0x0c1e3052) should be at position 1, there is EL1008 '
             '(vendor 0x2, product 0x03f03052)',
         ),
         ([INPUTS, COUPLER], 'should be at position 0, there is EL3102'),
-        ([COUPLER, INPUTS, STRANGER], 'EL1008 (vendor 0x2, product 0x03f03052) at position 2 is'),
+        ([COUPLER, INPUTS, UNKNOWN], 'EL1008 (vendor 0x2, product 0x03f03052) at position 2 is'),
     ],
 )
 def test_missing_and_unexpected_slaves_are_told_in_a_line(found, words):

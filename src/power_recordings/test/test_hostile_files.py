@@ -1,5 +1,5 @@
 """
-Files of strangers: whatever is in them, a command ends in one line and leaves nothing.
+Files of others: whatever is in them, a command ends in one line and leaves nothing.
 
 Some 1,400 inputs: seeded damage to a valid log of every kind, files made on purpose, values of
 maps, cards and metadata, and paths that are no files.
@@ -209,7 +209,7 @@ def test_commands_that_read_recordings_say_what_one_lacks(
 
 
 @pytest.mark.parametrize('key', ['', *re.findall(r'(\w+):', TABLE_MAP)][::3])
-def test_maps_of_strangers(tmp_path: Path, logs: dict[str, Path], key: str) -> None:
+def test_maps_of_others(tmp_path: Path, logs: dict[str, Path], key: str) -> None:
     for value in HOSTILE_VALUES:
         text = replaced(TABLE_MAP, key, value) if key else value
         (tmp_path / 'map.yaml').write_text(text)

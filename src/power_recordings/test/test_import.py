@@ -298,7 +298,7 @@ def test_a_table_faster_than_its_meter_is_found_slow(tmp_path):
     assert quality.drives['KNEE'].updates_hz == pytest.approx(2, abs=0.5)
 
 
-def test_a_map_from_a_stranger_is_plain_data():
+def test_a_map_of_others_is_plain_data():
     with pytest.raises(InputError, match='map: drives: expected keys with values'):
         parse_map({'format': 'import/1', 'drives': 5}, 'map')
     with pytest.raises(InputError, match='drives'):

@@ -118,10 +118,10 @@ class BusHealth:
         ]
         if state is BusState.SILENT:
             instead = f', but {", ".join(faults)}' if faults else ''
-            sentence = f'bus silent: no frame of the mapping comes{instead}{self._strangers()}'
+            sentence = f'bus silent: no frame of the mapping comes{instead}{self._unknown_nodes()}'
             return Level.ERROR, sentence
         if silent := self._silent_frames():
-            return Level.WARN, f'no frames of {silent}{self._strangers()}'
+            return Level.WARN, f'no frames of {silent}{self._unknown_nodes()}'
         if faults:
             return Level.WARN, 'in the last second: ' + ', '.join(faults)
         for name, rate in rates.items():
@@ -143,7 +143,7 @@ class BusHealth:
         more = f' and {len(found) - _NAMED} more' if len(found) > _NAMED else ''
         return ', '.join(found[:_NAMED]) + more
 
-    def _strangers(self) -> str:
+    def _unknown_nodes(self) -> str:
         """Nodes that frames come from and that the mapping does not name."""
         nodes = self._description.nodes
         unknown = self._acquisition.receiver.unknown_ids
