@@ -401,25 +401,3 @@ def test_a_file_of_effects_that_is_none_is_refused(files, line, in_place_of):
     found = next(i for i, text in enumerate(lines) if text.startswith(in_place_of))
     lines[found] = line
     files.refuses('effects', '\n'.join(lines).encode())
-
-
-SPECS = [
-    *('', 'ppn:', 'ppn', 'torque', 'torque_squared\n', 'TORQUE_ABS', 'ppn:\x1b[31m', '\x00'),
-    *('ppn:\x00', 'ppn:/dev/zero', '/dev/zero', '\x00.yaml', 'x' * 5000, 'ppn:' + 'x' * 5000),
-    *('x' * 5000 + '.yaml', 'no.yaml', '..yaml', 'ppn:.', '.', '/'),
-]
-
-
-@pytest.mark.parametrize('spec', SPECS, ids=range(len(SPECS)))
-@pytest.mark.parametrize('load', [load_model, load_policy])
-def test_a_name_that_stands_for_nothing_is_refused(load, spec):
-    with pytest.raises(InputError) as raised:
-        load(spec)
-    assert str(raised.value).isprintable()
-
-
-@pytest.mark.parametrize('suffix', ['.pt', '.pth', '.jit', '.ts'])
-def test_torchscript_is_refused_unless_its_code_is_trusted(tmp_path, suffix):
-    (tmp_path / f'walk{suffix}').write_bytes(b'PK')
-    with pytest.raises(InputError, match='--trust-code'):
-        load_policy(str(tmp_path / f'walk{suffix}'))

@@ -1,18 +1,13 @@
 import importlib.util
 import json
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from power_recordings.commands.import_logs import main
 from power_recordings.importing import sources
-from power_recordings.importing.derived import PositionRates
-from power_recordings.importing.map_file import load_map, names, parse_map
-from power_recordings.importing.units import conversion
 from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
-from wattwalk_core.errors import InputError
 
 MAP = """
 format: import/1
@@ -241,31 +236,6 @@ def test_list_prints_columns_and_a_map_that_can_be_used_at_once(tmp_path, capsys
     assert run(log, listed, tmp_path / 'bag') == 0
 
 
-def test_ready_maps_are_valid():
-    assert {'ur_rtde', 'ur_ros2', 'ros_odrive', 'moteus', 'unitree_go2'} < set(names())
-    assert {'voraus', 'hebi', 'wattwalk'} < set(names())
-    for name in names():
-        assert load_map(name).drives
-
-
-@pytest.mark.parametrize(
-    ('unit', 'quantity', 'factor', 'offset'),
-    [
-        ('rev', 'position', 2 * np.pi, 0),
-        ('rpm', 'velocity', 2 * np.pi / 60, 0),
-        ('Nm', 'torque', 1, 0),
-        ('mNm', 'torque', 1e-3, 0),
-        ('degF', 'temperature', 5 / 9, -160 / 9),
-        ('K', 'temperature', 1, -273.15),
-        ('us', 'time', 1e-6, 0),
-    ],
-)
-def test_units_are_converted(unit, quantity, factor, offset):
-    found = conversion(unit, quantity)
-    assert found.factor == pytest.approx(factor, rel=1e-9)
-    assert found.offset == pytest.approx(offset, abs=1e-9)
-
-
 def test_wrong_units_are_found_by_physics_with_the_line_that_mends_them(tmp_path):
     rows = table(2000)
     rows[:, 3] = np.cos(3 * rows[:, 0] / 1e3)  # A
@@ -296,13 +266,6 @@ def test_a_table_faster_than_its_meter_is_found_slow(tmp_path):
     quality = check_recording(Recording.open(tmp_path / 'bag'))
     assert 'slow_power' in [f.code for f in quality.findings]
     assert quality.drives['KNEE'].updates_hz == pytest.approx(2, abs=0.5)
-
-
-def test_a_map_of_others_is_plain_data():
-    with pytest.raises(InputError, match='map: drives: expected keys with values'):
-        parse_map({'format': 'import/1', 'drives': 5}, 'map')
-    with pytest.raises(InputError, match='drives'):
-        parse_map({'format': 'import/1', 'drives': {}}, 'map')
 
 
 def test_bags_of_ros_1_are_read(tmp_path):
@@ -348,23 +311,6 @@ def test_a_velocity_that_was_not_recorded_is_the_rate_of_the_position_and_said_t
     np.testing.assert_allclose(velocity[10:-10], truth[10:-10], atol=0.01)
     assert np.isnan(velocity[[0, 9, -10, -1]]).all()
     assert recording.card.derived_velocity == ('KNEE',)
-
-
-def test_rates_of_position_do_not_depend_on_how_rows_come():
-    rng = np.random.default_rng(0)
-    stamps = np.cumsum(rng.integers(1_900_000, 2_100_000, 1000))
-    stamps[500:] += 10**9  # a gap
-    turning = np.mod(0.05 * np.arange(1000), 2 * np.pi)  # wraps
-    rows = np.stack([rng.normal(size=1000), turning], axis=1)
-    whole, parts = PositionRates([1]), PositionRates([1])
-    stamps_1, at_once = whole.extend(stamps, rows, final=True)
-    edges = [0, 1, 2, 9, 400, 403, 1000]
-    pieces = [parts.extend(stamps[a:b], rows[a:b], final=b == 1000) for a, b in pairwise(edges)]
-    np.testing.assert_array_equal(np.concatenate([s for s, _ in pieces]), stamps_1)
-    late = np.arange(1000) > 20  # the first few rows alone tell the period less well
-    np.testing.assert_array_equal(np.concatenate([r for _, r in pieces])[late], at_once[late])
-    assert np.isnan(at_once[497:503, 2]).all()
-    np.testing.assert_allclose(at_once[100:400, 2], 25, rtol=0.06)  # 0.05 rad in 2 ms
 
 
 @pytest.mark.parametrize(
