@@ -12,6 +12,7 @@ from queue import Empty, SimpleQueue
 import can
 from wattwalk_core.worker import Worker
 
+from power_daq.acquisition.queries import QueryRounds
 from power_daq.acquisition.receiver import Receiver, Sample
 from power_daq.bus.unix_socket import MalformedPacketError
 from power_daq.clock.slots import Pauses
@@ -113,6 +114,7 @@ class Acquisition(Worker):
     open_bus may raise can.CanError or OSError: the bus is absent and is tried again with growing
     pauses, as is a bus that is lost before a frame of the mapping came. Any other exception ends
     the thread and is raised by `join`. report gets a line whenever the bus appears or is lost.
+    queries are sent to devices that have to be asked.
     """
 
     def __init__(
@@ -122,12 +124,14 @@ class Acquisition(Worker):
         sink: Callable[[Sample], None],
         report: Callable[[str], None] = _log.warning,
         patience: Patience | None = None,
+        queries: QueryRounds | None = None,
     ) -> None:
         self.receiver = receiver
         self._report = report
         self._open_bus = open_bus
         self._sink = sink
         self._patience = patience or Patience()
+        self.queries = queries
         super().__init__('acquisition')
         self._bus: can.BusABC | None = None
         self.absence = 'not opened yet'
@@ -175,8 +179,11 @@ class Acquisition(Worker):
     def _read(self, bus: can.BusABC) -> None:
         receive, take, sink = bus.recv, self.receiver.take, self._sink
         arrived = Arrivals(self._patience.largest_age).of
-        stopped, timeout = self._stop.is_set, self._patience.read
+        stopped, queries = self._stop.is_set, self.queries
+        timeout = patience = self._patience.read
         while not stopped():
+            if queries is not None:
+                timeout = min(patience, queries.send_due(bus))
             try:
                 message = receive(timeout)
             except MalformedPacketError:

@@ -15,8 +15,23 @@ from power_daq.bus.description import BusDescription
 _RATE_SLACK = 0.02
 _NAMED = 4
 _FAULTS = (
-    *(' lost', ' missing', ' jumps', ' duplicates', ' dropped unpublished', ' not finite'),
-    *('error frames', 'malformed packets', 'wrong length', 'unknown', 'steps of the system clock'),
+    *(
+        ' lost',
+        ' missing',
+        ' jumps',
+        ' duplicates',
+        ' dropped unpublished',
+        ' not finite',
+        ' refused',
+    ),
+    *(
+        'queries unsent',
+        'error frames',
+        'malformed packets',
+        'wrong length',
+        'unknown',
+        'steps of the system clock',
+    ),
 )
 
 
@@ -63,6 +78,11 @@ class BusHealth:
         counts['steps of the system clock'] = receiver.ros_time.steps
         for name, clock in receiver.clocks.items():
             counts[f'clock {name} jumps'] = clock.epoch
+        if self._description.polled is not None and self._acquisition.queries is not None:
+            counts['queries'] = self._acquisition.queries.sent
+            counts['queries unsent'] = self._acquisition.queries.unsent
+            for register, count in self._description.polled.refused.items():
+                counts[f'{register} refused'] = count
         counts['times opened'] = self._acquisition.opened
         return counts
 
@@ -132,16 +152,17 @@ class BusHealth:
 
     def _silent_frames(self) -> str:
         """Frames without device clock that do not come, with the comment that the DBC has."""
-        now, found = time.monotonic_ns(), []
+        now = time.monotonic_ns()
+        found: dict[str, None] = {}
         for name, interleaver in self._interleavers.items():
             frames = self._description.groups[name].frames
             for slot in interleaver.merger.silent(now):
                 # A drive without thermistor sends no temperature.
                 if name != 'temperature' or interleaver.merger.seen(slot):
                     note = ' '.join((frames[slot].message.comment or '').split())
-                    found.append(frames[slot].name + (f' ({note})' if note else ''))
+                    found[frames[slot].name + (f' ({note})' if note else '')] = None
         more = f' and {len(found) - _NAMED} more' if len(found) > _NAMED else ''
-        return ', '.join(found[:_NAMED]) + more
+        return ', '.join([*found][:_NAMED]) + more
 
     def _unknown_nodes(self) -> str:
         """Nodes that frames come from and that the mapping does not name."""

@@ -14,6 +14,7 @@ from wattwalk_core.quoting import quoted
 
 from power_daq.acquisition.bus_acquisition import Acquisition, SampleQueue
 from power_daq.acquisition.bus_health import BusHealth
+from power_daq.acquisition.queries import QueryRounds
 from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import READY, BusDescription
@@ -96,7 +97,8 @@ def open_device(
     if calibration is not None and 'electrical' in bus.groups:
         corrections = Calibration.load(calibration, bus.groups['electrical'].drives)
     receiver = Receiver(bus, RosTime(), corrections, int(1e9 * delay))
-    acquisition = Acquisition(receiver, settings.open, queue.put, report)
+    queries = None if bus.polled is None else QueryRounds(bus.polled.queries, 1 / bus.rate)
+    acquisition = Acquisition(receiver, settings.open, queue.put, report, None, queries)
     health = BusHealth(acquisition, queue, bus, settings)
     drives = {name: group.drives for name, group in bus.groups.items()}
     hardware = f'{settings.interface} {settings.channel}'

@@ -77,6 +77,7 @@ class Receiver:
             for name, group in description.groups.items()
         }
         self._routes = description.routes
+        self._polled = description.polled
         self._first_clock = {
             name: group.frames[0].clock for name, group in description.groups.items()
         }
@@ -110,9 +111,10 @@ class Receiver:
             self._count_unrouted(key)
             return []
         self._ros_time.follow(arrival)
-        return [
-            sample for route in routes for sample in self._follow(route, message.data, arrival)
-        ]
+        data = message.data
+        if self._polled is not None:
+            data = bytearray(self._polled.payload(bytes(data)))
+        return [sample for route in routes for sample in self._follow(route, data, arrival)]
 
     def _count_unrouted(self, key: int) -> None:
         if key in self._description.known:

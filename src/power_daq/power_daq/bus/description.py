@@ -15,12 +15,13 @@ from wattwalk_core.quoting import quoted
 from power_daq.bus.frame import Frame, Route, bind_frame, find_message, head_values, heads
 from power_daq.bus.frame_group import FrameGroup
 from power_daq.bus.mapping import BusMapping, load_mapping
+from power_daq.bus.moteus import REGISTERS, MoteusRegisters
 from power_daq.bus.signal_layout import Floats, SignalLayout
 
 _FOLDER = Path(__file__).parent
 DEFAULT_DBC = _FOLDER / 'drives.dbc'
 DEFAULT_MAPPING = _FOLDER / 'anymal.yaml'
-READY = ('odrive',)
+READY = ('odrive', 'moteus')
 UNDERRANGE, OVERRANGE, DEVICE_ERROR, STALE = 1, 2, 4, 8
 
 
@@ -40,6 +41,7 @@ class BusDescription:
             for name, group in mapping.groups.items()
         }
         self.nodes = mapping.nodes
+        self.polled = None if mapping.poll is None else self._polled(mapping)
         self._sync: Frame | None = None
         if mapping.sync is not None:
             message = find_message(database, mapping.sync)
@@ -73,6 +75,25 @@ class BusDescription:
         if name not in READY:
             raise InputError(f'no bus {quoted(name)}: expected one of {", ".join(READY)}')
         return cls.load(_FOLDER / f'{name}.dbc', mapping or _FOLDER / f'{name}.yaml', nodes)
+
+    def _polled(self, mapping: BusMapping) -> MoteusRegisters:
+        """Return queries for the mapped registers; their replies go to the DBC's identifier."""
+        assert mapping.nodes is not None
+        entries = [entry for group in mapping.groups.values() for entry in group.frames]
+        names = [signal.source for entry in entries for _, _, signal in entry.quantities()]
+        if unknown := sorted(set(names) - REGISTERS.keys()):
+            raise InputError(
+                f'mapping {mapping.path}: {quoted(unknown[0])} is no register of moteus that can '
+                f'be polled; there are {", ".join(REGISTERS)}'
+            )
+        frames = [frame for group in self.groups.values() for frame in group.frames]
+        hosts = sorted({frame.message.frame_id for frame in frames})
+        return MoteusRegisters(names, mapping.nodes.drives, hosts[0])
+
+    @property
+    def rate(self) -> float:
+        """Highest rate of the groups, Hz."""
+        return max(group.rate for group in self.groups.values())
 
     @cached_property
     def torque_at(self) -> Mapping[str, str]:
@@ -122,7 +143,10 @@ class BusDescription:
         if self._sync is not None:
             slots.append(('sync', 0, self._sync))
         for name, slot, frame in slots:
-            routes[frame.key] = (*routes.get(frame.key, ()), Route.of(frame, name, slot))
+            # A servo's standard identifier may come in an extended frame.
+            keys = {frame.key, frame.key | 1 << 31} if self.polled else {frame.key}
+            for key in keys:
+                routes[key] = (*routes.get(key, ()), Route.of(frame, name, slot))
         return routes
 
     def encode_sync(self, counter: int, device_us: int) -> list[can.Message]:

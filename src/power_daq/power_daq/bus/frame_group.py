@@ -72,7 +72,10 @@ class FrameGroup:
         self._places = np.array(places, np.intp)
         self.slots = np.full(self.shape, -1)
         self.slots.reshape(-1)[self._places] = slots
-        self._powered = np.flatnonzero(self.slots[3] >= 0) if 'power' in mapped else None
+        self._powered = None
+        if 'power' in mapped:
+            self._powered = np.flatnonzero(self.slots[3] >= 0)
+            self.slots[1, self._powered] = self.slots[3, self._powered]
         data = list(zip(signals, bases, strict=True))
         head_signals, head_factors = heads(frames)
         try:

@@ -80,18 +80,10 @@ class NodeNumbers:
 
 
 @schema
-class Polling:
-    """Queries to each node, to which it answers: protocol, and the host's own address."""
-
-    protocol: Literal['moteus']
-    source: Annotated[int, Quantity(0, 126)] = 0
-
-
-@schema
 class _File:
     device: Name | None = None
     nodes: NodeNumbers | None = None
-    poll: Polling | None = None
+    poll: Literal['moteus'] | None = None
     sync: _Sync | None = None
     electrical: _Group | None = None
     joints: _Group | None = None
@@ -159,14 +151,18 @@ class GroupMapping:
 
 @dataclass(frozen=True)
 class BusMapping:
-    """Content of the file; groups are some of electrical, joints and temperature."""
+    """
+    Content of the file; groups are some of electrical, joints and temperature.
+
+    poll: protocol of queries that the nodes answer; None where devices send by themselves.
+    """
 
     path: Path
     device: str
     sync: FrameMapping | None
     groups: Mapping[str, GroupMapping]
     nodes: NodeNumbers | None = None
-    poll: Polling | None = None
+    poll: str | None = None
 
     @property
     def drives(self) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ def main(args: Sequence[str] | None = None) -> int:
         'from a CAN FD bus; or the supply alone, from EtherCAT terminals.',
         _EXAMPLE,
     )
-    parser.add_argument('--bus', metavar='NAME', help='ready bus description: odrive')
+    parser.add_argument('--bus', metavar='NAME', help='ready bus description: odrive, moteus')
     parser.add_argument(
         '--drives', nargs='+', metavar='DRIVE=NODE', help='node numbers of its drives'
     )
