@@ -123,6 +123,21 @@ def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_men
     assert fit.main([*arguments, '--anyway']) == 0
 
 
+def test_a_robot_that_generates_is_no_robot_of_wrong_sign(tmp_path):
+    from power_recordings.quality.check import check_recording
+    from power_recordings.reading.reader import Recording
+
+    def codes(bag):
+        return {finding.code for finding in check_recording(Recording.open(bag)).findings}
+
+    for name in ('driven', 'turned'):
+        (tmp_path / name).mkdir()
+    driven = recording(tmp_path / 'driven', SUPPLY, turning=-6.0)
+    assert 'supply_sign' not in codes(driven)
+    wrong = SUPPLY.replace('positive: drawn', 'positive: fed')
+    assert 'supply_sign' in codes(recording(tmp_path / 'turned', wrong, turning=6.0))
+
+
 @pytest.mark.parametrize('wrapped', [False, True], ids=['on', 'anew each turn'])
 def test_drives_that_turn_on_are_judged(tmp_path, wrapped):
     bag = recording(tmp_path, DRIVE, turning=6.0, wrapped=wrapped)

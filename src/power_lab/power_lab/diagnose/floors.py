@@ -49,17 +49,18 @@ def shared(gain: Floats, floor: Floats) -> bool:
 def beyond_physics(evidence: Evidence) -> list[str]:
     """Added effects with a coefficient at a bound that no drive attains: nothing to name."""
     fit = evidence.fit
+
+    def beyond(drive: int, column: int) -> bool:
+        far = 'lower' if fit.coefficients[drive, column] < 0 else 'upper'
+        return fit.at_bound(drive, column) == far
+
     return [
         active.name
         for active in evidence.actives
         for term, column in zip(
             active.effect.terms, fit.structure.columns_of(active.name), strict=True
         )
-        if not term.attained
-        and any(
-            fit.at_bound(drive, column) and fit.coefficients[drive, column] != 0.0
-            for drive in range(len(fit.coefficients))
-        )
+        if not term.attained and any(beyond(d, column) for d in range(len(fit.coefficients)))
     ]
 
 

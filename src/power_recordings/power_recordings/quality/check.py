@@ -26,6 +26,7 @@ _MOST = {'voltage': 1000.0, 'current': 1000.0}
 _SLOPE = (0.8, 1.25)
 _LEAST_CORRELATION = 0.7
 _LEAST_EXPLAINED = 0.2  # of the power, by torque and speed
+_GENERATES = 0.5  # of the power that flows out, by the joints: then nothing is wrong with its sign
 _LEAST_DRAWN = 0.1  # of the power, by the torque
 
 
@@ -297,6 +298,13 @@ class _Checker:
         self._find('power_units', 'error', name, text, mend)
         return slope
 
+    @property
+    def _worked(self) -> float:
+        """Mechanical power of all joints in the mean, W."""
+        if self._joints is None:
+            return 0.0
+        return float(np.nansum(np.nanmean(self._joints.effort * self._joints.velocity, axis=0)))
+
     def supply(self) -> SupplyLine | None:
         """Check the supply of the whole robot, and set it against the drives."""
         if not self._recording.has('supply'):
@@ -305,7 +313,7 @@ class _Checker:
         if len(supply) < _FEWEST:
             return None
         mean = float(np.nanmean(supply.power))
-        if mean < 0:
+        if mean < 0 and self._worked > _GENERATES * mean:
             self._find(
                 'supply_sign',
                 'error',
