@@ -259,6 +259,97 @@ def test_wrong_units_are_found_by_physics_with_the_line_that_mends_them(tmp_path
             assert errors[0].mend == mend
 
 
+def test_units_are_named_by_the_factor_that_they_make(tmp_path):
+    rows = table(2000)
+    rows[:, 3] = np.cos(3 * rows[:, 0] / 1e3)  # A
+    torque, speed = 0.5 * rows[:, 3], rows[:, 2] * 2 * np.pi / 60
+    rows[:, 4] = -(torque * speed + 2 * torque**2 + 1) / 24 * 1e3
+    for name, factor, expected in (
+        ('degrees a second', (1, 360 / 60, 1), ('velocity_units', 'degrees per second')),
+        ('degrees', (360, 1, 1), ('velocity_units', 'the position is in degrees')),
+        ('the other way round', (1, -60 / 60, 1), ('velocity_units', 'its sign is wrong')),
+        ('milliamperes', (1, 1, 1e3), ('power_units', 'current is in mA?')),
+        ('fed', (1, 1, -1), ('power_units', 'a sign is wrong')),
+    ):
+        changed = rows.copy()
+        changed[:, 1] *= factor[0]
+        changed[:, 2] *= factor[1]
+        changed[:, 4] *= factor[2]
+        mapping = MAP
+        if name == 'degrees a second':
+            mapping = mapping.replace('unit: rpm', 'unit: rad/s')
+        if name == 'degrees':
+            mapping = mapping.replace('unit: rev}', 'unit: rad}')
+        log = csv(tmp_path / 'log.csv', changed)
+        assert run(log, mapping, tmp_path / 'bag', '--overwrite') == 0
+        errors = [f for f in checked(tmp_path / 'bag') if f.severity == 'error']
+        assert [f.code for f in errors] == [expected[0]], name
+        assert expected[1] in errors[0].text, name
+
+
+def checked(bag):
+    return check_recording(Recording.open(bag)).findings
+
+
+def test_clipped_frozen_and_broken_signals_are_found(tmp_path, walk):
+    def codes(change):
+        source = walk(20.0)
+        t = source.joint_time
+        source.position[:] = np.sin(2 * np.pi * t)
+        source.velocity[:] = 2 * np.pi * np.cos(2 * np.pi * t)
+        source.effort[:] = np.sin(7 * t)
+        source.current[:] = 2 + np.sin(np.arange(len(source.current)) / 50)[:, None]
+        change(source)
+        return {f.code for f in checked(source.write(tmp_path / change.__name__))}
+
+    def nothing(source):
+        pass
+
+    def clipped_torque(source):
+        source.effort[:] = np.clip(source.effort, -0.5, 0.5)
+
+    def frozen_torque(source):
+        source.effort[2000:3000] = source.effort[2000]
+
+    def frozen_power(source):
+        source.current[5000:8000] = 2.5
+
+    def gaps(source):
+        source.drop_supply(slice(5000, 9000))
+
+    def set_back(source):
+        source.joint_stamps[4000:] -= 2_000_000_000
+        source.late = np.maximum.accumulate  # messages arrive in this order
+
+    def two_clocks(source):
+        source.supply_stamps += 3_600_000_000_000
+
+    def jitter(source):
+        late = np.random.default_rng(0).integers(0, 2_400_000, len(source.joint_stamps))
+        source.joint_stamps += late  # of a period of 2.5 ms
+
+    usual = codes(nothing) & {'clipped', 'frozen', 'gaps', 'clock_step', 'two_clocks', 'jitter'}
+    assert not usual
+    for change, code in (
+        (clipped_torque, 'clipped'),
+        (frozen_torque, 'frozen'),
+        (frozen_power, 'frozen'),
+        (gaps, 'gaps'),
+        (set_back, 'clock_step'),
+        (two_clocks, 'two_clocks'),
+        (jitter, 'jitter'),
+    ):
+        assert code in codes(change), code
+
+
+def test_a_torque_that_is_a_current_is_shown_as_one(tmp_path, capsys):
+    mapping = MAP.replace('scale: 0.5, from_unit: A', 'unit: A')
+    assert run(csv(tmp_path / 'log.csv', table()), mapping, tmp_path / 'bag') == 0
+    out = capsys.readouterr().out
+    assert 'torque A' in out
+    assert 'motor A' in out
+
+
 def test_a_table_faster_than_its_meter_is_found_slow(tmp_path):
     rows = table(3000)
     rows[:, 4] = -np.repeat(np.random.default_rng(1).normal(1e3, 100, 60), 50)  # 2 Hz

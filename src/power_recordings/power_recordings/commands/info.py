@@ -1,6 +1,6 @@
 """`ros2 run power_recordings info`: content and quality of a recording."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +9,7 @@ from wattwalk_core.command import command, command_parser, own_arguments
 _WIDTH = 110
 
 if TYPE_CHECKING:
+    from power_recordings.card import Card
     from power_recordings.quality.check import Quality
     from power_recordings.reading.reader import Recording
 
@@ -68,13 +69,14 @@ def print_quality(recording: 'Recording', quality: 'Quality') -> None:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for head in ('drive', 'torque', 'updates', 'dP/d(τω)', 'ω/(dq/dt)'):
         table.add_column(head, justify='left' if head in ('drive', 'torque') else 'right')
-    for head in ('torque N·m', 'speed rad/s', 'power W', 'τ–ω seen'):
+    torque = f'torque {" or ".join(dict.fromkeys(_torque_units(card, quality.drives)))}'
+    for head in (torque, 'speed rad/s', 'power W', 'τ–ω seen'):
         table.add_column(head, justify='right')
     for name, drive in quality.drives.items():
         ranges = (drive.torque_range, drive.velocity_range, drive.power_range)
         table.add_row(
             _plain(name),
-            quality.torque_at.get(name, ''),
+            ' '.join((quality.torque_at.get(name, ''), card.torque_unit.get(name, ''))).strip(),
             _figure(drive.updates_hz, '{:.0f} Hz'),
             _figure(drive.power_slope, '{:.2f}'),
             _figure(drive.velocity_slope, '{:.2f}'),
@@ -96,6 +98,10 @@ def print_quality(recording: 'Recording', quality: 'Quality') -> None:
         mend = f'; in the map: {finding.mend}' if finding.mend else ''
         who = f'{finding.drive}: ' if finding.drive else ''
         console.print(f'  {finding.severity}: {_plain(who + finding.text + mend)}')
+
+
+def _torque_units(card: 'Card', drives: 'Iterable[str]') -> list[str]:
+    return [card.torque_unit.get(name, 'N*m').replace('N*m', 'N·m') for name in drives]
 
 
 def _plain(text: str) -> str:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
 from power_recordings.quality import physics
+from power_recordings.quality.clocks import clock_findings
+from power_recordings.quality.findings import Finding, power_finding, velocity_finding
 from power_recordings.quality.streams import (
     LEAST_UPDATES,
     Timing,
@@ -28,22 +30,6 @@ _LEAST_CORRELATION = 0.7
 _LEAST_EXPLAINED = 0.2  # of the power, by torque and speed
 _GENERATES = 0.5  # of the power that flows out, by the joints: then nothing is wrong with its sign
 _LEAST_DRAWN = 0.1  # of the power, by the torque
-
-
-@dataclass(frozen=True)
-class Finding:
-    """
-    Something that is amiss in a recording.
-
-    code: for programs. `severity`: `error` makes the recording useless for a power model as it is,
-    `warning` does not. mend: the line of an import map that would mend it, '' where none would.
-    """
-
-    code: str
-    severity: Literal['error', 'warning']
-    drive: str
-    text: str
-    mend: str = ''
 
 
 @dataclass(frozen=True)
@@ -100,7 +86,7 @@ def check_recording(recording: Recording) -> Quality:
         topics,
         drives,
         dict(recording.card.torque),
-        tuple(checker.findings),
+        (*clock_findings(recording, topics), *checker.findings),
         line,
     )
 
@@ -176,6 +162,17 @@ class _Checker:
                     name,
                     f'{quantity} stands at an extreme value in {share:.0%} of samples: clipped?',
                 )
+        speed = np.nan_to_num(np.abs(velocity))
+        moving = speed > max(0.2 * float(np.percentile(speed, 95)), 1e-6)
+        for quantity, values in (('position', position), ('torque', torque)):
+            stuck = frozen(joints.stamp_ns, values.astype(np.float32), moving)
+            if stuck > _FROZEN and np.nanmax(values) > np.nanmin(values):
+                self._find(
+                    'frozen',
+                    'warning',
+                    name,
+                    f'{quantity} is constant for {stuck:.1f} s in motion',
+                )
         return time, position, velocity, torque
 
     def _electrics(
@@ -240,23 +237,7 @@ class _Checker:
         if found is None or abs(found.correlation) < _LEAST_CORRELATION:
             return np.nan
         if not _SLOPE[0] < found.slope < _SLOPE[1]:
-            factor = physics.known_factor(abs(found.slope))
-            guess = {
-                'turns': 'position: {unit: rev}',
-                'turns the other way round': 'velocity: {unit: rev/s}',
-                'rpm': 'velocity: {unit: rpm}',
-                'degrees': 'velocity: {unit: deg/s}',
-                'degrees the other way round': 'position: {unit: deg}',
-            }.get(factor or '', '')
-            if found.slope < 0:
-                guess = f'velocity: {{scale: {-1 / abs(found.slope):.4g}}}'
-            self._find(
-                'velocity_units',
-                'error',
-                name,
-                f'velocity is {found.slope:.3g} times the rate of the position',
-                guess or f'velocity: {{scale: {1 / found.slope:.4g}}}',
-            )
+            self.findings.append(velocity_finding(name, found.slope))
         return found.slope
 
     def _power(
@@ -287,15 +268,8 @@ class _Checker:
         current = self._recording.card.torque_unit.get(name) == 'A'
         if current or r2 < _LEAST_EXPLAINED or 0.6 - 2 * error < slope < 1.6 + 2 * error:
             return slope
-        mend = f'torque: {{scale: {slope:.4g}}}'
-        if slope < 0:
-            text = f'power falls by {-slope:.3g} W with each W of torque × speed: a sign is wrong'
-            mend = 'torque: {scale: -1}'
-        else:
-            factor = physics.known_factor(slope)
-            meaning = f' ({factor})' if factor else ''
-            text = f'power grows by {slope:.3g} W with each W of torque × speed{meaning}'
-        self._find('power_units', 'error', name, text, mend)
+        if not any(f.drive == name and f.code == 'velocity_units' for f in self.findings):
+            self.findings.append(power_finding(name, slope))
         return slope
 
     @property

@@ -8,18 +8,6 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _ENOUGH = 50  # samples
-_FACTORS = {
-    1.0: '',
-    2 * np.pi: 'turns',
-    1 / (2 * np.pi): 'turns the other way round',
-    60 / (2 * np.pi): 'rpm',
-    60.0: 'rpm',
-    2 * np.pi / 60: 'rpm the other way round',
-    180 / np.pi: 'degrees',
-    np.pi / 180: 'degrees the other way round',
-    1000.0: 'thousandths',
-    1e-3: 'thousandths the other way round',
-}
 
 
 @dataclass(frozen=True)
@@ -100,12 +88,6 @@ def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:
     scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
     found, *_ = np.linalg.lstsq(design / scale, power, rcond=1e-10)
     return 1 - float(np.var(power - design / scale @ found)) / float(np.var(power))
-
-
-def known_factor(slope: float, tolerance: float = 0.12) -> str | None:
-    """Return what a slope other than 1 stands for, '' for 1, None for no common factor."""
-    factor = min(_FACTORS, key=lambda f: abs(np.log(max(slope, 1e-12) / f)))
-    return _FACTORS[factor] if abs(slope / factor - 1) < tolerance else None
 
 
 def coverage(torque: Floats, velocity: Floats, cells: int = 8) -> tuple[float, float]:

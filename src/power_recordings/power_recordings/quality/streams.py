@@ -86,10 +86,12 @@ def clipped(values: Floats) -> float:
 
 
 def frozen(stamps: Stamps, values: Floats, moving: NDArray[np.bool_]) -> float:
-    """Return the longest time [s] for which a signal [N] keeps its value while `moving` [N]."""
-    same = np.r_[False, np.diff(values) == 0] & moving
-    edges = np.flatnonzero(np.diff(np.r_[0, same.astype(np.int8), 0]))
-    if not len(edges):
+    """Return the longest time [s] in motion (`moving` [N]) for which a signal [N] is constant."""
+    if len(values) < 2:
         return 0.0
-    first, last = np.maximum(edges[::2] - 1, 0), edges[1::2] - 1
-    return float((stamps[last] - stamps[first]).max()) / 1e9
+    steps = np.diff(stamps) / 1e9 * moving[1:]
+    in_motion = np.r_[0.0, np.cumsum(steps)]
+    same = np.diff(values) == 0
+    edges = np.flatnonzero(np.diff(np.r_[0, same.astype(np.int8), 0]))
+    first, last = edges[::2], edges[1::2]
+    return float((in_motion[last] - in_motion[first]).max(initial=0.0))

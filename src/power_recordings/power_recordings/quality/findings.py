@@ -1,0 +1,83 @@
+"""Findings of a check, and the meaning of slopes that wrong units make."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Finding:
+    """
+    Something that is amiss in a recording.
+
+    code: for programs. `severity`: `error` makes the recording useless for a power model as it is,
+    `warning` does not. mend: the line of an import map that would mend it, '' where none would.
+    """
+
+    code: str
+    severity: Literal['error', 'warning']
+    drive: str
+    text: str
+    mend: str = ''
+
+
+_TOLERANCE: Final = 0.12
+_TURN: Final = 2 * np.pi
+
+# What a velocity that is so many times the rate of the position is, and the line that mends it.
+_OF_VELOCITY: Final[Mapping[float, tuple[str, str]]] = {
+    _TURN: ('the position is in turns', 'position: {unit: rev}'),
+    1 / _TURN: ('it is in turns per second', 'velocity: {unit: rev/s}'),
+    60 / _TURN: ('it is in rpm', 'velocity: {unit: rpm}'),
+    60.0: ('it is in rpm, not turns per second', 'velocity: {unit: rpm}'),
+    180 / np.pi: ('it is in degrees per second', 'velocity: {unit: deg/s}'),
+    np.pi / 180: ('the position is in degrees', 'position: {unit: deg}'),
+    6.0: ('the position is in degrees, it in rpm', 'position: {unit: deg}, velocity: {unit: rpm}'),
+    1000.0: ('times are in ms', 'time: {unit: ms}'),
+    1e6: ('times are in µs', 'time: {unit: us}'),
+    1e-3: ('times are in s, not ms', 'time: {unit: s}'),
+}
+# The same for power that grows by so many W with each W of torque × speed.
+_OF_POWER: Final[Mapping[float, tuple[str, str]]] = {
+    _TURN: ('speed is in turns per second', 'velocity: {unit: rev/s}'),
+    _TURN / 60: ('speed is in rpm', 'velocity: {unit: rpm}'),
+    np.pi / 180: ('speed is in degrees per second', 'velocity: {unit: deg/s}'),
+    1e-3: ('torque is in mN·m', 'torque: {unit: mN*m}'),
+    1000.0: ('current is in mA', 'current: {unit: mA}'),
+    1e6: ('current is in mA and voltage in mV', 'current: {unit: mA}, voltage: {unit: mV}'),
+}
+
+
+def velocity_finding(drive: str, slope: float) -> Finding:
+    """Return what is amiss where velocity is `slope` times the rate of the position."""
+    text = f'velocity is {slope:.3g} times the rate of the position'
+    meaning, mend = _meaning(abs(slope), _OF_VELOCITY)
+    if slope < 0:
+        text += ': its sign is wrong' + (f', and {meaning}' if meaning else '')
+        mend = f'velocity: {{scale: {1 / slope:.4g}}}'
+    elif meaning:
+        text += f': {meaning}'
+    else:
+        mend = f'velocity: {{scale: {1 / slope:.4g}}}'
+    return Finding('velocity_units', 'error', drive, text, mend)
+
+
+def power_finding(drive: str, slope: float) -> Finding:
+    """Return what is amiss where power grows by `slope` W with each W of torque × speed."""
+    meaning, mend = _meaning(abs(slope), _OF_POWER)
+    if slope < 0:
+        text = f'power falls by {-slope:.3g} W with each W of torque × speed: a sign is wrong'
+        mend = 'torque: {scale: -1}'
+    else:
+        text = f'power grows by {slope:.3g} W with each W of torque × speed'
+        text += f': {meaning}?' if meaning else ', not by about 1: scale, or a gear between?'
+        mend = mend or f'torque: {{scale: {slope:.4g}}}'
+    return Finding('power_units', 'error', drive, text, mend)
+
+
+def _meaning(slope: float, known: Mapping[float, tuple[str, str]]) -> tuple[str, str]:
+    """Return what the factor nearest to a slope means, empty texts where none is near."""
+    factor = min(known, key=lambda f: abs(np.log(max(slope, 1e-12) / f)))
+    return known[factor] if abs(slope / factor - 1) < _TOLERANCE else ('', '')
