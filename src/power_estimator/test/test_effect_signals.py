@@ -2,7 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_estimator.effects.signals.prepared import REDUCED_RATE, Reducer, prepare
+from power_estimator.effects.signals.prepared import prepare
+from power_estimator.effects.signals.reducer import REDUCED_RATE, Reducer
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 

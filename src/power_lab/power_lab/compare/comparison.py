@@ -14,7 +14,8 @@ from power_estimator.effects.fit.folds import FOLDS, Folds
 from power_estimator.effects.fit.training import Material, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model
-from power_estimator.effects.signals.prepared import REDUCED_RATE, Prepared
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.evaluation.scores import score
 from power_estimator.loader import load_model
 from power_estimator.model import PowerModel

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.fitter import Fit
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.signals.prepared import REDUCED_RATE, Prepared
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 from power_lab.diagnose.diagnosis import Diagnosis
 

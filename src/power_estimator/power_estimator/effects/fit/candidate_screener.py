@@ -12,7 +12,7 @@ from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter, between
 from power_estimator.effects.fit.folds import FOLDS, LEAST_MSE, Folds
-from power_estimator.effects.signals.prepared import REDUCED_RATE
+from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 Floats = NDArray[np.float64]
 _FINE = 8  # delays tried between two neighbours

@@ -12,7 +12,8 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Active, BasePower, Design, DesignBuilder, Structure
 from power_estimator.effects.fit.whole_robot import WholeBuilder
-from power_estimator.effects.signals.prepared import REDUCED_RATE, Prepared
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]

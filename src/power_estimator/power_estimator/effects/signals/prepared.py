@@ -7,10 +7,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
-from power_recordings.alignment.filters import windowed_sinc
 from wattwalk_core.errors import InputError
 
 from power_estimator.effects import Signals
+from power_estimator.effects.signals.reducer import (
+    EARLIEST,
+    HALF_WIDTH,
+    LATEST,
+    REDUCED_RATE,
+    SHIFT_STEP,
+    Reducer,
+)
 from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.effects.signals.sizing import drive_scale, torque_constants, with_torque
 
@@ -18,83 +25,12 @@ Floats = NDArray[np.float64]
 
 WHOLE = 'robot'
 """Name of the meter of a whole robot."""
-CUTOFF = 12.5
-"""Hz, of the zero-phase low-pass that products and power pass alike (Section II-A)."""
-REDUCED_RATE = 50.0
-EARLIEST, LATEST, SHIFT_STEP = -0.006, 0.022, 0.001
-"""Delays of the power against the joint signals that a fit tries, s."""
-_HALF_WIDTH = 0.2  # s, of the low-pass
-_BETA = 4.9  # of its Kaiser window: 53 dB beyond 16.5 Hz
 _LAG_LIMIT = 0.02  # s
 _UNRESOLVED, _MOST_UNRESOLVED = 4.0, 1 / 7
 _MOVING = 0.05  # rad/s
 _MOST_TRAVEL = 4 * np.pi  # rad, of a joint
 _STALLED = 0.1  # rad, of travel: its encoder's noise is no rate
 _RELATED = 0.8  # correlation of velocity and the rate of position, where one is the other's
-
-
-@dataclass(frozen=True)
-class Reducer:
-    """
-    Low-pass at 12.5 Hz and decimation, the same for every product and for the power.
-
-    With a window in s it is the mean over that window: energy, for meters that are slow.
-    """
-
-    rate: float
-    slices: tuple[slice, ...]  # stretches of the input that are long enough
-    window: float = 0.0
-
-    @property
-    def factor(self) -> int:
-        """Input samples for each reduced one."""
-        return max(1, round(self.rate / REDUCED_RATE))
-
-    @property
-    def margin(self) -> int:
-        """Input samples lost at each end of a stretch: filter and largest shift."""
-        half = max(_HALF_WIDTH, self.window / 2)
-        return round(self.rate * (half + max(LATEST, -EARLIEST))) + 1
-
-    def reduce(self, values: Floats, shift: float = 0.0) -> Floats:
-        """[T, ...] → [N, ...]: the low-passed values at time t + shift (s)."""
-        taps = self._taps(shift)
-        start = self.margin - len(taps) // 2
-        parts = [
-            _decimated(np.asarray(values[part], np.float64)[start:], taps, self.factor, count)
-            for part in self.slices
-            if (count := self._count(part))
-        ]
-        return np.concatenate(parts) if parts else np.empty((0, *values.shape[1:]))
-
-    def centres(self) -> NDArray[np.intp]:
-        """Index of the input sample at the middle of each reduced one, [N]."""
-        return np.concatenate(
-            [
-                part.start + self.margin + self.factor * np.arange(self._count(part))
-                for part in self.slices
-            ]
-            or [np.empty(0, dtype=np.intp)]
-        )
-
-    def stretches(self) -> list[slice]:
-        """Gap-free stretches of the reduced samples."""
-        out, start = [], 0
-        for part in self.slices:
-            out.append(slice(start, start + self._count(part)))
-            start += self._count(part)
-        return out
-
-    def _count(self, part: slice) -> int:
-        return max(0, (part.stop - part.start - 2 * self.margin - 1) // self.factor + 1)
-
-    def _taps(self, shift: float) -> Floats:
-        half = self.margin - 1
-        time = np.arange(-half, half + 1) / self.rate - shift
-        if self.window:
-            inside = np.abs(time) <= self.window / 2
-            return np.asarray(inside / inside.sum(), np.float64)[::-1]
-        return windowed_sinc(time, CUTOFF, _HALF_WIDTH, _BETA)[::-1]
 
 
 @dataclass(frozen=True)
@@ -360,12 +296,12 @@ def _rate_of(values: Floats, data: AlignedDataset) -> Floats:
 
 
 def _long_enough_data(data: AlignedDataset) -> tuple[slice, ...]:
-    least = 2 * (round(data.rate * (_HALF_WIDTH + LATEST)) + 1) + round(data.rate * 0.5)
+    least = 2 * (round(data.rate * (HALF_WIDTH + LATEST)) + 1) + round(data.rate * 0.5)
     return tuple(part for part in data.segments() if part.stop - part.start >= least)
 
 
 def _long_enough(signals: Signals, rate: float, window: float) -> tuple[slice, ...]:
-    half = max(_HALF_WIDTH, window / 2)
+    half = max(HALF_WIDTH, window / 2)
     least = 2 * (round(rate * (half + LATEST)) + 1) + round(rate * 0.5)
     return tuple(part for part in signals.stretches() if part.stop - part.start >= least)
 
@@ -404,26 +340,3 @@ def _meter_noise(data: AlignedDataset, meters: NDArray[np.float32], reducer: Red
         if joined.size:
             noise[meter] = share * float(np.quantile(joined, 0.1))
     return noise
-
-
-def _decimated(values: Floats, taps: Floats, factor: int, count: int) -> Floats:
-    """
-    FIR filter and decimation of values [T, ...] to [count, ...].
-
-    Output i is the sum over k of taps[k]·values[i·factor + len(taps) − 1 − k]. One matrix product
-    over the phases of the filter: three times as fast as scipy's upfirdn along the first axis.
-    """
-    phases = -(-len(taps) // factor)
-    weights = np.zeros(phases * factor)
-    weights[: len(taps)] = taps[::-1]
-    blocks = count - 1 + phases
-    width = int(np.prod(values.shape[1:]))
-    padded = np.zeros((blocks * factor, width))
-    used = values[: (count - 1) * factor + len(taps)]
-    padded[: len(used)] = used.reshape(len(used), width)
-    by_place = padded.reshape(blocks, factor, width).transpose(1, 0, 2).reshape(factor, -1)
-    products = weights.reshape(phases, factor) @ by_place
-    out = np.zeros(count * width)
-    for phase, product in enumerate(products):
-        out += product[phase * width : (phase + count) * width]
-    return out.reshape(count, *values.shape[1:])
