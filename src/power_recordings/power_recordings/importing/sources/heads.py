@@ -10,6 +10,7 @@ from power_recordings.importing.units import is_unit
 _NUMBER = re.compile(
     r'\s*[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\s*|\s*[+-]?(nan|inf)\s*', re.I
 )
+_UNITS_THAT_ARE_NAMES = ('rpm', 'rps')
 _IN_BRACKETS = re.compile(r'\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 
 
@@ -55,11 +56,13 @@ def find_head(
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that a column's name ends with in brackets or after `_`, else ''."""
+    """Return the unit that a name is, or ends with in brackets or after `_` or a space, else ''."""
     found = _IN_BRACKETS.search(name)
     if found:
         return found[1] if is_unit(found[1]) else ''
-    ending = name.rsplit('_', 1)[-1] if '_' in name else ''
+    ending = re.split(r'[_ ]', name)[-1]
+    if ending == name and name.lower() not in _UNITS_THAT_ARE_NAMES:
+        return ''
     return ending if len(ending) <= 5 and not ending.isdigit() and is_unit(ending) else ''
 
 
