@@ -56,7 +56,7 @@ def find_head(
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that a name is, or ends with in brackets or after `_` or a space, else ''."""
+    """Return the unit in brackets or after `_` or a space that ends a name, or that it is."""
     found = _IN_BRACKETS.search(name)
     if found:
         return found[1] if is_unit(found[1]) else ''
