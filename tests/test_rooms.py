@@ -17,7 +17,6 @@ SOURCES = ROOT / 'src'
 PACKAGES = sorted(file.parent.name for file in SOURCES.glob('*/setup.py'))
 LONGEST = 400
 """Lines of a file."""
-STILL_IN_QUESTIONS = {'power_lab', 'power_estimator', 'policy_training', 'sim_bridge'}
 DRIVERS = ('can', 'cantools', 'pyvisa', 'pysoem', 'rclpy')
 ANALYSES = (
     'power_estimator',
@@ -157,7 +156,6 @@ def test_docstrings_open_with_a_noun_or_a_verb():
     found = [
         f'{file.relative_to(ROOT)}: {name}'
         for file in own_files()
-        if not STILL_IN_QUESTIONS.intersection(file.parts)
         for name, text in docstrings(file)
         if question.match(text)
     ]
