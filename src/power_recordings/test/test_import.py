@@ -1,46 +1,12 @@
 import importlib.util
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from power_recordings.commands.import_logs import main
 from power_recordings.importing import sources
-from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
-
-MAP = """
-format: import/1
-time: {column: t, unit: ms}
-drives:
-  KNEE:
-    position: {from: pos, unit: rev}
-    velocity: {from: vel, unit: rpm}
-    torque: {from: iq, scale: 0.5, from_unit: A, at: motor}
-    voltage: {value: 24, unit: V}
-    current: {from: i, unit: mA, positive: fed}
-card: {robot: bench}
-"""
-
-
-def table(rows=500, rate=100.0):
-    """Half a turn a second at 24 V and 1 A, for `rows` samples."""
-    t = np.arange(rows) / rate
-    angle = 0.25 * np.sin(2 * np.pi * t)  # turns
-    speed = 0.25 * 2 * np.pi * np.cos(2 * np.pi * t) * 60  # rpm
-    return np.stack([1e3 * t, angle, speed, np.full(rows, 2.0), np.full(rows, -1e3)], axis=1)
-
-
-def csv(path, rows, head='t,pos,vel,iq,i'):
-    text = '\n'.join(','.join(f'{x:.9g}' for x in row) for row in rows)
-    path.write_text(f'{head}\n{text}\n')
-    return path
-
-
-def run(log, mapping, out, *more):
-    map_file = out.parent / 'map.yaml'
-    map_file.write_text(mapping)
-    return main([str(log), '--map', str(map_file), '-o', str(out), *more])
+from table_log import MAP, csv, run, table
 
 
 def test_a_table_becomes_a_recording_in_si_units(tmp_path):
@@ -236,129 +202,6 @@ def test_list_prints_columns_and_a_map_that_can_be_used_at_once(tmp_path, capsys
     assert run(log, listed, tmp_path / 'bag') == 0
 
 
-def test_wrong_units_are_found_by_physics_with_the_line_that_mends_them(tmp_path):
-    rows = table(2000)
-    rows[:, 3] = np.cos(3 * rows[:, 0] / 1e3)  # A
-    torque, speed = 0.5 * rows[:, 3], rows[:, 2] * 2 * np.pi / 60
-    rows[:, 4] = -(torque * speed + 2 * torque**2 + 1) / 24 * 1e3
-    log = csv(tmp_path / 'log.csv', rows)
-    for change, code, mend in (
-        (('', ''), None, ''),
-        (('unit: rpm', 'unit: rev/s'), 'velocity_units', 'velocity: {unit: rpm}'),
-        (('unit: rev}', 'unit: rad}'), 'velocity_units', 'position: {unit: rev}'),
-        (('scale: 0.5', 'scale: -0.5'), 'power_units', 'torque: {scale: -1}'),
-    ):
-        run(log, MAP.replace(*change) if change[0] else MAP, tmp_path / 'bag', '--overwrite')
-        errors = [
-            f
-            for f in check_recording(Recording.open(tmp_path / 'bag')).findings
-            if f.severity == 'error'
-        ]
-        assert [f.code for f in errors][:1] == ([code] if code else [])
-        if code:
-            assert errors[0].mend == mend
-
-
-def test_units_are_named_by_the_factor_that_they_make(tmp_path):
-    rows = table(2000)
-    rows[:, 3] = np.cos(3 * rows[:, 0] / 1e3)  # A
-    torque, speed = 0.5 * rows[:, 3], rows[:, 2] * 2 * np.pi / 60
-    rows[:, 4] = -(torque * speed + 2 * torque**2 + 1) / 24 * 1e3
-    for name, factor, expected in (
-        ('degrees a second', (1, 360 / 60, 1), ('velocity_units', 'degrees per second')),
-        ('degrees', (360, 1, 1), ('velocity_units', 'the position is in degrees')),
-        ('the other way round', (1, -60 / 60, 1), ('velocity_units', 'its sign is wrong')),
-        ('milliamperes', (1, 1, 1e3), ('power_units', 'current is in mA?')),
-        ('fed', (1, 1, -1), ('power_units', 'a sign is wrong')),
-    ):
-        changed = rows.copy()
-        changed[:, 1] *= factor[0]
-        changed[:, 2] *= factor[1]
-        changed[:, 4] *= factor[2]
-        mapping = MAP
-        if name == 'degrees a second':
-            mapping = mapping.replace('unit: rpm', 'unit: rad/s')
-        if name == 'degrees':
-            mapping = mapping.replace('unit: rev}', 'unit: rad}')
-        log = csv(tmp_path / 'log.csv', changed)
-        assert run(log, mapping, tmp_path / 'bag', '--overwrite') == 0
-        errors = [f for f in checked(tmp_path / 'bag') if f.severity == 'error']
-        assert [f.code for f in errors] == [expected[0]], name
-        assert expected[1] in errors[0].text, name
-
-
-def checked(bag):
-    return check_recording(Recording.open(bag)).findings
-
-
-def test_clipped_frozen_and_broken_signals_are_found(tmp_path, walk):
-    def codes(change):
-        source = walk(20.0)
-        t = source.joint_time
-        source.position[:] = np.sin(2 * np.pi * t)
-        source.velocity[:] = 2 * np.pi * np.cos(2 * np.pi * t)
-        source.effort[:] = np.sin(7 * t)
-        source.current[:] = 2 + np.sin(np.arange(len(source.current)) / 50)[:, None]
-        change(source)
-        return {f.code for f in checked(source.write(tmp_path / change.__name__))}
-
-    def nothing(source):
-        pass
-
-    def clipped_torque(source):
-        source.effort[:] = np.clip(source.effort, -0.5, 0.5)
-
-    def frozen_torque(source):
-        source.effort[2000:3000] = source.effort[2000]
-
-    def frozen_power(source):
-        source.current[5000:8000] = 2.5
-
-    def gaps(source):
-        source.drop_supply(slice(5000, 9000))
-
-    def set_back(source):
-        source.joint_stamps[4000:] -= 2_000_000_000
-        source.late = np.maximum.accumulate  # messages arrive in this order
-
-    def two_clocks(source):
-        source.supply_stamps += 3_600_000_000_000
-
-    def jitter(source):
-        late = np.random.default_rng(0).integers(0, 2_400_000, len(source.joint_stamps))
-        source.joint_stamps += late  # of a period of 2.5 ms
-
-    usual = codes(nothing) & {'clipped', 'frozen', 'gaps', 'clock_step', 'two_clocks', 'jitter'}
-    assert not usual
-    for change, code in (
-        (clipped_torque, 'clipped'),
-        (frozen_torque, 'frozen'),
-        (frozen_power, 'frozen'),
-        (gaps, 'gaps'),
-        (set_back, 'clock_step'),
-        (two_clocks, 'two_clocks'),
-        (jitter, 'jitter'),
-    ):
-        assert code in codes(change), code
-
-
-def test_a_torque_that_is_a_current_is_shown_as_one(tmp_path, capsys):
-    mapping = MAP.replace('scale: 0.5, from_unit: A', 'unit: A')
-    assert run(csv(tmp_path / 'log.csv', table()), mapping, tmp_path / 'bag') == 0
-    out = capsys.readouterr().out
-    assert 'torque A' in out
-    assert 'motor A' in out
-
-
-def test_a_table_faster_than_its_meter_is_found_slow(tmp_path):
-    rows = table(3000)
-    rows[:, 4] = -np.repeat(np.random.default_rng(1).normal(1e3, 100, 60), 50)  # 2 Hz
-    run(csv(tmp_path / 'log.csv', rows), MAP, tmp_path / 'bag')
-    quality = check_recording(Recording.open(tmp_path / 'bag'))
-    assert 'slow_power' in [f.code for f in quality.findings]
-    assert quality.drives['KNEE'].updates_hz == pytest.approx(2, abs=0.5)
-
-
 def test_bags_of_ros_1_are_read(tmp_path):
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
@@ -424,45 +267,3 @@ def test_a_library_that_is_missing_is_named_with_the_line_that_installs_it(
     error = capsys.readouterr().err
     assert f'reading it needs {module}: pip install' in error
     assert error.count('\n') == 1
-
-
-REAL = Path(__file__).resolve().parents[4] / 'shared' / 'real_data'
-
-
-@pytest.mark.skipif(
-    not REAL.is_dir(), reason='the public logs of real drives are not beside the checkout'
-)
-@pytest.mark.parametrize(
-    ('log', 'mapping', 'topic', 'count'),
-    [
-        ('yu_cobot.parquet', 'voraus', 'drive_supply', 398),
-        ('ur3e_move.xlsx', 'ur_rtde', 'supply', 888),
-        ('ur3e_L1L2.csv', 'ur_rtde', 'supply', 65),
-    ],
-)
-def test_real_logs_are_imported_with_ready_maps(tmp_path, log, mapping, topic, count):
-    assert main([str(REAL / log), '--map', mapping, '-o', str(tmp_path / 'bag')]) == 0
-    recording = Recording.open(tmp_path / 'bag')
-    assert len(getattr(recording, topic)()) == count
-    quality = check_recording(recording)
-    assert 'slow_power' not in [f.code for f in quality.findings]
-    moving = [d for d in quality.drives.values() if np.ptp(d.velocity_range) > 0.1]
-    assert moving
-    for drive in moving:
-        assert drive.velocity_slope == pytest.approx(1, abs=0.05)
-
-
-def test_the_robots_power_is_set_against_the_sum_of_its_drives(tmp_path):
-    rows = table()
-    rows[:, 4] = -1e3 * np.linspace(0.5, 1.5, len(rows))  # mA at 24 V
-    robot = 1.1 * 24 * -rows[:, 4] / 1e3 + 7.0
-    log = csv(tmp_path / 'a.csv', np.column_stack([rows, robot / 24]), 't,pos,vel,iq,i,all')
-    chart = tmp_path / 'map.yaml'
-    supply = (
-        'supply: {voltage: {value: 24, unit: V}, current: {from: all, unit: A, positive: drawn}}'
-    )
-    chart.write_text(MAP + supply)
-    assert main([str(log), '--map', str(chart), '-o', str(tmp_path / 'bag')]) == 0
-    line = check_recording(Recording.open(tmp_path / 'bag')).supply
-    assert (line.slope, line.offset) == pytest.approx((1.1, 7.0), rel=1e-2)
-    assert line.r2 == pytest.approx(1.0, abs=1e-4)

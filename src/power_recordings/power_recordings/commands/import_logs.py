@@ -110,6 +110,7 @@ def _list(source: 'LogSource') -> None:
 
     from power_recordings.importing.guess import guess_map
     from power_recordings.importing.listing import list_columns
+    from power_recordings.importing.plan import fitting_maps
 
     listed = list_columns(source)
     lines = [f'# {printable(str(source.path))}: {len(listed)} columns']
@@ -123,6 +124,7 @@ def _list(source: 'LogSource') -> None:
             f'# {name:{width}}  {unit:5} {item.rows:8d} {low:>10} {high:>10} '
             f'{item.changes:7.0%} {rate:>9}'
         )
+    lines += [f'# the ready map {name} fits: --map {name}' for name in fitting_maps(source)]
     lines.append('# guessed map: edit, save as FILE.yaml, then import with --map FILE.yaml')
     robot = ''.join(c if c.isalnum() else '_' for c in source.path.stem)[:40] or 'robot'
     sys.stdout.write('\n'.join(lines) + '\n')

@@ -34,14 +34,17 @@ class _Buffer:
         """Linear interpolation, NaN outside the rows and in gaps of more than 2.5 periods."""
         result = np.full((len(stamps), self.width), np.nan)
         if len(self.stamps) < 2:
+            if len(self.stamps):
+                result[stamps == self.stamps[0]] = self.values[0]
             return result
         right = np.clip(np.searchsorted(self.stamps, stamps), 1, len(self.stamps) - 1)
         left = right - 1
         span = (self.stamps[right] - self.stamps[left]).astype(np.float64)
         weight = (stamps - self.stamps[left]) / span
         rows = self.values[left] * (1 - weight)[:, None] + self.values[right] * weight[:, None]
-        exact = weight == 1.0
-        rows[exact] = self.values[right[exact]]
+        for end, side in ((0.0, left), (1.0, right)):
+            rows[weight == end] = self.values[side[weight == end]]
+        exact = (weight == 0) | (weight == 1)
         inside = (weight >= 0) & (weight <= 1) & ((span <= GAP * self.period) | exact)
         result[inside] = rows[inside]
         return result

@@ -3,6 +3,7 @@
 import difflib
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +11,9 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable, quoted
 
-from power_recordings.importing.map_file import DriveMap, ImportMap, Signal
+from power_recordings.importing.map_file import DriveMap, ImportMap, Signal, load_map, names
 from power_recordings.importing.sources.heads import unit_of
-from power_recordings.importing.sources.source import LogColumn
+from power_recordings.importing.sources.source import LogColumn, LogSource
 from power_recordings.importing.units import Conversion, conversion
 
 Floats = NDArray[np.float64]
@@ -113,6 +114,16 @@ def make_plan(
     return ImportPlan(
         channels, supply, {**at, **dict.fromkeys(unit, 'motor')}, unit, time, mapping.stamp
     )
+
+
+def fitting_maps(source: LogSource) -> list[str]:
+    """Return the names of the ready maps all of whose columns a log has."""
+    columns, found = source.columns(), []
+    for name in names():
+        with suppress(InputError):
+            make_plan(load_map(name), columns, name, source.is_bag)
+            found.append(name)
+    return found
 
 
 def expand(

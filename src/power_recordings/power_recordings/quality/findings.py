@@ -32,6 +32,7 @@ _OF_VELOCITY: Final[Mapping[float, tuple[str, str]]] = {
     1 / _TURN: ('it is in turns per second', 'velocity: {unit: rev/s}'),
     60 / _TURN: ('it is in rpm', 'velocity: {unit: rpm}'),
     60.0: ('it is in rpm, not turns per second', 'velocity: {unit: rpm}'),
+    1 / 60: ('it is in turns per second, not rpm', 'velocity: {unit: rev/s}'),
     180 / np.pi: ('it is in degrees per second', 'velocity: {unit: deg/s}'),
     np.pi / 180: ('the position is in degrees', 'position: {unit: deg}'),
     6.0: ('the position is in degrees, it in rpm', 'position: {unit: deg}, velocity: {unit: rpm}'),
@@ -43,6 +44,8 @@ _OF_VELOCITY: Final[Mapping[float, tuple[str, str]]] = {
 _OF_POWER: Final[Mapping[float, tuple[str, str]]] = {
     _TURN: ('speed is in turns per second', 'velocity: {unit: rev/s}'),
     _TURN / 60: ('speed is in rpm', 'velocity: {unit: rpm}'),
+    60.0: ('speed is in turns per second, not rpm', 'velocity: {unit: rev/s}'),
+    1 / 60: ('speed is in rpm, not turns per second', 'velocity: {unit: rpm}'),
     np.pi / 180: ('speed is in degrees per second', 'velocity: {unit: deg/s}'),
     1e-3: ('torque is in mN·m', 'torque: {unit: mN*m}'),
     1000.0: ('current is in mA', 'current: {unit: mA}'),
