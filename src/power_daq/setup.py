@@ -36,6 +36,7 @@ setup(
             'record = power_daq.commands.record:main',
             'watch = power_daq.commands.watch:main',
             'supply = power_daq.commands.supply:main',
+            'topics = power_daq.commands.topics:main',
         ],
         'can.interface': ['unixsocket = power_daq.bus.unix_socket:UnixSocketBus'],
     },

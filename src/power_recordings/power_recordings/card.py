@@ -118,6 +118,13 @@ class Card:
             torque_unit={drive: _UNIT[name] for drive, name in unit.items() if name in _UNIT},
         )
 
+    def with_derived_velocity(self, drives: Sequence[str]) -> Self:
+        """Return the card with the drives whose velocity is the rate of their position."""
+        if not drives or 'imported' in self.other:
+            return self
+        velocity = {'velocity': dict.fromkeys(drives, 'rate of position')}
+        return replace(self, other={**self.other, 'imported': velocity})
+
     def save(self, bag_dir: Path) -> Path:
         """Write card.yaml into a recording's folder, whole or not at all, and return its path."""
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'other'}

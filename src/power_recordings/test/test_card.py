@@ -48,6 +48,7 @@ def test_a_card_with_one_value_at_two_places_can_be_read_again(tmp_path: Path) -
 def test_what_the_user_says_of_torque_stands_and_other_words_are_left_out() -> None:
     noted = Card().with_torque({'M1': 'motor', 'M2': 'moon'}, {'M1': 'A', 'M2': 'lb'})
     assert (noted.torque, noted.torque_unit) == ({'M1': 'motor'}, {'M1': 'A'})
+    assert Card().with_derived_velocity(('M1',)).derived_velocity == ('M1',)
     said = Card(torque={'M1': 'joint'})
     assert said.with_torque({'M1': 'motor'}, {}) == said
 

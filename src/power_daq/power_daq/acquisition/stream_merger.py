@@ -101,6 +101,11 @@ class StreamMerger(Generic[T]):
         self.out_of_order = 0
 
     @property
+    def count(self) -> int:
+        """Rows so far, given out or lost."""
+        return 0 if self._given is None else self._given[0] + 1
+
+    @property
     def missing(self) -> list[int]:
         """Number of rows of each stream that did not come, by its gaps."""
         return [stream.missing for stream in self._streams]

@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 
-from power_daq.acquisition.torque import TORQUE_AT, TORQUE_UNIT
+from power_daq.acquisition.torque import TORQUE_AT, TORQUE_UNIT, VELOCITY
 
 _DEPTH = 2000
 _HOUSEKEEPING = 0.2  # s
@@ -51,7 +51,7 @@ class RecorderNode(Node):
             name: self._subscribe(name, ReliabilityPolicy.RELIABLE) for name in self._types
         }
         self._calibrations: dict[str, None] = {}
-        self._torque: dict[str, dict[str, str]] = {TORQUE_AT: {}, TORQUE_UNIT: {}}
+        self._torque: dict[str, dict[str, str]] = {TORQUE_AT: {}, TORQUE_UNIT: {}, VELOCITY: {}}
         self.create_subscription(DiagnosticArray, 'diagnostics', self._note_conditions, 10)
         self._before = recorder.progress()
         self._reporter = Reporter(self, 'bag')
@@ -81,7 +81,8 @@ class RecorderNode(Node):
         recorder.close()
         applied = ', '.join(self._calibrations)
         card = self._card.with_drives(recorder.measured()).with_calibration(applied)
-        card.with_torque(self._torque[TORQUE_AT], self._torque[TORQUE_UNIT]).save(self._bag)
+        card = card.with_torque(self._torque[TORQUE_AT], self._torque[TORQUE_UNIT])
+        card.with_derived_velocity(tuple(self._torque[VELOCITY])).save(self._bag)
         print(f'{recorder.summary()}\n{self._bag}')
         return 0 if recorder.progress().counts else 1
 

@@ -1,0 +1,1 @@
+"""Republishing of a robot's own topics by an import map."""

@@ -1,0 +1,92 @@
+"""State of republished topics for `diagnostics`: a sentence and figures."""
+
+from collections.abc import Iterable, Sequence
+
+from power_recordings.importing.plan import ImportPlan
+from wattwalk_core.nodes.diagnostics import Level, Report
+
+from power_daq.acquisition.count_changes import CountChanges
+from power_daq.acquisition.torque import torque_figures
+from power_daq.topics.republisher import Republisher
+
+_NAMED = 4
+_LAG = 1.0  # s between the stamps of topics that belong together
+_FAULTS = (' lost', ' out of order', ' not finite', ' restarts')
+
+
+class TopicsHealth:
+    """Reports on a republisher, by the changes of its counts since the report before."""
+
+    def __init__(self, republisher: Republisher) -> None:
+        self._republisher = republisher
+        self._changes = CountChanges()
+
+    def report(self, now: float, present: Iterable[str]) -> Report:
+        """Return the state since the report before; now in s, present: topics that exist."""
+        source = self._republisher
+        present = list(present)
+        counts: dict[str, float] = {f'{t} messages': n for t, n in sorted(source.heard.items())}
+        for name, group in source.groups.items():
+            counts[f'{name} samples'] = group.given
+            counts[f'{name} lost'] = group.lost
+            counts[f'{name} out of order'] = group.merger.out_of_order
+            counts[f'{name} not finite'] = group.not_finite
+            counts[f'{name} restarts'] = group.restarts
+        news, span = self._changes.since_last(counts, now)
+        figures = {}
+        if span > 0:
+            for name in source.groups:
+                figures[f'{name} rate [Hz]'] = f'{news[f"{name} samples"] / span:.1f}'
+        figures |= {name: f'{count:.0f}' for name, count in counts.items()}
+        if source.plan is not None:
+            figures |= _torque(source.plan)
+        level, sentence = self._judge(news, span, present)
+        return Report(level, sentence, figures)
+
+    def _judge(
+        self, news: dict[str, float], span: float, present: Sequence[str]
+    ) -> tuple[Level, str]:
+        source = self._republisher
+        if waiting := source.awaited:
+            there = source.topics.awaited(present)
+            reasons = [
+                f'{name} ({"no such topic" if name in there else "no message yet"})'
+                for name in waiting
+            ]
+            return Level.ERROR, f'waiting for {_some(reasons)}'
+        if source.plan is None:
+            return Level.OK, 'waiting for more drives'
+        groups = source.groups.values()
+        silent = [t for g in groups for t in g.topics if not news.get(f'{t} messages') and span]
+        if silent:
+            return Level.ERROR, f'no message in the last second of {_some(silent)}'
+        late = [
+            f'{topic} by {group.lag(topic):.1f} s'
+            for group in groups
+            for topic in group.topics
+            if group.lag(topic) > _LAG
+        ]
+        if late:
+            return Level.WARN, (
+                f'stamps lag behind those of other topics: {_some(late)}; '
+                'time: {stamp: log} in the map takes the times of receipt'
+            )
+        faults = [
+            f'{n:.0f} {name}' for name, n in news.items() if n > 0 and name.endswith(_FAULTS)
+        ]
+        if faults:
+            return Level.WARN, 'in the last second: ' + ', '.join(faults)
+        if new := [topic for topic in present if source.is_left_out(topic)]:
+            return Level.WARN, f'came too late and is left out: {_some(new)}; start again'
+        return Level.OK, 'republishing'
+
+
+def _torque(plan: ImportPlan) -> dict[str, str]:
+    return torque_figures(plan.torque_at, plan.torque_unit, plan.derived)
+
+
+def _some(names: Sequence[str]) -> str:
+    """Return the first of some names, and how many more there are."""
+    chosen = list(dict.fromkeys(names))
+    more = f' and {len(chosen) - _NAMED} more' if len(chosen) > _NAMED else ''
+    return ', '.join(chosen[:_NAMED]) + more
