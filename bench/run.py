@@ -14,6 +14,7 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     'commands_start': (),
     'offline_simulation': (),
     'alignment': (),
+    'import_speed': ('--mb', '1000'),
     'daq_bus': (),
     'embedded_cost': (),
     'real_runtime': (),
@@ -21,7 +22,10 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     'policies': (),
     'acquisition': (),
 }
-QUICK: dict[str, tuple[str, ...]] = {'acquisition': ('--seconds', '30')}
+QUICK: dict[str, tuple[str, ...]] = {
+    'acquisition': ('--seconds', '30'),
+    'import_speed': ('--mb', '100'),
+}
 
 
 def main() -> int:

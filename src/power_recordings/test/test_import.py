@@ -57,7 +57,7 @@ def test_units_in_the_head_are_used_where_the_map_says_none(tmp_path):
     rows = np.stack([10.0 * np.arange(50), np.arange(50), *np.ones((2, 50)), np.full(50, 500)], 1)
     mapping = """
 format: import/1
-time: {column: time, unit: ms}
+time: {column: time}
 drives:
   A1:
     position: {from: a1 pos}

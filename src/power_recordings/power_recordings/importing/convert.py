@@ -291,7 +291,9 @@ class _Log:
         clock = self._clocks.get(block.stream)
         if clock is None:
             where = f'{self._source.path}' + (f': {block.stream}' if self._source.is_bag else '')
-            clock = self._clocks[block.stream] = LogClock(where, self._time.unit, self._shift or 0)
+            clock = self._clocks[block.stream] = LogClock(
+                where, self._plan.time_unit, self._shift or 0
+            )
         raw = self._raw(block, clock)
         if self._shift is None and (raw >= 0).any():
             self._shift = max(0, self._after + PAUSE - int(raw[raw >= 0].min()))

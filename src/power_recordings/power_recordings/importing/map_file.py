@@ -82,10 +82,14 @@ class SupplyMap:
 
 @schema
 class TimeMap:
-    """A column of times with its unit, or the constant rate [Hz] of a log that has none."""
+    """
+    A column of times, or the constant rate [Hz] of a log that has none.
+
+    Without a unit, the one in the column's head counts, or else s.
+    """
 
     column: str = ''
-    unit: str = 's'
+    unit: str = ''
     rate: Annotated[float, Quantity(0.01, 1e6, 'Hz')] | None = None
 
     def __post_init__(self) -> None:

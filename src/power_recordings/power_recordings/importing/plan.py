@@ -47,6 +47,7 @@ class ImportPlan:
     torque_at: Mapping[str, str]  # joint or motor, by drive
     torque_unit: Mapping[str, str]  # A where it is a current
     time: LogColumn | None
+    time_unit: str
     stamp: str
 
     @property
@@ -99,12 +100,14 @@ def make_plan(
         raise InputError(
             f'{where}: no current or power of any drive and no supply: nothing to judge a model by'
         )
-    time = None
+    time, time_unit = None, 's'
     if not is_bag:
         if mapping.time is None:
             raise InputError(f'{where}: time is missing; give time: {{column: …, unit: s}}')
         if mapping.time.column:
             time = _find(mapping.time.column, known, f'{where}: time.column')
+            time_unit = mapping.time.unit or _stated(time, 'time') or 's'
+            _checked_unit(time_unit, f'{where}: time.unit')
     at = {n: d.torque.at or 'joint' for n, d in drives.items() if d.torque is not None}
     unit = {
         name: 'A'
@@ -112,7 +115,13 @@ def make_plan(
         if (torque := drive.torque) and torque.scale is None and torque.unit in ('A', 'mA')
     }
     return ImportPlan(
-        channels, supply, {**at, **dict.fromkeys(unit, 'motor')}, unit, time, mapping.stamp
+        channels,
+        supply,
+        {**at, **dict.fromkeys(unit, 'motor')},
+        unit,
+        time,
+        time_unit,
+        mapping.stamp,
     )
 
 
@@ -191,6 +200,13 @@ def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
     after = conversion(unit, quantity) if unit else Conversion()
     offset = (signal.offset or 0.0) * after.factor + after.offset
     return Conversion(signal.scale * after.factor, offset)
+
+
+def _checked_unit(unit: str, where: str) -> None:
+    try:
+        conversion(unit, 'time')
+    except InputError as error:
+        raise InputError(f'{where}: {error}') from None
 
 
 def _stated(column: LogColumn, quantity: str) -> str:
