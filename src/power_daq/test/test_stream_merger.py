@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from power_daq.acquisition.stream_merger import StreamMerger
+from power_daq.acquisition.stream_merger import CYCLIC, StreamMerger
 from power_recordings.importing.merge import Merger
 
 MS = 1_000_000
@@ -8,7 +8,7 @@ MS = 1_000_000
 
 def merge(rows, periods_ms, streams):
     """Rows are (ms, stream, value); return times in ms, numbers and values by stream."""
-    merger = StreamMerger(streams, periods_ms * MS, 0.0)
+    merger = StreamMerger(streams, periods_ms * MS, 0.0, CYCLIC)
     found = [r for t, stream, value in rows for r in merger.add(stream, round(t * MS), value)]
     values = [
         [a + w * (b - a) for a, b, w in zip(r.left, r.right, r.weight, strict=True)] for r in found

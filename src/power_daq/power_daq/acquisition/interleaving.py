@@ -3,7 +3,7 @@
 import numpy as np
 
 from power_daq.acquisition.assembly import Assembled
-from power_daq.acquisition.stream_merger import MergedRow, StreamMerger
+from power_daq.acquisition.stream_merger import CYCLIC, MergedRow, StreamMerger
 from power_daq.bus.frame_group import FrameGroup
 from power_daq.bus.signal_layout import Floats
 
@@ -24,7 +24,9 @@ class Interleaver:
         self._group = group
         empty = bytes(max(frame.size for frame in group.frames))
         self._empty = [empty[: frame.size] for frame in group.frames]
-        self.merger: StreamMerger[bytes] = StreamMerger(len(group.frames), 1e9 / group.rate, b'')
+        self.merger: StreamMerger[bytes] = StreamMerger(
+            len(group.frames), 1e9 / group.rate, b'', CYCLIC
+        )
         self._mapped = group.slots >= 0
         self._slots = np.maximum(group.slots, 0)
         self.received = 0

@@ -16,7 +16,9 @@ from power_recordings.alignment.ordering import GAP
 T = TypeVar('T')
 _REMEMBERED = 512  # rows of a stream that wait for another one
 _INTERVALS = 15
-_LOSS = 1.75  # periods between rows that lie apart by a lost one, and not by a late one
+CYCLIC = (
+    1.75  # periods between rows of a cyclic sender that lie apart by a lost one, not a late one
+)
 
 
 class MergedRow(NamedTuple, Generic[T]):
@@ -41,13 +43,14 @@ class _Stream(Generic[T]):
     rows: deque[tuple[int, T]]
     intervals: deque[int]
     period: float
+    loss: float
     seen: bool = False
     missing: int = 0
 
     def add(self, time: int, row: T) -> None:
         if self.rows:
             interval = time - self.rows[-1][0]
-            if interval > _LOSS * self.period:
+            if interval > self.loss * self.period:
                 self.missing += round(interval / self.period) - 1
             self.intervals.append(interval)
             if len(self.intervals) > 2:
@@ -84,15 +87,17 @@ class StreamMerger(Generic[T]):
     A stream is silent, and is no longer waited for, once it lags the newest row by more than 2.5
     periods. Rows before the first of another stream are left out. period: nominal, in ns; that of
     each stream is learned from its rows. empty: stands for the row of a stream that has none.
-    missing counts rows lost by the gaps of each stream.
+    loss: periods between two rows from which on others count as lost between them; missing has
+    their number by stream.
     """
 
-    def __init__(self, streams: int, period: float, empty: T) -> None:
+    def __init__(self, streams: int, period: float, empty: T, loss: float = GAP) -> None:
         self._streams: list[_Stream[T]] = [
-            _Stream(deque(maxlen=_REMEMBERED), deque(maxlen=_INTERVALS), period)
+            _Stream(deque(maxlen=_REMEMBERED), deque(maxlen=_INTERVALS), period, loss)
             for _ in range(streams)
         ]
         self._empty = empty
+        self._loss = loss
         self._grace = 2 * GAP * period  # ns that a stream may come later than the first
         self._begin: int | None = None
         self._newest = 0
@@ -162,7 +167,7 @@ class StreamMerger(Generic[T]):
         number = 0
         if self._given is not None:
             before, since = self._given[0], time - self._given[1]
-            step = round(since / period) if since > _LOSS * period else 1
+            step = round(since / period) if since > self._loss * period else 1
             number = before + step
             self.lost += step - 1
         self._given = number, time
