@@ -84,11 +84,10 @@ def open_device(
         bus = BusDescription.ready(ready, mapping, nodes)
     else:
         bus = BusDescription.load(dbc, mapping, nodes)
-    bitrate = 250_000 if ready == 'odrive' else 1_000_000
     settings = BusSettings(
         interface,
         channel,
-        given.whole('bitrate', bitrate, 'bit/s, arbitration phase', 10_000, 1_000_000),
+        given.whole('bitrate', 1_000_000, 'bit/s, arbitration phase', 10_000, 1_000_000),
         given.whole('data_bitrate', 5_000_000, 'bit/s, data phase', 10_000, 10_000_000),
         bus.is_fd,
     )
