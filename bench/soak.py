@@ -114,7 +114,7 @@ class Soak:
         take = self.system.takes[-1]
         self.disk.fill(take)
         self.system.stop_recording('disk full')
-        held = re.search(r'(?:holds all|The) (\d+) messages', take.process.said)
+        held = re.search(r'(?:holds all|The) (\d+) messages', take.process.output)
         self._save(take)
         told = int(held[1]) if held else -1
         self.checks.append(
@@ -141,7 +141,7 @@ class Soak:
         supply = system.diagnostics.fresh('supply: instrument')
         system.stop_recording()
         bags = [
-            rows(take.path, take.begun, take.ended, take.how, take.process.said)
+            rows(take.path, take.begun, take.ended, take.how, take.process.output)
             for take in system.takes
         ]
         found = []
@@ -193,7 +193,7 @@ def run(seconds: float, folder: Path, output: Path | None, console: Console) -> 
             {
                 'name': take.path.name,
                 'ended': take.how,
-                'said': take.process.said.splitlines()[-8:],
+                'said': take.process.output.splitlines()[-8:],
             }
             for take in soak.system.takes
         ],

@@ -99,6 +99,9 @@ def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, 
     assert abs(np.nanmean((estimated - drawn)[there])) < 0.25 * np.nanmean(drawn[there])
 
 
+MOTION = 'format: motion/1\ndrives: [LF_KFE]\nsegments: [{mode: rest, seconds: 60}]\n'
+
+
 def allowed_by_the_security_policy():
     """For each node, the names that it may publish, subscribe to and reply to."""
     allowed = {}
@@ -117,6 +120,9 @@ def test_the_security_policy_allows_what_the_nodes_have(walking, node_process, t
     recorder.wait_for_output('recording to')
     node_process('power_daq', 'supply', '--ros-args', '-p', 'host:=127.0.0.1')
     node_process('power_daq', 'watch')
+    motion = tmp_path / 'rest.yaml'
+    motion.write_text(MOTION)
+    node_process('drive_bench', 'run', str(motion))  # waits to be started
     allowed = allowed_by_the_security_policy()
     del allowed['operator']
     assert set(allowed) >= {'power_daq', 'power_estimator', 'policy_runner', 'sim_bridge'}

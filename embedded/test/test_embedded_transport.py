@@ -68,7 +68,7 @@ def test_nothing_starts_where_security_is_asked_for(node_process, strategy):
     script = node_process.python('-c', '\n'.join(lines), **environment)
     assert script.wait() == 0
     assert "ROS_SECURITY_ENABLE is 'true'" in script.output
-    assert script.output.endswith('False None'), 'no participant was made'
+    assert script.output.rstrip().endswith('False None'), 'no participant was made'
     node = node_process.command('ros2', 'run', 'power_daq', 'daq', **environment)
     assert node.wait() == 1
     assert 'the embedded runtime has no security' in node.lines[-1]

@@ -33,4 +33,5 @@ def test_many_turns_count_where_the_velocity_is_their_rate():
 
 def test_a_drive_that_rests_two_turns_away_is_not_taken_for_one_in_degrees():
     assert rests(np.full(100, 12.6, np.float32))
+    assert not rests(np.full(100, np.rad2deg(0.8), np.float32))
     assert not rests(np.float32(TRUE))

@@ -34,8 +34,9 @@ def unwrapped(time: Times, position: Floats, velocity: Floats) -> Floats:
 
 
 def rests(position: Floats) -> bool:
-    """Return whether the drive stays where it is, so that no rate tells the unit."""
-    return float(np.nanmax(position) - np.nanmin(position)) < _REST
+    """Return whether the drive stays within three turns, so that no rate tells the unit."""
+    low, high = float(np.nanmin(position)), float(np.nanmax(position))
+    return high - low < _REST and max(-low, high) < 3 * _TURN
 
 
 def is_rate(time: Times, position: Floats, velocity: Floats) -> bool:
