@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from power_recordings.importing.sources.source import LogSource
 
 _MOST_NOTES = 20
-_CHECKED = 200_000  # messages, whose quality is printed after an import
+_CHECKED = 100_000  # messages, whose quality is printed after an import
 _EXAMPLE = """example:
   ros2 run power_recordings import hops.mat --list > hops.yaml   # look, edit the map
   ros2 run power_recordings import hops.mat --map hops.yaml -o bags/hops

@@ -80,7 +80,8 @@ class _Group:
         chosen = [self.channels[i][1] for i in self.members(stream)]
         with np.errstate(over='ignore', invalid='ignore'):
             rows = np.stack([c.conversion(_numbers(c, values[c.address])) for c in chosen], axis=1)
-            rows[~(np.abs(rows) < _LARGEST)] = np.nan
+            if not np.abs(rows).max(initial=0.0) < _LARGEST:
+                rows[~(np.abs(rows) < _LARGEST)] = np.nan
         self.merger.add(self.streams.index(stream), stamps, rows)
 
     def take(self, *, final: bool) -> tuple[Stamps, dict[tuple[str, str], Floats]]:
