@@ -34,7 +34,7 @@ class Message:
 
 
 def odrive(t, node):
-    """What odrive_can publishes of an axis at a time in s."""
+    """Messages that odrive_can publishes of an axis at a time in s."""
     controller = Message(
         pos_estimate=0.25 * t + node,
         vel_estimate=0.25,
