@@ -11,7 +11,7 @@ from typing import IO, Self
 
 import numpy as np
 from wattwalk_core.errors import InputError
-from wattwalk_core.files import RecordingError, advice, reason, write_whole
+from wattwalk_core.files import RecordingError, advice, write_whole
 from wattwalk_core.yaml_file import dump_yaml
 
 from power_recordings.messages import cdr as messages
@@ -364,8 +364,10 @@ def make_way(path: Path, overwrite: bool, *, remove: bool = True) -> None:
         path.lstat()
     except FileNotFoundError:
         return
-    except (OSError, ValueError) as error:
-        raise RecordingError(f'cannot record to {path}: {reason(error)}') from error
+    except OSError as error:
+        raise RecordingError(f'cannot record to {path}: {advice(error)}') from error
+    except ValueError as error:
+        raise InputError(f'cannot record to {str(path)!r}: {error}') from error
     if not overwrite:
         raise InputError(f'{path} exists already: choose another name or remove it')
     if not path.is_dir() or not any(path.glob('*_0.mcap')):
