@@ -1,3 +1,6 @@
+import copy
+import random
+
 import cantools
 import numpy as np
 import pytest
@@ -337,3 +340,48 @@ def test_the_shipped_mapping_is_what_a_user_would_start_from():
         'joints',
         'temperature',
     }
+
+
+STRANGE = [
+    *(None, 5, -1, 1e300, 2**70, True, '', 'x' * 5000, '*', '\x1b[31m', [], {}, [1], {'a': 'b'}),
+    *({'from': 1}, {'from': 'Torque_Estimate', 'scale': 0}, {'from': 'Vel_Estimate'}),
+    *({'from': 'Torque_Estimate', 'at': 'moon'}, {'from': 'Torque', 'unit': 'furlong'}),
+]
+
+
+def places(content, before=()):
+    yield before
+    if isinstance(content, dict | list):
+        for key in content if isinstance(content, dict) else range(len(content)):
+            yield from places(content[key], (*before, key))
+
+
+def refusal(name, mapping):
+    """Line of the InputError for a mapping, '' where it works."""
+    try:
+        BusDescription.ready(name, mapping)
+    except InputError as error:
+        return str(error)
+    return ''
+
+
+@pytest.mark.parametrize('name', ['odrive', 'moteus'])
+def test_a_ready_mapping_with_strange_entries_works_or_is_refused_in_one_line(tmp_path, name):
+    whole = yaml.safe_load(DEFAULT_MAPPING.with_name(f'{name}.yaml').read_text())
+    rng, refused = random.Random(1), 0
+    for _ in range(200):
+        mapping = copy.deepcopy(whole)
+        *before, last = rng.choice([place for place in places(mapping) if place])
+        entry = mapping
+        for key in before:
+            entry = entry[key]
+        if rng.random() < 0.2 and isinstance(entry, dict):
+            del entry[last]
+        else:
+            entry[last] = rng.choice(STRANGE)
+        (tmp_path / 'leg.yaml').write_text(yaml.safe_dump(mapping))
+        said = refusal(name, tmp_path / 'leg.yaml')
+        refused += bool(said)
+        assert said.isprintable()
+        assert len(said) < 700
+    assert refused > 100

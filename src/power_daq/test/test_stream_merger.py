@@ -73,6 +73,20 @@ def test_the_next_stream_takes_over_while_the_reference_is_silent():
     assert merger.missing == [40, 0]
 
 
+def test_a_row_close_by_stands_beside_a_gap_where_it_may():
+    merger = StreamMerger(2, 10 * MS, 0.0, CYCLIC, 0.5)
+    times = [0, 10, 20, 80, 90, 100]
+    found = [
+        row
+        for t in times
+        for stream, at in ((0, t), (1, t + 1))
+        for row in merger.add(stream, at * MS, float(t + stream))
+    ]
+    assert [row.time // MS for row in found] == [10, 20, 80, 90, 100]
+    assert not np.isnan([row.weight for row in found]).any()
+    assert found[1].right == [20.0, 21.0]
+
+
 def test_numbers_skip_what_the_reference_lost_and_a_row_out_of_order_is_left_out():
     rows = [(10.0 * k, 0, 1.0) for k in range(50) if k not in (20, 21)]
     times, numbers, _, merger = merge([*rows, (400.0, 0, 9.0)], 10, 1)

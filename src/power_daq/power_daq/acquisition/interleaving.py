@@ -8,6 +8,7 @@ from power_daq.bus.frame_group import FrameGroup
 from power_daq.bus.signal_layout import Floats
 
 _STATUS = 2
+_HOLD = 0.5  # periods; replies to one round of queries belong together, also where rounds are late
 
 
 class Interleaver:
@@ -25,7 +26,7 @@ class Interleaver:
         empty = bytes(max(frame.size for frame in group.frames))
         self._empty = [empty[: frame.size] for frame in group.frames]
         self.merger: StreamMerger[bytes] = StreamMerger(
-            len(group.frames), 1e9 / group.rate, b'', CYCLIC
+            len(group.frames), 1e9 / group.rate, b'', CYCLIC, _HOLD
         )
         self._mapped = group.slots >= 0
         self._slots = np.maximum(group.slots, 0)

@@ -44,6 +44,7 @@ class _Stream(Generic[T]):
     intervals: deque[int]
     period: float
     loss: float
+    hold: float
     seen: bool = False
     missing: int = 0
 
@@ -58,20 +59,26 @@ class _Stream(Generic[T]):
         self.rows.append((time, row))
         self.seen = True
 
-    def is_silent(self, now: int) -> bool:
-        return not self.rows or now - self.rows[-1][0] > GAP * self.period
+    def is_silent(self, now: int, since: int = 0) -> bool:
+        return not self.rows or now - max(self.rows[-1][0], since) > GAP * self.period
 
     def at(self, time: int) -> tuple[T, T, float] | None:
         """Return the rows around a time and the weight of the later; None where there are none."""
-        before = None
+        before = after = None
         for row in self.rows:
             if row[0] == time:
                 return row[1], row[1], 1.0
             if row[0] > time:
-                if before is None or row[0] - before[0] > GAP * self.period:
-                    return None
-                return before[1], row[1], (time - before[0]) / (row[0] - before[0])
+                after = row
+                break
             before = row
+        if before is not None and after is not None:
+            span = after[0] - before[0]
+            if span <= GAP * self.period:
+                return before[1], after[1], (time - before[0]) / span
+        for near in (before, after):
+            if near is not None and abs(near[0] - time) < self.hold * self.period:
+                return near[1], near[1], 1.0
         return None
 
     def forget(self, before: int) -> None:
@@ -85,22 +92,25 @@ class StreamMerger(Generic[T]):
     Merges streams whose rows come one by one; the reference is the first that is not silent.
 
     A stream is silent, and is no longer waited for, once it lags the newest row by more than 2.5
-    periods. Rows before the first of another stream are left out. period: nominal, in ns; that of
-    each stream is learned from its rows. empty: stands for the row of a stream that has none.
-    loss: periods between two rows from which on others count as lost between them; missing has
-    their number by stream.
+    periods, but for pauses of all streams. Rows before the first of another stream are left out.
+    period: nominal, in ns; that of each stream is learned from its rows. empty: stands for the
+    row of a stream that has none. loss: periods between two rows from which on others count as
+    lost between them; missing has their number by stream. hold: periods for which a row stands
+    beside a gap.
     """
 
-    def __init__(self, streams: int, period: float, empty: T, loss: float = GAP) -> None:
+    def __init__(
+        self, streams: int, period: float, empty: T, loss: float = GAP, hold: float = 0.0
+    ) -> None:
         self._streams: list[_Stream[T]] = [
-            _Stream(deque(maxlen=_REMEMBERED), deque(maxlen=_INTERVALS), period, loss)
+            _Stream(deque(maxlen=_REMEMBERED), deque(maxlen=_INTERVALS), period, loss, hold)
             for _ in range(streams)
         ]
         self._empty = empty
         self._loss = loss
         self._grace = 2 * GAP * period  # ns that a stream may come later than the first
         self._begin: int | None = None
-        self._newest = 0
+        self._newest = self._resumed = 0  # times of the newest row, and of that after all paused
         self._given: tuple[int, int] | None = None  # number and time of the last row given out
         self.lost = 0
         self.out_of_order = 0
@@ -130,6 +140,8 @@ class StreamMerger(Generic[T]):
             self.out_of_order += 1
             return []
         own.add(time, row)
+        if time - self._newest > GAP * own.period:
+            self._resumed = time
         self._newest = max(self._newest, time)
         merged: list[MergedRow[T]] = []
         if self._begin is None and not self._has_begun():
@@ -147,7 +159,7 @@ class StreamMerger(Generic[T]):
         return True
 
     def _next(self) -> MergedRow[T] | None:
-        waited = [s for s in self._streams if not s.is_silent(self._newest)]
+        waited = [s for s in self._streams if not s.is_silent(self._newest, self._resumed)]
         after = self._given[1] + 1 if self._given is not None else self._begin or 0
         reference = waited[0]
         time = next((t for t, _ in reference.rows if t >= after), None)
