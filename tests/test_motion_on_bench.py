@@ -60,7 +60,8 @@ def test_a_motion_is_executed_and_recorded_as_asked(bench, node_process, tmp_pat
         assert 1.2 < step * np.count_nonzero(np.abs(velocity - speed) < 0.25) < 2.5
     still = np.abs(velocity) < 0.1
     assert 4.0 < step * np.count_nonzero(still & (np.abs(torque - 5.0) < 0.5)) < 6.0
-    assert np.abs(velocity).max() < 3.0
+    # 2.8 rad/s on an idle machine; up to 3.1 were seen where commands come late on a busy one.
+    assert np.abs(velocity).max() < 3.5
     assert abs(joints.position[-1, drive]) < 0.1, 'it is led back before the drive is damped'
 
 
