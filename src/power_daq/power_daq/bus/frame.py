@@ -11,7 +11,7 @@ from cantools.database.can.signal import Signal
 from wattwalk_core.errors import InputError
 
 from power_daq.bus.mapping import BusSignal, FrameMapping, NodeNumbers
-from power_daq.bus.signal_layout import Field
+from power_daq.bus.signal_layout import Field, frame_length
 
 _SHARED = ('voltage', 'status')
 _TIME_UNITS = {'s': 1e9, 'ms': 1e6, 'us': 1e3, 'µs': 1e3, 'ns': 1.0, '': 1e3}
@@ -42,7 +42,6 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     'torque': {'Nm': 1.0, 'N.m': 1.0, 'N·m': 1.0, 'mNm': 1e-3, '': 1.0},
     'temperature': {'degC': 1.0, '°C': 1.0, 'C': 1.0, '': 1.0},
 }
-_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 _LARGEST_STANDARD = 0x7FF
 
 
@@ -170,7 +169,7 @@ def bind_frame(
         time=time,
         counter=counter,
         ns_per_tick=1.0 if time is None else _TIME_UNITS[time.unit or ''] * float(time.scale),
-        size=next(length for length in _FD_LENGTHS if length >= message.length),
+        size=frame_length(message.length),
         selector=_selector(message, [*heads, *names], entry),
     )
 

@@ -14,6 +14,8 @@ from typing import Final
 
 import can
 
+from power_daq.bus.signal_layout import frame_length
+
 REGISTERS: Final[Mapping[str, int]] = {
     'Position': 0x001,
     'Velocity': 0x002,
@@ -31,9 +33,8 @@ REGISTERS: Final[Mapping[str, int]] = {
 _REPLY_WANTED = 0x8000
 _READ_FLOATS, _REPLY, _ERRORS, _NOP = 0x1C, 0x20, (0x30, 0x31), 0x50
 _VALUES = tuple(struct.Struct(f'<{kind}') for kind in 'bhif')
-_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 _PAYLOAD = struct.Struct(f'<{len(REGISTERS)}f')
-_SIZE = next(length for length in _FD_LENGTHS if length >= _PAYLOAD.size)
+_SIZE = frame_length(_PAYLOAD.size)
 
 
 class MoteusRegisters:
@@ -42,8 +43,7 @@ class MoteusRegisters:
 
     names: of the registers, as in REGISTERS. servos: their numbers by drive. host: the address
     that replies go to; another one than that of a program which moves the servos, so that neither
-    gets the other's replies. refused counts registers that a firmware does not have, by name;
-    malformed counts replies that cannot be read.
+    gets the other's replies. refused counts registers that a firmware does not have, by name.
     """
 
     def __init__(self, names: Iterable[str], servos: Mapping[str, int], host: int) -> None:
@@ -51,14 +51,13 @@ class MoteusRegisters:
         data = b''.join(
             bytes([_READ_FLOATS, last - first + 1, first]) for first, last in _runs(numbers)
         )
-        length = next(size for size in _FD_LENGTHS if size >= len(data))
         self.queries = [
             can.Message(
                 arbitration_id=_REPLY_WANTED | host << 8 | servo,
                 is_extended_id=True,
                 is_fd=True,
                 bitrate_switch=True,
-                data=data.ljust(length, bytes([_NOP])),
+                data=data.ljust(frame_length(len(data)), bytes([_NOP])),
             )
             for servo in servos.values()
         ]

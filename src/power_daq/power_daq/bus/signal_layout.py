@@ -12,6 +12,14 @@ _EXACT_BITS = 53
 _FLOATS = {32: (np.uint32, np.float32), 64: (np.uint64, np.float64)}
 
 
+_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+
+
+def frame_length(size: int) -> int:
+    """Return the least length of a CAN FD payload that has room for so many bytes, 0 … 64."""
+    return next(length for length in _FD_LENGTHS if length >= size)
+
+
 class LayoutError(ValueError):
     """A signal of a form that cannot be read."""
 
