@@ -67,6 +67,11 @@ class NodeProcess(ChildProcess):
         except ProcessError as error:
             pytest.fail(f'{self.command}: {error}\n{self.output}')
 
+    @property
+    def own_lines(self) -> list[str]:
+        """Lines that are not empty, without those that `ros2 run` of ROS 2 adds at the end."""
+        return [line for line in self.lines if line and not line.startswith('[ros2run]')]
+
     def stop(self) -> None:
         """Interrupt what still runs and make sure that it ends in good order."""
         if self.running:

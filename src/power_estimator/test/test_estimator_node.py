@@ -151,7 +151,7 @@ def test_bad_parameters_end_the_node_with_code_2_and_one_line(node_process, para
     assert node.wait() == 2
     assert quoted in node.output
     assert 'Traceback' not in node.output
-    said = [line for line in node.lines if not line.startswith('[ros2run]')]
+    said = node.own_lines
     assert len(said) == 1
     node_process.started.remove(node)
 
