@@ -72,6 +72,11 @@ def load(
             f'{", ".join(map(str, paths))}: no drive has electrical data (topic drive_supply), '
             'nor has the robot (topic supply)'
         )
+    if drives and not data.measured_drives():
+        raise InputError(
+            f'--drives {" ".join(drives)}: only the whole robot was metered, and its power '
+            'is that of all its drives; leave --drives out'
+        )
     missing = [name for name in drives if name not in measured]
     if missing:
         raise InputError(
@@ -79,22 +84,22 @@ def load(
         )
     for recording in recordings:
         if not slow:
-            refuse_slow(recording)
+            refuse_slow(recording, drives)
         if not anyway:
-            refuse_wrong_units(recording)
+            refuse_wrong_units(recording, drives)
     known = [describe(recording.path) for recording in recordings]
     return Loaded(
         data.drives(list(drives) or list(measured)),
         tuple(recordings),
         tuple({'name': one.name, 'sha256': one.sha256} for one in known),
         tuple(str(one.card.get('controller', '')) for one in known),
-        _window(recordings) if slow else 0.0,
+        _window(recordings, drives) if slow else 0.0,
     )
 
 
-def _window(recordings: Sequence[Recording]) -> float:
+def _window(recordings: Sequence[Recording], drives: Sequence[str]) -> float:
     """Window in s in which the slowest meter changes often enough for its energy to be known."""
-    slowest = min(slowest_power(recording)[1] for recording in recordings)
+    slowest = min(slowest_power(recording, drives)[1] for recording in recordings)
     return float(np.clip(_CHANGES / max(slowest, 1e-3), 1.0, _LONGEST_WINDOW))
 
 

@@ -110,6 +110,70 @@ def test_a_slow_meter_is_refused_and_with_slow_judged_by_its_energy(tmp_path, ca
     assert scores['total']['r2'] > 0.9
 
 
+def test_a_meter_that_changes_too_seldom_for_the_recordings_length_decides_nothing(
+    tmp_path, capsys
+):
+    bag = recording(tmp_path, DRIVE, hold=10.0, seconds=90.0)
+    output = tmp_path / 'no.yaml'
+    arguments = [str(bag), '--effects', 'shaft,copper_loss,idle', '-o', str(output)]
+    assert fit.main(arguments) == 2
+    assert 'changes 0.1 times a second' in capsys.readouterr().err
+    assert fit.main([*arguments, '--slow']) == 2
+    error = capsys.readouterr().err.strip()
+    assert 'windows of 30 s; ' in error
+    assert 'record 360 s or more' in error
+    assert '\n' not in error
+    assert not output.exists()
+
+
+def test_a_drive_with_a_dead_meter_hinders_no_other(tmp_path, capsys):
+    dead = "  'Z0':\n    velocity: {from: w0, unit: rad/s}\n    torque: {from: tau0, unit: N*m}\n"
+    dead += '    voltage: {value: 48, unit: V}\n    power: {value: 3, unit: W}'
+    bag = recording(tmp_path, DRIVE + dead)
+    arguments = [str(bag), '--effects', 'shaft,copper_loss,idle', '-o', str(tmp_path / 'm.yaml')]
+    assert fit.main(arguments) == 2
+    assert 'Z0 changes 0 times a second' in capsys.readouterr().err
+    assert fit.main([*arguments, '--drives', 'J0', 'J1']) == 0
+
+
+def test_updates_are_counted_in_the_time_of_rows_and_below_one_in_two_seconds():
+    from power_recordings.quality.streams import updates
+
+    seconds = np.arange(100)[None] / 100 + 2 * np.arange(4)[:, None]  # 1 s of rows, 1 s without
+    stamps = (seconds.ravel() * 1e9).astype(np.int64)
+    rows = np.arange(400, dtype=np.float32)[:, None]
+    assert updates(stamps, rows) == pytest.approx(100, rel=0.01)
+    stamps = np.arange(9000, dtype=np.int64) * 10_000_000
+    assert updates(stamps, np.floor_divide(np.arange(9000)[:, None], 1000)) == pytest.approx(0.1)
+
+
+def test_a_model_of_some_drives_says_which_of_a_whole_robot_it_lacks(tmp_path, capsys):
+    (tmp_path / 'one').mkdir()
+    model = tmp_path / 'm.yaml'
+    one = recording(tmp_path / 'one', DRIVE)
+    effects = ['--effects', 'shaft,copper_loss,idle']
+    assert fit.main([str(one), '--drives', 'J0', *effects, '-o', str(model)]) == 0
+    whole = recording(tmp_path, SUPPLY)
+    assert compare.main([str(whole), '--models', str(model)]) == 2
+    assert capsys.readouterr().err.strip().endswith('m lacks the power of J1')
+
+
+def test_a_whole_robots_power_is_no_choice_of_its_drives_and_takes_a_base(tmp_path, capsys):
+    bag = recording(tmp_path, SUPPLY)
+    arguments = [str(bag), '--effects', 'shaft,copper_loss,idle', '-o', str(tmp_path / 'm.yaml')]
+    assert fit.main([*arguments, '--drives', 'J0']) == 2
+    assert 'only the whole robot was metered' in capsys.readouterr().err
+    from power_estimator.effects import builtin_catalogue
+    from power_estimator.effects.fit.training import Active, fit_model, material
+    from power_lab.recordings import load
+
+    data, catalogue = load([bag]).data, builtin_catalogue()
+    own = material(data, base=np.zeros_like(data.torque), catalogue=catalogue)
+    effects = [Active.of(catalogue['inverter_loss'])]
+    model, _ = fit_model('m', own, effects, catalogue, base='ppn:any')
+    assert len(model.groups) == 2
+
+
 def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_mends_it(
     tmp_path, capsys
 ):

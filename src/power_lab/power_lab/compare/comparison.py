@@ -160,9 +160,16 @@ def _plain(
 ) -> Judged:
     prepared = own.prepared
     estimated = _metered(power, own)
+    if not np.isfinite(estimated).any():
+        raise InputError(f'{name} lacks the power of {", ".join(_unknown(power, own))}')
     delay = _best_delay(prepared, lambda delay: prepared.power_at(delay) - estimated)
     measured = prepared.power_at(delay)
     return Judged(name, tuple(effects), how, measured - estimated, measured, delay)
+
+
+def _unknown(power: NDArray[np.float32], own: Material) -> list[str]:
+    names, known = own.prepared.signals.names, np.isfinite(power).any(axis=0)
+    return [name for name, told in zip(names, known, strict=True) if not told]
 
 
 def _best_delay(prepared: Prepared, residual_at: Callable[[float], Floats]) -> float:

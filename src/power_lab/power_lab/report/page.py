@@ -7,7 +7,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
-from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.prepared import WHOLE, Prepared
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.compare.comparison import Comparison, by_drive, compare
@@ -363,10 +363,14 @@ def closest(models: Sequence[Mapping[str, object]]) -> str:
     """Name the model that is closest to the measurement, in a sentence."""
     order = sorted(models, key=_error)
     best, worst = order[0], order[-1]
-    text = f'{best["name"]} is closest to the measurement: {_error(best):.2f} W for each drive'
+    drives = best['drives']
+    assert isinstance(drives, Mapping)
+    robot = list(drives) == [WHOLE]
+    each, over = ('', '') if robot else (' for each drive', ' over the drives')
+    text = f'{best["name"]} is closest to the measurement: {_error(best):.2f} W{each}'
     if worst is not best:
         text += f'; {worst["name"]} is {_error(worst):.2f} W off'
-    return f'{text} (root mean square over the drives, held-out data).'
+    return f'{text} (root mean square{over}, held-out data).'
 
 
 def _error(model: Mapping[str, object]) -> float:

@@ -14,6 +14,7 @@ from rich.table import Table
 from power_lab.diagnose.outcome import Outcome
 
 _SHOWN = 8
+_ABREAST = 4  # drives whose values fit beside each other
 _AT_BOUND = '* at the bound that the catalogue sets, not at a value that the recording gives'
 _VERDICT_STYLE = {
     'named': 'bold green',
@@ -31,8 +32,9 @@ def print_model(console: Console, model: EffectModel) -> None:
     table = _table(f'{model.name}: coefficients with 95 % intervals')
     table.add_column('effect')
     table.add_column('unit')
-    for group in model.groups:
-        table.add_column(group.type.name, justify='right')
+    long = len(model.groups) > _ABREAST
+    for name in ('drive', 'value') if long else [group.type.name for group in model.groups]:
+        table.add_column(name, justify='left' if name == 'drive' else 'right')
     for active in model.structure.free:
         for index, term in enumerate(active.effect.terms):
             cells = []
@@ -43,7 +45,12 @@ def print_model(console: Console, model: EffectModel) -> None:
                 cells.append(f'{value.value:.3g}{mark}\n({low:.3g} … {high:.3g})')
             shape = ', '.join(f'{k} {v:g}' for k, v in active.shape)
             label = f'{active.name} {term.symbol}' + (f' [{shape}]' if shape else '')
-            table.add_row(label, term.unit, *cells)
+            if not long:
+                table.add_row(label, term.unit, *cells)
+                continue
+            for place, (group, cell) in enumerate(zip(model.groups, cells, strict=True)):
+                head = ('', '') if place else (label, term.unit)
+                table.add_row(*head, group.type.name, cell.replace('\n', ' '))
     console.print(table)
     if model.at_bound:
         console.print(f'{_AT_BOUND}: {", ".join(model.at_bound)}')

@@ -1,5 +1,7 @@
 """Recordings that are not judged: slow meters, and signals that contradict each other."""
 
+from collections.abc import Collection
+
 import numpy as np
 from wattwalk_core.errors import InputError
 
@@ -8,24 +10,30 @@ from power_recordings.quality.streams import LEAST_UPDATES, updates
 from power_recordings.reading.reader import Recording
 
 
-def slowest_power(recording: Recording) -> tuple[str, float]:
-    """Return the meter whose power changes least often, a drive or `supply`, and its changes/s."""
+def slowest_power(recording: Recording, drives: Collection[str] = ()) -> tuple[str, float]:
+    """
+    Return the meter whose power changes least often, a drive or `supply`, and its changes/s.
+
+    drives: those that are judged; all where none is named.
+    """
     if recording.has('drive_supply'):
         electric = recording.drive_supply()
         rates = updates(electric.stamp_ns, electric.power)
-        rates = np.where(np.isfinite(electric.power).any(axis=0), rates, np.inf)
+        judged = np.array([not drives or name in drives for name in electric.names], dtype=bool)
+        rates = np.where(judged & np.isfinite(electric.power).any(axis=0), rates, np.inf)
         worst = int(np.argmin(rates))
         return electric.names[worst], float(rates[worst])
     supply = recording.supply()
     return 'supply', float(updates(supply.stamp_ns, supply.power[:, None])[0])
 
 
-def refuse_wrong_units(recording: Recording) -> None:
-    """InputError for a recording whose signals contradict each other, with what would mend it."""
+def refuse_wrong_units(recording: Recording, drives: Collection[str] = ()) -> None:
+    """InputError for drives whose signals contradict each other, with what would mend it."""
     wrong = [
         finding
         for finding in check_recording(recording).findings
         if finding.severity == 'error' and finding.code != 'slow_power'
+        if not drives or not finding.drive or finding.drive in drives
     ]
     if not wrong:
         return
@@ -38,9 +46,9 @@ def refuse_wrong_units(recording: Recording) -> None:
     )
 
 
-def refuse_slow(recording: Recording) -> None:
-    """InputError for a recording whose power is too slow to be judged sample by sample."""
-    meter, rate = slowest_power(recording)
+def refuse_slow(recording: Recording, drives: Collection[str] = ()) -> None:
+    """InputError for drives whose power is too slow to be judged sample by sample."""
+    meter, rate = slowest_power(recording, drives)
     if rate < LEAST_UPDATES:
         raise InputError(
             f'{recording.path}: the power of {meter} changes {rate:.3g} times a second; the lab '

@@ -11,6 +11,8 @@ Floats = NDArray[np.float32]
 Stamps = NDArray[np.int64]
 
 LEAST_UPDATES = 25.0  # changes a second; fewer do not resolve the power of a joint
+_SLOW = 2.0  # changes a second, below which stretches hold too few to count
+_PAUSE = 0.1  # s without rows that may be jitter
 _EACH_ROW = 0.8  # share of rows that change from which on each row is an update
 
 
@@ -50,8 +52,9 @@ def updates(stamps: Stamps, values: Floats) -> NDArray[np.float64]:
 
     A table may repeat a slow meter's value in every row: rows are not updates. Time in gaps and
     while the drive rests is not counted: the median rate of changes over stretches of 2 s is taken
-    of those that have any. Where nearly all rows change, the rest repeat by chance of the meter's
-    resolution, and the rate is that of the rows.
+    of those that have any; below two changes a second, that of the times between changes. Where
+    nearly all rows change, the rest repeat by chance of the meter's resolution, and the rate is
+    that of the rows.
     """
     seconds = (stamps - stamps[0]) / 1e9
     if len(seconds) < 3 or seconds[-1] <= 0:
@@ -59,14 +62,21 @@ def updates(stamps: Stamps, values: Floats) -> NDArray[np.float64]:
     changed = (np.diff(values, axis=0) != 0) & np.isfinite(values[1:])
     length = min(2.0, float(seconds[-1]))
     stretch = np.minimum((seconds[1:] / length).astype(int), int(seconds[-1] / length))
+    steps = np.diff(seconds)
+    period = max(float(np.median(steps)), 1e-9)
+    covered = np.where(steps > max(GAP * period, _PAUSE), period, steps)
+    known = np.bincount(stretch, weights=covered)
     counts = np.stack([np.bincount(stretch, weights=column) for column in changed.T], axis=1)
     rows = np.bincount(stretch, minlength=len(counts))
     full = rows >= 0.5 * rows.max(initial=1)
     result = np.zeros(values.shape[1])
     for k, column in enumerate(counts[full].T):
-        alive = column[column > 0]
-        result[k] = np.median(alive) / length if len(alive) else 0.0
-    rate = 1 / max(float(np.median(np.diff(seconds))), 1e-9)
+        alive = column > 0
+        result[k] = np.median(column[alive] / known[full][alive]) if alive.any() else 0.0
+        between = np.diff(seconds[1:][changed[:, k]])
+        if result[k] < _SLOW and len(between):
+            result[k] = min(result[k], 1 / float(np.median(between)))
+    rate = 1 / period
     return np.where(result > _EACH_ROW * rate, np.maximum(result, round(rate, 3)), result)
 
 

@@ -12,8 +12,8 @@ from power_estimator.drive_types import DriveType, assign, infer_types
 from power_estimator.effects import Catalogue, builtin_catalogue
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, BasePower, Structure
-from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
-from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.fit.fitter import Blocks, Fit, Fitter, measurement_terms
+from power_estimator.effects.fit.folds import FOLDS, Folds
 from power_estimator.effects.fit.whole_robot import column_of, expanded, share_of
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
 from power_estimator.effects.signals.prepared import Prepared, prepare
@@ -24,6 +24,7 @@ LEAST_SECONDS = 20.0
 """Less than this says nothing of what is missing: walking repeats every second or two."""
 LEAST_TO_FIT = 1.5
 """Seconds for a fit of a few coefficients, whose intervals then say how little is known."""
+_LEAST_WINDOWS = 2 * FOLDS  # each fold has two
 _LEAST_SPEED, _LEAST_TORQUE = 0.05, 0.3  # rad/s, N·m, standard deviations
 
 
@@ -70,6 +71,8 @@ def material(
         data = _without_unknown(data, base)
     prepared = prepare(data, window)
     _require_excitation(prepared, least)
+    if window:
+        _require_windows(prepared, window)
     drives = prepared.signals.names
     types = infer_types(drives)
     if per == 'drive' or prepared.whole:
@@ -198,6 +201,16 @@ def _require_excitation(prepared: Prepared, least: float) -> None:
         )
 
 
+def _require_windows(prepared: Prepared, window: float) -> None:
+    count = int(Blocks.of(prepared).valid.any(axis=1).sum())
+    if count < _LEAST_WINDOWS:
+        raise InputError(
+            f'{", ".join(prepared.recordings)}: its slow meter is judged by the energy over '
+            f'windows of {window:.3g} s; {count} of them decide nothing, record '
+            f'{(_LEAST_WINDOWS + 2) * window:.0f} s or more'
+        )
+
+
 def _without_unknown(data: AlignedDataset, base: NDArray[np.float32]) -> AlignedDataset:
     """The same data with the power unknown where the base model's is."""
     power = np.where(np.isfinite(base), data.power, np.nan).astype(np.float32)
@@ -211,4 +224,5 @@ def _copper(prepared: Prepared, catalogue: Catalogue | None) -> Floats:
     structure = Structure(tuple(Active.of(known[name]) for name in names))
     fit = Fitter(prepared).fit(structure.plus(*measurement_terms(known, shaft=True)))
     column = fit.structure.columns_of('copper_loss')[0]
-    return np.asarray(fit.coefficients[:, column])
+    found = fit.coefficients[:, column]
+    return np.array(np.broadcast_to(found, len(prepared.signals.names)))  # of a robot: one for all
