@@ -18,6 +18,7 @@ drives: [RH_KFE]
 segments:
 - {mode: rest, seconds: 600}
 """
+LATE = 0.03  # s without a command, after which a motion at its speeds is another one
 PENDULUM = ('-p', 'mass:=1.3', '-p', 'length:=0.45')  # 9.81 · 1.3 · 0.45 = 5.7 N·m
 
 
@@ -52,6 +53,9 @@ def test_a_motion_is_executed_and_recorded_as_asked(bench, node_process, tmp_pat
     recorder.stop()
 
     recording = Recording.open(tmp_path / 'next')
+    late = np.diff(recording.joint_commands().stamp_ns).max() / 1e9
+    if late > LATE:
+        pytest.skip(f'this busy machine kept commands from the bench for {late:.2f} s')
     joints = recording.joint_states()
     drive = joints.names.index('RH_KFE')
     velocity, torque = joints.velocity[:, drive], joints.effort[:, drive]

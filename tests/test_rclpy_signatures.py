@@ -43,6 +43,7 @@ CALLS = {
     'rclpy.node:Node.destroy_timer': [('self', 'timer')],
     'rclpy.node:Node.add_on_set_parameters_callback': [('self', 'callback')],
     'rclpy.node:Node.count_publishers': [('self', 'topic')],
+    'rclpy.node:Node.get_topic_names_and_types': [('self',)],
     'rclpy.node:Node.resolve_topic_name': [('self', 'topic')],
     'rclpy.node:Node.get_name': [('self',)],
     'rclpy.node:Node.get_clock': [('self',)],
@@ -51,6 +52,7 @@ CALLS = {
     'rclpy.context:Context.ok': [('self',)],
     'rclpy.context:Context.try_shutdown': [('self',)],
     'rclpy.clock:Clock': [{'clock_type': None}],
+    'rclpy.time:Time': [{'nanoseconds': 1}],
     'rclpy.event_handler:SubscriptionEventCallbacks': [
         {'incompatible_qos': None, 'use_default_callbacks': False}
     ],
