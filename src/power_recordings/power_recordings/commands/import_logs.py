@@ -98,7 +98,11 @@ def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.N
     recording = Recording.open(result.path, _CHECKED)
     if sum(topic.count for topic in recording.topics.values()) < result.messages:
         print(f'checked: the first {recording.duration:.0f} s; `info {result.path}` checks all')
-    print_quality(recording, check_recording(recording))
+    quality = check_recording(recording)
+    print_quality(recording, quality)
+    if any(finding.severity == 'error' for finding in quality.findings):
+        print('next: mend the map as said above, and import again with --overwrite')
+        return
     effects = 'shaft,copper_loss,idle'
     print(f'next: ros2 run power_lab fit {result.path} --effects {effects} -o base.yaml')
 

@@ -30,9 +30,15 @@ SI: Final = {
 _ALIASES: Final = {
     **{name: 'turn' for name in ('rev', 'revs', 'revolution', 'revolutions', 'turns', 'r')},
     **{name: 'turn/s' for name in ('rps', 'rev/s', 'turns/s', 'r/s')},
-    **{name: 'rpm' for name in ('rev/min', 'r/min', '1/min', 'U/min', 'min-1', 'min^-1')},
+    **{
+        name: 'rpm'
+        for name in ('RPM', 'Rpm', 'rev/min', 'r/min', '1/min', 'U/min', 'min-1', 'min^-1')
+    },
     **{name: 'N*m' for name in ('Nm', 'N m', 'N·m', 'N.m', 'N-m', 'newton_meter')},
     **{name: 'mN*m' for name in ('mNm', 'mN·m')},
+    **{name: 'lbf*inch' for name in ('in-lb', 'in-lbs', 'lb-in', 'in-lbf', 'lbf-in', 'in lb')},
+    **{name: 'lbf*foot' for name in ('ft-lb', 'ft-lbs', 'lb-ft', 'ft-lbf', 'lbf-ft', 'ft lb')},
+    **{name: 'ozf*inch' for name in ('oz-in', 'in-oz', 'ozf-in', 'oz in')},
     **{name: 'kN*m' for name in ('kNm', 'kN·m')},
     **{name: 'N*cm' for name in ('Ncm', 'N·cm')},
     **{name: 'degC' for name in ('°C', 'C', 'celsius', 'Celsius', 'deg_C', 'degree_celsius')},

@@ -24,6 +24,7 @@ class Finding:
 
 
 _TOLERANCE: Final = 0.12
+_SCALES: Final = (0.2, 5.0)  # of a slope that a wrong constant may make; beyond, a unit is wrong
 _TURN: Final = 2 * np.pi
 
 # What a velocity that is so many times the rate of the position is, and the line that mends it.
@@ -46,6 +47,10 @@ _OF_POWER: Final[Mapping[float, tuple[str, str]]] = {
     _TURN / 60: ('speed is in rpm', 'velocity: {unit: rpm}'),
     60.0: ('speed is in turns per second, not rpm', 'velocity: {unit: rev/s}'),
     1 / 60: ('speed is in rpm, not turns per second', 'velocity: {unit: rpm}'),
+    _TURN / 6e4: (
+        'speed is in rpm and torque in mN·m',
+        'velocity: {unit: rpm}, torque: {unit: mN*m}',
+    ),
     np.pi / 180: ('speed is in degrees per second', 'velocity: {unit: deg/s}'),
     1e-3: ('torque is in mN·m', 'torque: {unit: mN*m}'),
     1000.0: ('current is in mA', 'current: {unit: mA}'),
@@ -76,7 +81,10 @@ def power_finding(drive: str, slope: float) -> Finding:
     else:
         text = f'power grows by {slope:.3g} W with each W of torque × speed'
         text += f': {meaning}?' if meaning else ', not by about 1: scale, or a gear between?'
-        mend = mend or f'torque: {{scale: {slope:.4g}}}'
+        if not mend and _SCALES[0] < slope < _SCALES[1]:
+            mend = f'torque: {{scale: {slope:.4g}}}'
+        elif not mend:
+            text += ' Two units at once? Check those of torque, speed, voltage and current.'
     return Finding('power_units', 'error', drive, text, mend)
 
 

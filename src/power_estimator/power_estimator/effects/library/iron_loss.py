@@ -60,6 +60,12 @@ class IronLoss(Effect):
         return carried == 0.0 or not bool(signals.at_motor.all())
 
     def factors(self, scale: DriveScale) -> Floats:
-        """Up to a friction's size where the torque is the motor's and friction is no rival."""
-        wide = np.where(scale.gain > 1.0, _LARGEST, 1.0)
+        """
+        Up to a friction's size where the bound of the reference drive tells nothing.
+
+        That is where the torque is the motor's, so that friction is no rival, and where the drive
+        is of another size: bare and fast motors lose much more in their iron.
+        """
+        other = (scale.gain > 1.0) | (scale.torque != 1.0) | (scale.speed != 1.0)
+        wide = np.where(other, _LARGEST, 1.0)
         return super().factors(scale) * wide[:, None]
