@@ -8,12 +8,12 @@ import argparse
 import ast
 import os
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
+from wattwalk_core.processes import find_program
 
 SOURCES = Path(__file__).resolve().parents[1] / 'src'
 LIMIT = 0.6  # s of CPU
@@ -49,7 +49,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--only', nargs='+', metavar='PACKAGE', help='commands of these packages')
     options = parser.parse_args()
-    ros2 = str(Path(sys.executable).with_name('ros2'))
+    ros2 = find_program('ros2')
     table = Table('command', *ARGUMENTS, title=f'CPU in s of `ros2 run`; limit {LIMIT} s')
     worst = 0.0
     for package, name in entry_points():

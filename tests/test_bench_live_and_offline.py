@@ -1,13 +1,12 @@
 """The same motion by the same name on the live simulated bench and on the one without nodes."""
 
 import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from power_recordings.reading.reader import Recording
+from wattwalk_core.processes import find_program
 
 SHORT = ('--duration', '4', '--load', '1.3kg@0.45m')
 PENDULUM = ('-p', 'mass:=1.3', '-p', 'length:=0.45')
@@ -49,7 +48,7 @@ def test_live_and_offline_agree_in_what_is_commanded_and_reached(
     assert node.wait(900) == 0, node.output
     offline = subprocess.run(
         (
-            *(Path(sys.executable).with_name('ros2'), 'run', 'sim_bridge', 'bench', *motion),
+            *(find_program('ros2'), 'run', 'sim_bridge', 'bench', *motion),
             *('--drive', 'RH_KFE', '-o', tmp_path / 'offline'),
         ),
         check=False,
