@@ -55,6 +55,8 @@ test-ros: build-ros
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+# mypy does not follow editable installs: without the path, other packages are Any.
+	export MYPYPATH=$$(echo src/* | tr ' ' :); \
 	for package in $(PACKAGES); do $(BIN)/mypy src/$$package/$$package || exit 1; done
 	$(BIN)/mypy embedded/rclpy
 

@@ -121,7 +121,7 @@ def _low_pass(period: float, rate: float, mean: float) -> Floats:
         return np.ones(1)
     half_width = _WIDTH / rate
     count = int((half_width + 0.5 * mean) / period)
-    time = period * np.arange(-count, count + 1)
+    time = period * np.arange(-count, count + 1, dtype=np.float64)
     if not mean:
         return windowed_sinc(time, 0.375 * rate, half_width, _BETA)
     # The mean over a width of the continuous filter, by Gauss's quadrature.

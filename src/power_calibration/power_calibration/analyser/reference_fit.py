@@ -181,8 +181,9 @@ def _solve(problem: _Problem, match: Match, fixed: list[bool]) -> ReferenceFit:
         jacobian, residual, shown, good = _linear(problem, clock, lines, weights, fixed)
         if step < 1:  # the Jacobian of offset and drift needs slopes
             for channel in range(channels):
-                a, b = _line(shown[:, channel], problem.values[good, channel], fixed[channel])
-                slopes[channel], levels[channel] = a, b
+                slopes[channel], levels[channel] = _line(
+                    shown[:, channel], problem.values[good, channel], fixed[channel]
+                )
             rest = problem.values[good] - slopes * shown - levels
             weights = 1.0 / np.maximum(rest.std(axis=0), 1e-9)
             continue
@@ -244,7 +245,7 @@ def _linear(
     slopes, levels, bends = lines
     at = clock.reference(problem.time)
     shown, rise, bend = (c.at(at) for c in (problem.reference, problem.rise, problem.bend))
-    good = np.isfinite(shown).all(axis=1)
+    good = np.asarray(np.isfinite(shown).all(axis=1), np.bool_)
     shown, rise, bend = shown[good], rise[good], bend[good]
     count, channels = shown.shape
     since = problem.time[good] - clock.centre - clock.offset

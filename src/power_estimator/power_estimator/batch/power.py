@@ -147,7 +147,7 @@ class _Part:
     def __init__(self, network: Network, columns: Sequence[int]) -> None:
         self.columns = list(columns)
         weights, scaling = network.weights, network.scaling
-        scaled = weights.input / np.array(scaling.scale, np.float32)
+        scaled: NDArray[np.float32] = np.divide(weights.input, np.array(scaling.scale, np.float32))
         bias = weights.bias - scaled @ np.array(scaling.mean, np.float32)
         self._network = PowerLstm(weights.hidden)
         self._network.set_weights(replace(weights, input=scaled, bias=bias))

@@ -40,7 +40,7 @@ class BaselineModel:
             known = [c for c in columns if np.isfinite(data.power[:, c]).any()]
             if not known:
                 continue
-            measured = np.isfinite(data.power[:, known]).any(axis=1)
+            measured = np.asarray(np.isfinite(data.power[:, known]).any(axis=1), np.bool_)
             rows = data.drives([data.names[c] for c in known]).rows(measured)
             models.append(fit_model(BASELINE, material(rows), active, catalogue)[0])
         if not models:

@@ -57,7 +57,7 @@ class PowerPredictionNetwork:
     def guard(self, drives: Sequence[str]) -> Guard:
         """Return the out-of-distribution test of the drives."""
         found = owners(drives, self.checkpoint.networks)
-        return Guard(network and network.out_of_distribution for network in found)
+        return Guard(n.out_of_distribution if n else None for n in found)
 
     def interval(self, power: Floats, drives: Sequence[str]) -> tuple[Floats, Floats]:
         """

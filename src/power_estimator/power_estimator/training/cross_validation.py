@@ -275,7 +275,7 @@ class CrossValidation:
         return ', '.join(self.data.recordings[i] for i in np.unique(self.data.recording[rows]))
 
     def _usable(self, kind: DriveType) -> NDArray[np.int32]:
-        used = self._measured[:, self._columns[kind.name]].any(axis=1)
+        used = np.asarray(self._measured[:, self._columns[kind.name]].any(axis=1), np.bool_)
         if np.count_nonzero(used) < self._protocol.minimum():
             need = self._protocol.minimum() / self.data.rate
             where = [

@@ -168,7 +168,8 @@ def _plain(
 
 
 def _unknown(power: NDArray[np.float32], own: Material) -> list[str]:
-    names, known = own.prepared.signals.names, np.isfinite(power).any(axis=0)
+    names = own.prepared.signals.names
+    known = np.asarray(np.isfinite(power).any(axis=0), np.bool_)
     return [name for name, told in zip(names, known, strict=True) if not told]
 
 

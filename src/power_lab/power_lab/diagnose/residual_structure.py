@@ -66,8 +66,8 @@ def examine_structure(
             left = target - trees
             others = [d for d in range(drives) if d != drive]
             if others:
-                signals = np.nan_to_num(power[rows][..., others])
-                crossed = _linear(signals, left, folds, use)
+                beside = np.nan_to_num(power[rows][..., others])
+                crossed = _linear(beside, left, folds, use)
                 found['cross'][drive] = max(0.0, _gain(left, crossed))
                 if found['cross'][drive] > 0:
                     left = left - crossed

@@ -226,7 +226,7 @@ def _grid(joints: Stream, start: float, end: float) -> Times:
         period = float((times[-1] - times[0]) / steps)
         start = float(times[0])
     count = int(np.floor((end - start) / period + 1e-6)) + 1
-    return start + period * np.arange(max(count, 0))
+    return start + period * np.arange(max(count, 0), dtype=np.float64)
 
 
 def _common(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -220,7 +220,8 @@ class _Collector:
         volts, amps = voltage[:, keep], current[:, keep]
         celsius = supply.temperature[:, columns][:, keep]
         values = np.concatenate([volts * amps, volts, amps, celsius], axis=1)
-        stream = Stream.of(self._seconds(supply), values, bad[:, keep].any(axis=1), apart)
+        marked = np.asarray(bad[:, keep].any(axis=1), np.bool_)
+        stream = Stream.of(self._seconds(supply), values, marked, apart)
         self._note_gaps('drive_supply', stream)
         return stream, tuple(wanted[i] for i in keep)
 

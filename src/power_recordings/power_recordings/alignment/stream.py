@@ -114,7 +114,7 @@ def held(time: Times, values: NDArray[Any], grid: Times) -> Floats:
     return result
 
 
-def cubic(time: Times, values: Floats, at: Times) -> Floats:
+def cubic(time: Times, values: Floats | NDArray[np.float64], at: Times) -> Floats:
     """Interpolate values [N, K] by Lagrange's cubic through the four nearest samples."""
     count = len(time)
     if count < 4:

@@ -242,7 +242,11 @@ def import_logs(
             writer = _Writer(bag, plans[0])
             for source, plan in zip(sources, plans, strict=True):
                 log = _Log(source, plan, mapping, end)
-                rows = source.read(plan.addresses(), lambda n, base=done: progress(base + n))
+
+                def advance(count: int, base: int = done) -> None:
+                    progress(base + count)
+
+                rows = source.read(plan.addresses(), advance)
                 for block in _ahead(rows):
                     writer.write_all(log.add(block))
                 writer.write_all(log.finish())

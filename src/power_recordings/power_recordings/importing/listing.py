@@ -42,11 +42,9 @@ def _look(source: LogSource, columns: Sequence[LogColumn]) -> dict[str, Listed]:
         for address, values in block.values.items():
             parts.setdefault(address, []).append(values)
         if block.log_ns is not None:
-            times = (
-                block.header_ns if block.header_ns is not None and block.header_ns.any() else None
-            )
+            header = block.header_ns
             stamps.setdefault(block.stream, []).append(
-                times if times is not None else block.log_ns
+                header if header is not None and header.any() else block.log_ns
             )
         if all(rows.get(stream, 0) >= enough for stream in streams):
             break

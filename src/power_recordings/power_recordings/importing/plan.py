@@ -149,8 +149,8 @@ def expand(
         if '*' not in name:
             result[name] = drive
             continue
-        signals = drive.signals().values()
-        patterns = [s.source for s in signals if '*' in s.source and not s.optional]
+        signals = drive.signals()
+        patterns = [s.source for s in signals.values() if '*' in s.source and not s.optional]
         if not patterns:
             raise InputError(f'{where}: drives.{name}: a * in the name but in no from')
         found = [_matches(pattern, addresses) for pattern in patterns]
@@ -158,11 +158,9 @@ def expand(
         if not texts:
             raise InputError(f'{where}: drives.{name}: no column fits {quoted(patterns[0])}')
         for text in texts:
-            signals = {
-                q: replace(s, source=s.source.replace('*', text))
-                for q, s in drive.signals().items()
-            }
-            result[name.replace('*', text)] = DriveMap(**signals)
+            result[name.replace('*', text)] = DriveMap(
+                **{q: replace(s, source=s.source.replace('*', text)) for q, s in signals.items()}
+            )
     return result
 
 

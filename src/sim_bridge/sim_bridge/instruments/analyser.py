@@ -70,7 +70,7 @@ class Analyser:
         voltage, current, angle = (
             np.concatenate(parts) for parts in zip(*self._blocks, strict=True)
         )
-        edges = 1e-9 * self._clock.elapsed_ns(np.arange(len(voltage) + 1))
+        edges = 1e-9 * self._clock.elapsed_ns(np.arange(len(voltage) + 1)).astype(np.float64)
         inside = max(1, round(20_000.0 / given.rate))
         period = 1.0 / given.rate / (1.0 + 1e-6 * given.clock_drift)
         count = int(edges[-1] / period)

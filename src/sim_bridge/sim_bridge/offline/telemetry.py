@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ class Rows:
     """N samples of a topic with their stamps; values by the name of the quantity, [N, ...]."""
 
     stamp_ns: NDArray[np.int64]
-    values: dict[str, Floats]
+    values: dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Wire:
             topics['cmd_vel'] = self._rows(commands.step, velocity=commands.base_velocity)
         return Telemetry(topics, stretch.events)
 
-    def _rows(self, step: NDArray[np.int64], **values: Floats) -> Rows:
+    def _rows(self, step: NDArray[np.int64], **values: NDArray[Any]) -> Rows:
         return Rows(START_NS + self._clock.elapsed_ns(step), values)
 
     def _latest_temperature(self, stretch: SessionPart) -> Floats:

@@ -47,8 +47,8 @@ def write_report(path: Path, analysis: Analysis) -> None:
         'and 90 % of the time.',
         faint=True,
     )
-    found = analysis.differences()
-    if found:
+    louder = analysis.differences()
+    if louder:
         page.heading('Difference from ' + analysis.policies[0])
         page.table(
             ('policy', 'figure', 'dB louder', '95 % interval', 'block s'),
@@ -57,7 +57,7 @@ def write_report(path: Path, analysis: Analysis) -> None:
                     *(name, key.title(), f'{d.value:+.2f}', _span(d.interval)),
                     'by files' if block is None else f'{block:.2f}',
                 )
-                for name, (figures, block) in found.items()
+                for name, (figures, block) in louder.items()
                 for key, d in figures.items()
             ],
             numbers=(2, 3, 4),

@@ -137,9 +137,11 @@ class CandidateScreener:
             lower.append(self._lower[group][:, pick].mean(axis=0))
             upper.append(self._upper[group][:, pick].mean(axis=0))
         m = len(pick)
-        ends = [np.broadcast_to(np.stack(x), moment.shape).reshape(-1, m) for x in (lower, upper)]
-        prior = np.broadcast_to(np.stack(ridge), moment.shape).reshape(-1, m)
-        solved = bounded_solve(gram.reshape(-1, m, m), moment.reshape(-1, m), *ends, prior)
+        low, high, prior = (
+            np.broadcast_to(np.stack(x), moment.shape).reshape(-1, m)
+            for x in (lower, upper, ridge)
+        )
+        solved = bounded_solve(gram.reshape(-1, m, m), moment.reshape(-1, m), low, high, prior)
         return solved.reshape(moment.shape)
 
     def _best_delay(

@@ -73,7 +73,11 @@ class EffectModel:
         return bool(self.groups)
 
     def predict(
-        self, data: AlignedDataset, *, as_measured: bool = False, base: Floats | None = None
+        self,
+        data: AlignedDataset,
+        *,
+        as_measured: bool = False,
+        base: Floats | NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
         """
         Return the electrical power in W [T, D]; NaN for drives of no known type.

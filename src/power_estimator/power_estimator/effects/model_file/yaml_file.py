@@ -224,10 +224,10 @@ def _group(
     whole: DriveScale | None,
 ) -> DriveGroup:
     given, active = content.coefficients, {entry.name for entry in structure.free}
-    for effect in given:
-        catalogue.get_known(effect, where)
-        if effect not in active:
-            raise InputError(f'{where}: coefficients of {effect!r}, which is not active')
+    for term in given:
+        catalogue.get_known(term, where)
+        if term not in active:
+            raise InputError(f'{where}: coefficients of {term!r}, which is not active')
     factors = _scale(content, where)
     scale = DriveScale.stack([factors])
     coefficients = {}

@@ -40,7 +40,7 @@ class Reducer:
         half = max(HALF_WIDTH, self.window / 2)
         return round(self.rate * (half + max(LATEST, -EARLIEST))) + 1
 
-    def reduce(self, values: Floats, shift: float = 0.0) -> Floats:
+    def reduce(self, values: Floats | NDArray[np.float32], shift: float = 0.0) -> Floats:
         """[T, ...] → [N, ...]: the low-passed values at time t + shift (s)."""
         taps = self._taps(shift)
         start = self.margin - len(taps) // 2

@@ -70,4 +70,5 @@ def drive_scale(data: AlignedDataset) -> DriveScale:
     alike = assign(data.names, infer_types(data.names)).values()
     at_motor = np.array([name in data.motor_torque for name in data.names], dtype=bool)
     given = (data.torque, data.velocity, data.voltage, data.power)
-    return scale_of(*(x.astype(np.float64) for x in given), [g for g in alike if g], at_motor)
+    torque, velocity, voltage, power = (x.astype(np.float64) for x in given)
+    return scale_of(torque, velocity, voltage, power, [g for g in alike if g], at_motor)
