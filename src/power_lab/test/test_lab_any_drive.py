@@ -1,14 +1,13 @@
 """The lab on recordings that others made: slow meters, whole robots, real drives."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from power_lab.commands import compare, diagnose, fit
 from power_recordings.commands import import_logs
+from real_logs import HOPPER, REAL
 
-REAL = Path(__file__).parents[4] / 'shared' / 'real_data'
 MAP = """
 format: import/1
 time: {column: t, unit: s}
@@ -183,7 +182,7 @@ def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_men
     error = capsys.readouterr().err.strip()
     assert '\n' not in error
     assert 'power grows by 1e+03 W with each W of torque × speed' in error
-    assert 'in the map: ' in error
+    assert 'in the map: current: {unit: mA}' in error
     assert fit.main([*arguments, '--anyway']) == 0
 
 
@@ -262,18 +261,3 @@ class TestRealDrives:
         loaded = [scores['drives'][f'AXIS_{axis}']['r2'] for axis in (1, 2, 3, 4, 6)]
         assert min(loaded) > 0.9
         assert 's are little' in capsys.readouterr().out
-
-
-HOPPER = """
-format: import/1
-time: {column: motor_data.time, unit: s}
-drives:
-  'MOTOR_*':
-    position: {from: motor_data.motor_pos.*, unit: rev}
-    velocity: {from: motor_data.motor_vel.*, unit: rev/s}
-    torque: {from: motor_data.motor_qcurrent.*, scale: 0.02506, from_unit: A, at: motor}
-    command: {from: motor_data.motor_pos_cmd.*, unit: rev}
-    voltage: {from: motor_data.bus_voltage.*, unit: V}
-    current: {from: motor_data.bus_current.*, unit: A, positive: drawn}
-card: {robot: hopper}
-"""

@@ -1,32 +1,16 @@
 """Logs of real drives that others published, where they lie beside the checkout."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from power_recordings.commands.import_logs import main
 from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
+from real_logs import HOPPER, REAL
 
-REAL = Path(__file__).resolve().parents[4] / 'shared' / 'real_data'
 pytestmark = pytest.mark.skipif(
     not REAL.is_dir(), reason='the public logs of real drives are not beside the checkout'
 )
 
-HOPPER = """
-format: import/1
-time: {column: motor_data.time, unit: s}
-drives:
-  'MOTOR_*':
-    position: {from: motor_data.motor_pos.*, unit: rev}
-    velocity: {from: motor_data.motor_vel.*, unit: rev/s}
-    torque: {from: motor_data.motor_qcurrent.*, scale: 0.02506, from_unit: A, at: motor}
-    command: {from: motor_data.motor_pos_cmd.*, unit: rev}
-    voltage: {from: motor_data.bus_voltage.*, unit: V}
-    current: {from: motor_data.bus_current.*, unit: A, positive: drawn}
-    temperature: {from: motor_data.motor_temp.*, unit: degC}
-card: {robot: hopper}
-"""
 UR = ['ur3e_L0L1.csv', 'ur3e_L1L2.csv', 'ur3e_L2L3.csv', 'ur3e_L3L4.csv', 'ur3e_L4L5.csv']
 
 
