@@ -1,4 +1,4 @@
-# make setup | demo | test | test-ros | lint | bench
+# make setup | demo | test | test-ros | lint | docs | bench
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -12,14 +12,14 @@ ROS_STAMP := $(ROS_VENV)/.installed
 ROS_BUILD := $(abspath $(ROS))
 WORKERS ?= 2
 
-.PHONY: setup demo test build-ros test-ros lint bench bench-lab clean
+.PHONY: setup demo test build-ros test-ros lint docs bench bench-lab clean
 setup: $(STAMP)
 
-$(STAMP): requirements.txt requirements-dev.txt $(PACKAGES:%=src/%/setup.py) embedded/pyproject.toml
+$(STAMP): requirements.txt requirements-dev.txt requirements-docs.txt $(PACKAGES:%=src/%/setup.py) embedded/pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install -q 'setuptools==79.0.1' wheel
 	$(BIN)/pip install -q '$(TORCH)'
-	$(BIN)/pip install -q -r requirements.txt -r requirements-dev.txt
+	$(BIN)/pip install -q -r requirements.txt -r requirements-dev.txt -r requirements-docs.txt
 	$(BIN)/pip install -q --no-build-isolation --no-deps $(PACKAGES:%=-e src/%) -e embedded
 	touch $@
 
@@ -59,6 +59,9 @@ lint: setup
 	export MYPYPATH=$$(echo src/* | tr ' ' :); \
 	for package in $(PACKAGES); do $(BIN)/mypy src/$$package/$$package || exit 1; done
 	$(BIN)/mypy embedded/rclpy
+
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 bench: setup
 	$(BIN)/python bench/run.py

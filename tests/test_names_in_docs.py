@@ -7,7 +7,7 @@ from commands_start import entry_points
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {path.parent.name for path in ROOT.glob('src/*/setup.py')}
-PAGES = [*ROOT.glob('*.md'), *ROOT.glob('docs/*.md'), *ROOT.glob('bags/*.md')]
+PAGES = [*ROOT.glob('*.md'), *ROOT.glob('docs/**/*.md'), *ROOT.glob('bags/*.md')]
 SOURCES = [ROOT / 'demo.py', *ROOT.glob('src/*/[a-z]*/**/*.py'), *ROOT.glob('bench/*.py')]
 
 
@@ -44,7 +44,7 @@ def test_every_module_that_a_page_names_exists():
 
 
 def test_the_page_of_migration_names_present_modules():
-    text = (ROOT / 'docs' / 'migration.md').read_text(encoding='utf-8')
+    text = (ROOT / 'docs' / 'reference' / 'migration.md').read_text(encoding='utf-8')
     rows = re.findall(r'^\| `[\w.]+` \| `([\w.]+)` \| (`.*`) \|$', text, re.MULTILINE)
     assert len(rows) > 50
     for package, names in rows:

@@ -1,4 +1,4 @@
-"""From an ODrive or moteus on the bus to a recording with its card, as docs/own_bus.md has it."""
+"""From an ODrive or moteus on the bus to a recording with its card: docs/how-to/own_bus.md."""
 
 import threading
 import time

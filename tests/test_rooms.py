@@ -1,4 +1,4 @@
-"""Packages and modules use each other as docs/architecture.md says, and no other way."""
+"""Packages and modules use each other as docs/explanation/architecture.md has it."""
 
 import ast
 import re
@@ -62,7 +62,7 @@ def is_below(name: str, above: str) -> bool:
 
 def rooms() -> dict[str, list[str]]:
     """The table "Rooms": packages, and the packages or sub-packages that each uses."""
-    text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
+    text = (ROOT / 'docs' / 'explanation' / 'architecture.md').read_text(encoding='utf-8')
     rows = re.findall(r'^\| `src/(\w+)/` \|.*\| (.*) \|$', text, re.MULTILINE)
     return {package: re.findall(r'`([\w.]+)`', uses) for package, uses in rows}
 

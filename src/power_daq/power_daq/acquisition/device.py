@@ -128,7 +128,7 @@ def _ethercat(
     if path is None:
         raise InputError(
             'interface ethercat needs a mapping: -p mapping:=ethercat.yaml says which terminal '
-            'measures what (docs/instruments.md has one)'
+            'measures what (docs/how-to/instruments.md has one)'
         )
     mapping = SegmentMapping.load(path)
     corrections = None if calibration is None else Calibration.load(calibration, mapping.names)

@@ -10,7 +10,7 @@ from wattwalk_core.quoting import quoted
 _EXAMPLE = """
 example, with the simulated robot:
   ros2 run power_daq daq --ros-args -p interface:=unixsocket -p channel:=/tmp/drives
-example, ODrives on CAN (docs/own_bus.md), by the node numbers of their drives:
+example, ODrives on CAN (docs/how-to/own_bus.md), by the node numbers of their drives:
   ros2 run power_daq daq --bus odrive --drives hip=0 knee=1
 example, on hardware:
   ros2 run power_daq daq --ros-args -p interface:=socketcan -p channel:=can0 \\

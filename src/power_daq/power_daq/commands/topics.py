@@ -9,7 +9,7 @@ from wattwalk_core.command import command, command_parser, own_arguments
 _EXAMPLE = """
 example, ODrives with their own ROS 2 node:
   ros2 run power_daq topics --map ros_odrive
-example, a map of yours (docs/own_bus.md), where the robot has a topic joint_states of its own:
+example, a map of yours (docs/how-to/own_bus.md), where the robot has its own joint_states:
   ros2 run power_daq topics --map arm.yaml --ros-args -r __ns:=/measured
 """
 

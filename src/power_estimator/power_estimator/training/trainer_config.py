@@ -8,7 +8,7 @@ from wattwalk_core.schema import Quantity, check_quantities
 
 @dataclass(frozen=True)
 class TrainerConfig:
-    """Settings of the training; the defaults were chosen on walking data (docs/ppn.md)."""
+    """Settings of the training; the defaults were chosen on walking data (docs/how-to/ppn.md)."""
 
     epochs: Annotated[int, Quantity(1, 10_000)] = 20
     batch: Annotated[int, Quantity(1, 4096)] = 16  # sequences side by side

@@ -1,7 +1,8 @@
 """
 Parameters of the simulated hardware: supply, drives, effects, meter and joint sensors.
 
-A plant is read from a YAML file; `docs/simulated_hardware.md` says where each figure comes from.
+A plant is read from a YAML file; the sources of the figures are in
+`docs/explanation/simulated_hardware.md`.
 """
 
 from collections.abc import Mapping, Sequence
