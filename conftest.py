@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import domains
@@ -21,6 +22,7 @@ settings.load_profile('same')
 
 DAEMON_PORT = 11511
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
+IS_EMBEDDED = find_spec('rosidl_embedded') is not None
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -71,6 +73,16 @@ class NodeProcess(ChildProcess):
     def own_lines(self) -> list[str]:
         """Lines that are not empty, without those that `ros2 run` of ROS 2 adds at the end."""
         return [line for line in self.lines if line and not line.startswith('[ros2run]')]
+
+    def wait_after(self, number: int, timeout: float = PATIENCE) -> int | None:
+        """
+        Wait for the end by a signal; return the node's own exit code, None where it is unknown.
+
+        ROS 2's own `ros2 run` is ended by SIGTERM itself, before the node is.
+        """
+        code = self.wait(timeout)
+        hidden = not IS_EMBEDDED and number == signal.SIGTERM and code == -number
+        return None if hidden else code
 
     def stop(self) -> None:
         """Interrupt what still runs and make sure that it ends in good order."""

@@ -65,20 +65,30 @@ def test_a_signal_ends_spin_and_runs_the_finally_block(node_process, number):
     assert number != signal.SIGINT or gadget.lines[-2] == 'ended by KeyboardInterrupt'
 
 
-@pytest.mark.parametrize('moment', ['before spin', 'while waiting'])
+MOMENTS = {
+    'before spin': 'end.run()',
+    'while waiting': 'end.start()',
+    'while waiting, with a timer': 'node.create_timer(0.05, lambda: None); end.start()',
+}
+
+
+@pytest.mark.parametrize('moment', MOMENTS)
 def test_sigterm_raises_external_shutdown(node_process, tmp_path, moment):
-    if moment == 'before spin' and not IS_EMBEDDED:
+    if not IS_EMBEDDED and moment == 'before spin':
         pytest.skip('rclpy raises RCLError, which no node expects')
+    if not IS_EMBEDDED and moment == 'while waiting':
+        # The signal's wake-up is spent before the context is shut down, and no other comes.
+        pytest.skip('rclpy wakes its executor too early, so that an idle node hangs now and then')
     script = tmp_path / 'idle.py'
     script.write_text(
-        'import os, signal, sys, threading, rclpy\n'
+        'import os, signal, threading, rclpy\n'
         'from rclpy.executors import ExternalShutdownException\n'
         'rclpy.init()\nnode = rclpy.create_node("idle")\n'
         'end = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM))\n'
-        'end.run() if sys.argv[1] == "before spin" else end.start()\n'
+        f'{MOMENTS[moment]}\n'
         'try:\n    rclpy.spin(node)\nexcept ExternalShutdownException:\n    print("ended")\n'
     )
-    process = node_process.python(script, moment)
+    process = node_process.python(script)
     process.wait_for_output('ended')
     assert process.wait() == 0
 
