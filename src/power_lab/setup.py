@@ -42,6 +42,7 @@ setup(
             'fit = power_lab.commands.fit:main',
             'compare = power_lab.commands.compare:main',
             'diagnose = power_lab.commands.diagnose:main',
+            'discover = power_lab.commands.discover:main',
             'add = power_lab.commands.add:main',
             'challenge = power_lab.commands.challenge:main',
             'reveal = power_lab.commands.challenge:reveal',

@@ -1,0 +1,363 @@
+"""Procedure that learns what a model misses and no catalogue has."""
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Catalogue, Effect, load_catalogue
+from power_estimator.effects.fit.candidate_screener import shaped
+from power_estimator.effects.fit.design import Active, Linearisation, Structure
+from power_estimator.effects.fit.fitter import Fitter
+
+from power_lab.compare.evidence import Evidence, Examiner
+from power_lab.diagnose.floors import above_floor, floors, unseen
+from power_lab.discover.drivers import families
+from power_lab.discover.effect_file import Written, effect_source
+from power_lab.discover.formula import Formula, refined
+from power_lab.discover.in_time import Course, InTime, in_time
+from power_lab.discover.problem import DriveProblem, problems
+from power_lab.discover.search import Expression, express
+from power_lab.discover.selection import KEEPS, Option, certainty, options
+from power_lab.discover.shapes import LearnedShape, learn
+from power_lab.discover.words import effect_name, excitation, in_short, look_alikes
+
+Floats = NDArray[np.float64]
+
+MOST_EFFECTS = 3
+CERTAINTY = 0.05
+"""Chance at which a share that is explained counts as chance."""
+FLOOR, FLOOR_SHARE_OF_RMS = 0.15, 0.004
+"""W, and share of the rms power: less structure than this is that of formulas not quite exact."""
+_MOST_SAMPLED = 3.0
+_NEXT_SHARE = 0.1  # in watts, of the first effect, that a further one must explain
+_LEAST_OF_TIME = 0.6  # of what time explains, that the state must explain not to be time
+_WIDER = 3.0  # times the bootstrap's interval, for the bounds of a file
+_SEARCHED = 4  # drives that are searched in full
+_BOOTSTRAPS = 200
+
+
+@dataclass(frozen=True)
+class Found:
+    """One effect: its formula, what it explains, and where."""
+
+    name: str
+    kind: str
+    drives: tuple[int, ...]
+    gain: Floats  # W² [D], held out, in the judgement of the lab
+    interval: tuple[float, float]  # W, of what it explains
+    formula: Formula | None = None  # None for what lives in time alone
+    effect: Effect | None = None
+    written: Written | None = None
+    shapes: Mapping[int, LearnedShape] | None = None
+    course: InTime | None = None
+    kept: float = 1.0  # share of the free shape's gain
+    coefficients: Mapping[int, tuple[float, ...]] | None = None
+    coefficient_intervals: Mapping[int, tuple[tuple[float, float], ...]] | None = None
+    rivals: tuple[tuple[str, float], ...] = ()  # other explanations, W that they leave more
+
+    @property
+    def explains(self) -> float:
+        """W rms over its drives."""
+        return float(np.sqrt(np.maximum(self.gain[list(self.drives)], 0.0).mean()))
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """What was found, and what the search rests on."""
+
+    found: tuple[Found, ...]
+    base: Evidence
+    best: Evidence
+    floor: Floats  # W [D]
+    chance: float  # of the first search
+    nothing: str  # reason where nothing was found
+    left: float  # W of structure that shapes still explain and no formula does
+
+
+Show = Callable[[str], None]
+
+
+class Discoverer:
+    """Runs the procedure on one set of prepared signals."""
+
+    def __init__(
+        self,
+        fitter: Fitter,
+        base: Structure,
+        catalogue: Catalogue,
+        show: Show = lambda text: None,
+        seed: int = 0,
+    ) -> None:
+        self.fitter, self.structure, self.catalogue = fitter, base, catalogue
+        self.examiner = Examiner(fitter)
+        self.show, self.seed = show, seed
+
+    def run(self) -> Discovery:
+        """All of it."""
+        self.show('fitting the model')
+        self.structure = shaped(self.fitter, self.examiner.folds, self.structure)
+        base = best = self._examined(self.structure)
+        usual = floors(self.fitter, FLOOR, FLOOR_SHARE_OF_RMS)
+        sampled = unseen(self.fitter.prepared, base.fit)
+        floor = np.clip(sampled, usual, _MOST_SAMPLED * usual)
+        found: list[Found] = []
+        chance, nothing = 1.0, ''
+        for number in range(MOST_EFFECTS):
+            first = not found
+            one, why, likely = self._next(best, floor, found, number)
+            if first:
+                chance = likely
+            if one is None:
+                nothing = why
+                break
+            best = self._with(one, best)
+            found.append(one)
+        return Discovery(tuple(found), base, best, floor, chance, nothing, 0.0)
+
+    def _examined(self, structure: Structure, start: Evidence | None = None) -> Evidence:
+        whole = structure.with_discrepancies()
+        begin = None if start is None else start.fit
+        return self.examiner.examine(self.fitter.fit(whole, begin, iterations=4))
+
+    def _with(self, one: Found, best: Evidence) -> Evidence:
+        assert one.effect is not None
+        self.structure = self.structure.plus(Active.of(one.effect))
+        return self._examined(self.structure, best)
+
+    def _next(
+        self, best: Evidence, floor: Floats, found: Sequence[Found], number: int
+    ) -> tuple[Found | None, str, float]:
+        fitter = self.fitter
+        residual = self.examiner.residual(best)
+        drives = problems(fitter, best, self.examiner.folds, residual)
+        point = fitter.builder.point(best.fit.structure, best.fit.coefficients)
+        courses = self._courses(drives, floor)
+        explained = self._explained(drives, point, f'effect {number + 1}')
+        base_error = {p.drive: max(p.base_error, 1e-9) for p in drives}
+        chance = certainty(explained, base_error)
+        least = {d: max(0.3 * float(floor[d]) ** 2, 0.02 * base_error[d]) for d in base_error}
+        ranked = options(explained, least)
+        in_time_gain = sum(one.gain for one in courses.values())
+        state_gain = ranked[0].shape_gain if ranked else 0.0
+        if courses and state_gain < _LEAST_OF_TIME * in_time_gain:
+            return self._course(courses, best, floor, found), '', chance
+        if not ranked:
+            return None, 'nothing that is larger than what can be judged', chance
+        if chance > CERTAINTY:
+            return None, f'what is left is as large by chance in {chance:.0%} of cases', chance
+        option = ranked[0]
+        gain = np.zeros(len(floor))
+        for drive, place in option.formula.places.items():
+            gain[drive] = place.gain
+        if not above_floor(gain, floor):
+            size = float(np.sqrt(gain.max()))
+            return None, f'{size:.2f} W of structure is less than can be judged', chance
+        one = self._checked(option, ranked, best, floor, drives, point, found)
+        if one is None:
+            return None, 'no formula stands beside the refitted model', chance
+        return one, '', chance
+
+    def _courses(self, drives: Sequence[DriveProblem], floor: Floats) -> dict[int, InTime]:
+        prepared = self.fitter.prepared
+        out = {}
+        for problem in drives:
+            one = in_time(problem, prepared.time, prepared.recording)
+            if one is not None and one.gain >= 2.0 * float(floor[problem.drive]) ** 2:
+                out[problem.drive] = one
+        return out
+
+    def _explained(
+        self, drives: Sequence[DriveProblem], point: Linearisation, label: str
+    ) -> dict[int, list[tuple[LearnedShape, list[Expression]]]]:
+        prepared = self.fitter.prepared
+        names = prepared.names
+        order = sorted(drives, key=lambda p: -p.base_error)
+        out: dict[int, list[tuple[LearnedShape, list[Expression]]]] = {}
+        for count, problem in enumerate(order):
+            self.show(
+                f'{label}: what {names[problem.drive]} depends on ({count + 1}/{len(order)})'
+            )
+            rows = []
+            for family in families(point.signals, problem.drive):
+                shape = learn(problem, family, point, prepared)
+                if shape is not None:
+                    rows.append((shape, express(problem, shape) if shape.gain > 0.0 else []))
+            out[problem.drive] = rows
+        return out
+
+    def _course(
+        self,
+        courses: Mapping[int, InTime],
+        best: Evidence,
+        floor: Floats,
+        found: Sequence[Found],
+    ) -> Found | None:
+        """What lives in time alone, kept beside all that follows and in no file."""
+        largest = max(courses.values(), key=lambda one: one.gain)
+        names = self.fitter.prepared.names
+        taken = {one.name for one in found}
+        name = 'time_cycle' if largest.period else 'time_drift'
+        number, free = 2, name
+        while free in taken:
+            free, number = f'{name}_{number}', number + 1
+        effect = Course(free, {names[d]: (one.period, one.knots) for d, one in courses.items()})
+        after = self._examined(self.structure.plus(Active.of(effect)), best)
+        gain = best.mean_mse - after.mean_mse
+        return Found(
+            name=free,
+            kind='time',
+            drives=tuple(sorted(courses)),
+            gain=gain,
+            interval=self._interval(best, after, sorted(courses)),
+            effect=effect,
+            course=largest,
+        )
+
+    def _interval(
+        self, before: Evidence, after: Evidence, drives: Sequence[int]
+    ) -> tuple[float, float]:
+        """W rms over drives, 95 %, by a bootstrap of blocks of five."""
+        fall = np.nanmean((before.mse - after.mse)[:, list(drives)], axis=1)
+        fall = np.nan_to_num(fall)
+        random = np.random.default_rng(self.seed)
+        size = min(5, len(fall))
+        starts = random.integers(0, len(fall) - size + 1, (_BOOTSTRAPS, -(-len(fall) // size)))
+        drawn = fall[(starts[..., None] + np.arange(size)).reshape(_BOOTSTRAPS, -1)].mean(axis=1)
+        low, high = np.quantile(drawn, (0.025, 0.975))
+        return float(np.sign(low) * np.sqrt(abs(low))), float(np.sqrt(max(high, 0.0)))
+
+    def _checked(
+        self,
+        option: Option,
+        ranked: Sequence[Option],
+        best: Evidence,
+        floor: Floats,
+        drives: Sequence[DriveProblem],
+        point: Linearisation,
+        found: Sequence[Found],
+    ) -> Found | None:
+        """The option with its parameters refined, fitted by the lab with all else."""
+        self.show('refining the formula')
+        formula = option.formula
+        prepared = self.fitter.prepared
+        places = {
+            d: refined(drives[d], formula.primitive, place, point, prepared)
+            for d, place in formula.places.items()
+        }
+        formula = replace(formula, places=places)
+        taken = {*self.catalogue, *self.structure.names, *(one.name for one in found)}
+        name = effect_name(formula, taken)
+        wide = [(-1e6, 1e6)] * formula.primitive.terms
+        written = self._written(name, formula, {d: (1.0,) for d in places}, wide)
+        effect = load_effect(written)
+        after = self._examined(self.structure.plus(Active.of(effect)), best)
+        gain = best.mean_mse - after.mean_mse
+        own = tuple(
+            d
+            for d in places
+            if gain[d] >= max(0.3 * float(floor[d]) ** 2, 0.02 * best.mean_mse[d])
+        )
+        kept_gain = np.zeros(len(gain))
+        kept_gain[list(own)] = gain[list(own)]
+        if not own or not above_floor(kept_gain, floor):
+            return None
+        if found and kept_gain.sum() < _NEXT_SHARE**2 * found[0].gain.clip(0).sum():
+            return None
+        interval = self._interval(best, after, own)
+        if interval[0] <= 0.0:
+            return None
+        formula = replace(formula, places={d: places[d] for d in own})
+        columns = after.fit.structure.columns_of(name)
+        values = {d: tuple(after.fit.coefficients[d, columns].tolist()) for d in own}
+        between = self.fitter.intervals(after.fit, self.seed)[:, columns]
+        factors = effect.factors(self.fitter.scale)
+        written = self._written(
+            name, formula, values, bounds_of(between[list(own)], factors[list(own)])
+        )
+        return Found(
+            name=name,
+            kind=formula.kind,
+            drives=own,
+            gain=kept_gain,
+            interval=interval,
+            formula=formula,
+            effect=load_effect(written),
+            written=written,
+            shapes=option.shapes,
+            kept=min(1.0, option.kept),
+            coefficients=values,
+            coefficient_intervals={
+                d: tuple((float(a), float(b)) for a, b in between[d]) for d in own
+            },
+            rivals=tuple(
+                (
+                    one.formula.text(),
+                    float(np.sqrt(max(option.formula.gain - one.formula.gain, 0))),
+                )
+                for one in ranked[1:4]
+            ),
+        )
+
+    def _written(
+        self,
+        name: str,
+        formula: Formula,
+        values: Mapping[int, Sequence[float]],
+        bounds: Sequence[tuple[float, float]],
+    ) -> Written:
+        names = self.fitter.prepared.names
+        places: dict[str, dict[str, object]] = {}
+        for drive, place in formula.places.items():
+            given: dict[str, object] = {
+                key: float(f'{value:.6g}') for key, value in place.parameters.items()
+            }
+            if place.family.driver.memory:
+                given['given'] = float(f'{place.family.driver.given:.6g}')
+            if place.family.driver.other:
+                given['other'] = place.family.driver.other
+            places[names[drive]] = given
+        return Written(
+            name=name,
+            formula=formula,
+            drives=names,
+            physics=in_short(formula, values, names),
+            bounds=bounds,
+            near=look_alikes(formula),
+            excitation=excitation(formula),
+            places=places,
+        )
+
+
+def bounds_of(between: Floats, factors: Floats) -> list[tuple[float, float]]:
+    """
+    Bounds of each coefficient from intervals [d, n, 2], for the reference drive (factors [d, n]).
+
+    Wider than the bootstrap's interval, so that another recording may differ; they keep the sign
+    where the interval does.
+    """
+    out = []
+    for term in range(between.shape[1]):
+        low = float((between[:, term, 0] / factors[:, term]).min())
+        high = float((between[:, term, 1] / factors[:, term]).max())
+        room = max(_WIDER * (high - low), 0.5 * max(abs(low), abs(high)))
+        wide_low, wide_high = low - room, high + room
+        if low > 0.0:
+            wide_low = max(wide_low, 0.0)
+        if high < 0.0:
+            wide_high = min(wide_high, 0.0)
+        out.append((float(f'{wide_low:.4g}'), float(f'{wide_high:.4g}')))
+    return out
+
+
+def load_effect(written: Written) -> Effect:
+    """The effect as its own file defines it, checked as any file of a user."""
+    with tempfile.TemporaryDirectory(prefix='discover') as folder:
+        path = Path(folder) / 'effect.py'
+        path.write_text(effect_source([written], ()), encoding='utf-8')
+        return load_catalogue([path])[written.name]
+
+
+__all__ = ['KEEPS', 'Discoverer', 'Discovery', 'Found', 'bounds_of', 'load_effect']

@@ -1,0 +1,202 @@
+"""Drivers that missing power may depend on, and the families of shapes over them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Signals, smooth_sign
+
+from power_lab.discover.memory import after_rest, by_stretch, lagged, play
+
+Floats = NDArray[np.float64]
+_TURNS_ON = 4 * np.pi  # rad, of travel: the position repeats with the turn
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A quantity of a drive, or of another one, that missing power may depend on."""
+
+    name: str
+    kind: str
+    symbol: str
+    unit: str
+    code: str  # of a file of effects; signals and column are known there
+    given: float = 0.0  # parameter of a state with memory
+    other: str = ''  # drive that it is of
+    memory: str = ''  # 'lag', 'rest' or 'play'
+
+
+@dataclass(frozen=True)
+class Factor:
+    """What the function of a driver is multiplied by."""
+
+    name: str
+    symbol: str  # '' for one
+    unit: str
+    code: str
+
+
+FACTORS = {
+    one.name: one
+    for one in (
+        Factor('one', '', '', ''),
+        Factor('sign', 'sgn w', '', 'smooth_sign(velocity, standstill)'),
+        Factor('velocity', 'w', 'rad/s', 'velocity'),
+        Factor('speed', '|w|', 'rad/s', 'np.abs(velocity)'),
+        Factor('torque_size', '|torque|', 'N·m', 'np.abs(torque)'),
+        Factor('torque_square', 'torque²', '(N·m)²', 'np.square(torque)'),
+        Factor(
+            'load_sign',
+            '|torque|·sgn w',
+            'N·m',
+            'np.abs(torque) * smooth_sign(velocity, standstill)',
+        ),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Family:
+    """Shapes s(driver)·factor that act on the motor's torque or on the power."""
+
+    driver: Driver
+    factor: Factor
+    acts_on: str
+    excluded: frozenset[str] = field(default=frozenset())  # primitives that are in the base
+
+    @property
+    def kind(self) -> str:
+        """What it depends on."""
+        return self.driver.kind
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Identity."""
+        d = self.driver
+        return (d.name, f'{d.given:g}', d.other, self.factor.name, self.acts_on)
+
+
+def driver_values(driver: Driver, signals: Signals, drive: int) -> Floats:
+    """Values of the driver at the rate of the signals [T]."""
+    scope = {
+        'np': np,
+        'signals': signals,
+        'column': drive,
+        'other': signals.names.index(driver.other) if driver.other else drive,
+        'given': driver.given,
+        'rate': signals.rate,
+        'standstill': float(signals.scale.standstill[drive]),
+        'stretches': signals.stretches() if driver.memory else [],
+        'by_stretch': by_stretch,
+        'lagged': lagged,
+        'after_rest': after_rest,
+        'play': play,
+    }
+    return np.asarray(eval(driver.code, scope), dtype=np.float64)
+
+
+def factor_values(factor: Factor, signals: Signals, drive: int) -> Floats | float:
+    """Values of the factor [T], 1 for none."""
+    if not factor.code:
+        return 1.0
+    scope = {
+        'np': np,
+        'smooth_sign': smooth_sign,
+        'velocity': signals.motor_velocity[:, drive],
+        'torque': signals.torque[:, drive],
+        'standstill': float(signals.scale.standstill[drive]),
+    }
+    return np.asarray(eval(factor.code, scope), dtype=np.float64)
+
+
+def families(signals: Signals, drive: int) -> Iterator[Family]:
+    """Yield all families that this drive's recording can show."""
+    yield from _of_state(signals, drive)
+    yield from _with_memory(signals, drive)
+    yield from _of_others(signals, drive)
+
+
+def _family(driver: Driver, acts_on: str, factor: str = 'one', *excluded: str) -> Family:
+    return Family(driver, FACTORS[factor], acts_on, frozenset(excluded))
+
+
+def _of_state(signals: Signals, drive: int) -> Iterator[Family]:
+    travel = float(np.ptp(signals.position[:, drive]))
+    if np.isfinite(travel) and travel > 1e-3:
+        place = 'signals.position[:, column]'
+        position = Driver('position', 'position', 'q', 'rad', place)
+        if travel > _TURNS_ON:
+            place = f'np.mod({place}, 2.0 * np.pi)'
+            position = Driver('angle', 'position', 'q within its turn', 'rad', place)
+        yield _family(position, 'torque')
+        yield _family(position, 'torque', 'sign')
+        yield _family(position, 'torque', 'velocity')
+        yield _family(position, 'torque', 'load_sign')
+        yield _family(position, 'power')
+    speed = Driver('speed', 'speed', 'w', 'rad/s', 'signals.motor_velocity[:, column]')
+    yield _family(speed, 'torque')
+    yield _family(speed, 'power')
+    torque = Driver('torque', 'torque', 'torque', 'N·m', 'signals.torque[:, column]')
+    yield _family(torque, 'power')
+    yield _family(torque, 'torque', 'sign')
+    yield _family(torque, 'power', 'velocity')
+    yield _family(torque, 'power', 'torque_square')
+    rate = Driver('acceleration', 'acceleration', 'a', 'rad/s²', 'signals.acceleration[:, column]')
+    yield _family(rate, 'torque')
+    yield _family(rate, 'power')
+    if float(np.ptp(signals.voltage[:, drive])) > 0.05:
+        volts = Driver('voltage', 'voltage', 'V', 'V', 'signals.voltage[:, column]')
+        yield _family(volts, 'power')
+        yield _family(volts, 'power', 'torque_size')
+        yield _family(volts, 'power', 'speed')
+    warmth = signals.temperature[:, drive]
+    if np.isfinite(warmth).all() and float(np.ptp(warmth)) > 1.0:
+        warm = Driver('temperature', 'temperature', 'T', '°C', 'signals.temperature[:, column]')
+        yield _family(warm, 'torque', 'sign')
+        yield _family(warm, 'torque', 'velocity')
+        yield _family(warm, 'power')
+        yield _family(warm, 'power', 'torque_square')
+
+
+def _with_memory(signals: Signals, drive: int) -> Iterator[Family]:
+    stroke = np.quantile(signals.position[:, drive], (0.05, 0.95))
+    width = float(np.clip(stroke[1] - stroke[0], 1e-3, 2.0))
+    for share in (0.02, 0.06, 0.2):
+        code = 'by_stretch(stretches, signals.position[:, column], play, given)'
+        lost = Driver('play', 'position', 'h', '', code, share * width, memory='play')
+        yield _family(lost, 'torque')
+        yield _family(lost, 'torque', 'sign')
+    still = np.abs(signals.velocity[:, drive]) < signals.scale.standstill[drive]
+    if 0.02 < still.mean() < 0.98:
+        for seconds in (0.3, 1.0, 3.0):
+            code = (
+                'by_stretch(stretches, signals.velocity[:, column], after_rest, '
+                'rate, standstill, given)'
+            )
+            rest = Driver('rest', 'speed', 'rest', '', code, seconds, memory='rest')
+            yield _family(rest, 'torque', 'sign')
+            yield _family(rest, 'power')
+    for seconds in (20.0, 90.0, 300.0):
+        code = 'by_stretch(stretches, np.square(signals.torque[:, column]), lagged, rate, given)'
+        warm = Driver('heat', 'temperature', 'heat', '(N·m)²', code, seconds, memory='lag')
+        yield _family(warm, 'torque', 'sign')
+        yield _family(warm, 'torque', 'velocity')
+
+
+def _of_others(signals: Signals, drive: int) -> Iterator[Family]:
+    for other, name in enumerate(signals.names):
+        if other == drive:
+            continue
+        for quantity, symbol, unit, code in _OTHERS:
+            yield _family(
+                Driver(quantity, 'other_drive', f'{symbol} of {name}', unit, code, other=name),
+                'power',
+            )
+
+
+_OTHERS: Sequence[tuple[str, str, str, str]] = (
+    ('power_of', 'P', 'W', 'signals.drawn[:, other]'),
+    ('speed_of', 'w', 'rad/s', 'signals.velocity[:, other]'),
+    ('torque_of', 'torque', 'N·m', 'signals.torque[:, other]'),
+)

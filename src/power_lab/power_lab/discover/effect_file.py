@@ -1,0 +1,171 @@
+"""Files of discovered effects: plain Python from a template, every name quoted."""
+
+import ast
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from power_lab.discover import grammar, memory
+from power_lab.discover.formula import Formula
+
+_HELPERS = ('lagged', 'after_rest', 'play', 'by_stretch')
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a file says of one effect."""
+
+    name: str
+    formula: Formula
+    drives: Sequence[str]  # names of all drives of the recording
+    physics: str
+    bounds: Sequence[tuple[float, float]]  # of each coefficient, of the reference drive
+    near: Sequence[str]
+    excitation: Mapping[str, object]
+    places: Mapping[str, Mapping[str, object]]  # by drive
+
+    @property
+    def class_name(self) -> str:
+        """Name of its class."""
+        return ''.join(part.capitalize() for part in self.name.split('_'))
+
+
+def effect_source(effects: Sequence[Written], source: Sequence[str]) -> str:
+    """Return the text of a file of these effects; source: recordings it was learned from."""
+    used = dict.fromkeys(one.formula.primitive for one in effects)
+    helpers = [inspect.getsource(primitive.of) for primitive in used]
+    drivers = [place.family.driver for one in effects for place in one.formula.places.values()]
+    for name in _HELPERS:
+        wanted = any(name in driver.code for driver in drivers)
+        if wanted or (name == 'lagged' and any('after_rest' in d.code for d in drivers)):
+            helpers.append(inspect.getsource(getattr(memory, name)).replace(_IGNORE, ''))
+    parts = [
+        '"""Effects found by `power_lab discover`: hypotheses, to be confirmed by experiment."""',
+        '',
+        'import numpy as np',
+        'from numpy.typing import NDArray',
+        'from power_estimator.effects import Effect, Excitation, Term, smooth_sign',
+        '',
+        'Floats = NDArray[np.float64]',
+        f'LEARNED_FROM = {tuple(source)!r}',
+        '',
+        '',
+        '\n\n'.join(helpers),
+        '',
+        '\n\n'.join(_class(one) for one in effects),
+    ]
+    text = '\n'.join(parts)
+    ast.parse(text)
+    return text
+
+
+_IGNORE = '  # type: ignore[no-untyped-def]'
+
+
+def _class(one: Written) -> str:
+    formula, family = one.formula, one.formula.family
+    symbols = ['A·cos(phase)', 'A·sin(phase)'] if formula.primitive.terms > 1 else ['c']
+    terms = '\n'.join(
+        f'        Term({symbol!r}, {formula.unit!r}, {low!r}, {high!r}),'
+        for symbol, (low, high) in zip(symbols, one.bounds, strict=True)
+    )
+    places = '\n'.join(f'    {name!r}: {dict(given)!r},' for name, given in one.places.items())
+    table = f'{one.name.upper()}_PLACES'
+    arguments = ''.join(f", place['{name}']" for name in formula.primitive.parameters)
+    lines = [
+        f'{table} = {{',
+        places,
+        '}',
+        '"""Parameters by drive, SI units; drives that are not here do not have the effect."""',
+        '',
+        '',
+        f'class {one.class_name}(Effect):',
+        '    """A hypothesis: see physics."""',
+        '',
+        f'    name = {one.name!r}',
+        f'    physics = {one.physics!r}',
+        f'    formula = {formula.text()!r}',
+        '    terms = (',
+        terms,
+        '    )',
+        f'    acts_on = {family.acts_on!r}',
+    ]
+    if family.acts_on == 'torque':
+        lines.append('    needs_joint_torque = True')
+    if 'drawn' in family.driver.code:
+        lines.append("    follows = frozenset({'drawn'})")
+    lines += [
+        f'    near = {tuple(one.near)!r}',
+        '    excitation = Excitation('
+        + ', '.join(f'{k}={v!r}' if k != 'text' else repr(v) for k, v in one.excitation.items())
+        + ')',
+        '',
+        '    def regressors(self, signals, **shape):',
+        f'        """{_says(one)}"""',
+        f'        found = np.zeros((*signals.torque.shape, {formula.primitive.terms}))',
+        '        for column, drive in enumerate(signals.names):',
+        f'            place = {table}.get(drive)',
+        *_guard(one),
+        '            standstill = float(signals.scale.standstill[column])',
+        '            velocity = signals.motor_velocity[:, column]',
+        '            torque = signals.torque[:, column]',
+        *_memory_lines(one),
+        f'            z = {family.driver.code}',
+        f'            value = {formula.primitive.of.__name__}(z{arguments})',
+    ]
+    factor = family.factor.code or '1.0'
+    if formula.primitive.terms > 1:
+        lines.append(f'            found[:, column] = value * np.asarray({factor})[..., None]')
+    else:
+        lines.append(f'            found[:, column, 0] = value * ({factor})')
+    lines += ['        return found', '']
+    text = '\n'.join(lines)
+    return _without_unused(text)
+
+
+def _guard(one: Written) -> list[str]:
+    if one.formula.family.driver.other:
+        return [
+            "            if place is None or place['other'] not in signals.names:",
+            '                continue',
+            "            other = signals.names.index(place['other'])",
+        ]
+    return ['            if place is None:', '                continue']
+
+
+def _memory_lines(one: Written) -> list[str]:
+    driver = one.formula.family.driver
+    if not driver.memory:
+        return []
+    return [
+        '            rate, stretches = signals.rate, signals.stretches()',
+        "            given = place['given']",
+    ]
+
+
+def _without_unused(text: str) -> str:
+    """Leave out the lines that set what the formula does not use."""
+    kept = text.split('\n')
+    for name in ('torque', 'velocity', 'standstill'):
+        uses = [line for line in kept if f'            {name} = ' not in line]
+        body = '\n'.join(uses[uses.index(next(x for x in uses if 'enumerate' in x)) :])
+        names = {
+            node.id for node in ast.walk(ast.parse(_dedented(body))) if isinstance(node, ast.Name)
+        }
+        if name not in names:
+            kept = uses
+    return '\n'.join(kept)
+
+
+def _dedented(body: str) -> str:
+    return 'def f():\n' + body
+
+
+def _says(one: Written) -> str:
+    acts = {'torque': 'N·m on the motor', 'power': 'W at the input'}[one.formula.family.acts_on]
+    return f'Return {acts} per unit coefficient.'
+
+
+def used_grammar() -> tuple[str, ...]:
+    """Names of the functions that a file may hold."""
+    return tuple(name for name, value in vars(grammar).items() if inspect.isfunction(value))

@@ -1,0 +1,48 @@
+"""States that remember the motion: lags, rest, play; their sources go into files of effects."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def lagged(values: Floats, rate: float, seconds: float) -> Floats:
+    """First-order lag of values [T] of one stretch, which starts settled."""
+    from scipy.signal import lfilter
+
+    keep = np.exp(-1.0 / (rate * seconds))
+    out, _ = lfilter([1.0 - keep], [1.0, -keep], values, zi=[keep * values[0]])
+    return np.asarray(out)
+
+
+def after_rest(velocity: Floats, rate: float, standstill: float, seconds: float) -> Floats:
+    """How long the joint has stood, 0 to 1 [T]; it fades over seconds once it turns again."""
+    return lagged((np.abs(velocity) < standstill).astype(float), rate, seconds)
+
+
+def play(values: Floats, width: float) -> Floats:
+    """
+    Place within a play, −1 to 1 [T]: it follows the values and sticks where they turn round.
+
+    All clamps of the play are composed by doubling, so that no loop runs over the samples.
+    """
+    half = 0.5 * width
+    low, high = values - half, values + half
+    low[0] = high[0] = values[0]
+    step = 1
+    while step < len(values):
+        before_low, before_high = low[:-step].copy(), high[:-step].copy()
+        low[step:], high[step:] = (
+            np.clip(before_low, low[step:], high[step:]),
+            np.clip(before_high, low[step:], high[step:]),
+        )
+        step *= 2
+    return (values - low) / half
+
+
+def by_stretch(stretches: list[slice], values: Floats, state, *given: float) -> Floats:  # type: ignore[no-untyped-def]
+    """State of values [T], begun anew in each stretch without gaps."""
+    out = np.zeros_like(values)
+    for part in stretches:
+        out[part] = state(values[part], *given)
+    return out

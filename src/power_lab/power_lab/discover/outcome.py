@@ -1,0 +1,252 @@
+"""Discover on recordings: from files to what is printed and written."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Catalogue
+from power_estimator.effects.catalogue import Catalogue as EffectCatalogue
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.fitter import measurement_terms
+from power_estimator.effects.fit.training import LEAST_SECONDS, Material, material
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.model import PowerModel
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable
+
+from power_lab.discover.discovery import Discoverer, Discovery, Found
+from power_lab.discover.effect_file import effect_source
+from power_lab.discover.transfer import OtherRecording, Transfer
+from power_lab.recordings import Loaded, base_power
+
+Floats = NDArray[np.float64]
+Show = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class DiscoveryOutcome:
+    """Everything that discover tells."""
+
+    model: EffectModel
+    loaded: Loaded
+    own: Material
+    discoverer: Discoverer
+    discovery: Discovery
+    transfers: tuple[Transfer | None, ...]  # by what was found
+    tested_on: tuple[str, ...]
+
+    @property
+    def written(self) -> list[Found]:
+        """What goes into the file of effects."""
+        return [one for one in self.discovery.found if one.written is not None]
+
+    def source(self) -> str:
+        """Text of the file of effects."""
+        names = [entry['name'] for entry in self.loaded.identities]
+        return effect_source([one.written for one in self.written if one.written], names)
+
+    @property
+    def sentence(self) -> str:
+        """What was found, in words."""
+        found = self.discovery.found
+        if not found:
+            return f'Nothing is proposed: {self.discovery.nothing}.'
+        parts = [
+            self.told(one, transfer) for one, transfer in zip(found, self.transfers, strict=True)
+        ]
+        return ' '.join(parts)
+
+    def told(self, one: Found, transfer: Transfer | None) -> str:
+        """One effect in a sentence."""
+        names = ', '.join(printable(self.own.prepared.names[d]) for d in one.drives)
+        watts = f'{one.explains:.2f} W'
+        if one.course is not None:
+            course = one.course
+            what = (
+                f'a cycle of {course.period:.3g} s'
+                if course.period
+                else 'a drift over the recording'
+            )
+            return (
+                f'{watts} on {names} live in time alone: {what}, {course.amplitude:.1f} W high. '
+                'This is no physics of the drive; look for what else runs at that time.'
+            )
+        assert one.written is not None
+        text = f'{one.name}: {printable(one.written.physics)}; it explains {watts} on {names}'
+        if transfer is None:
+            return f'{text}; no other recording has borne it out yet.'
+        return f'{text}; {printable(transfer.reason)}.'
+
+    def json(self) -> dict[str, Any]:
+        """As `discover --json` writes it."""
+        names = self.own.prepared.names
+        d = self.discovery
+        return {
+            'found': [
+                self._one(one, transfer)
+                for one, transfer in zip(d.found, self.transfers, strict=True)
+            ],
+            'sentence': self.sentence,
+            'nothing': None if d.found else d.nothing,
+            'chance': _short(d.chance),
+            'model': self.model.name,
+            'recordings': [entry['name'] for entry in self.loaded.identities],
+            'tested_on': list(self.tested_on),
+            'drives': {
+                name: {
+                    'rmse_w': _short(float(d.base.rmse[i])),
+                    'rmse_after_w': _short(float(d.best.rmse[i])),
+                    'floor_w': _short(float(d.floor[i])),
+                    'sensor_noise_w': _finite(float(self.own.prepared.noise[i])),
+                }
+                for i, name in enumerate(names)
+            },
+        }
+
+    def _one(self, one: Found, transfer: Transfer | None) -> dict[str, Any]:
+        names = self.own.prepared.names
+        content: dict[str, Any] = {
+            'name': one.name,
+            'kind': one.kind,
+            'drives': [names[d] for d in one.drives],
+            'formula': _course_text(one) if one.formula is None else one.formula.text(),
+            'bounds': {},
+            'explains_w': _short(one.explains),
+            'interval': [_short(bound) for bound in one.interval],
+            'transfers': None if transfer is None else transfer.transfers,
+            'sentence': self.told(one, transfer),
+            'in_file': one.written is not None,
+        }
+        if one.course is not None:
+            content['period_s'] = _short(one.course.period) if one.course.period else None
+        if one.formula is None or one.written is None:
+            return content
+        content |= {
+            'physics': one.written.physics,
+            'acts_on': one.formula.family.acts_on,
+            'memory': one.formula.family.driver.memory or None,
+            'bounds': {name: dict(given) for name, given in one.written.places.items()},
+            'formulas': {names[d]: one.formula.text(d) for d in one.formula.places},
+            'unit': one.formula.unit,
+            'coefficients': {
+                names[d]: [_short(v) for v in values]
+                for d, values in (one.coefficients or {}).items()
+            },
+            'intervals': {
+                names[d]: [[_short(a), _short(b)] for a, b in values]
+                for d, values in (one.coefficient_intervals or {}).items()
+            },
+            'keeps': _short(one.kept),
+            'near': list(one.written.near),
+            'excitation': dict(one.written.excitation),
+            'rivals': [{'formula': text, 'leaves_w': _short(watts)} for text, watts in one.rivals],
+        }
+        if transfer is not None:
+            content['other_recording'] = {
+                'rmse_before_w': dict(
+                    zip(transfer.drives, map(_short, transfer.before), strict=True)
+                ),
+                'rmse_after_w': dict(
+                    zip(transfer.drives, map(_short, transfer.after), strict=True)
+                ),
+                'reason': transfer.reason,
+            }
+        return content
+
+
+def _course_text(one: Found) -> str:
+    assert one.course is not None
+    if one.course.period:
+        return f'P = s(t), period {one.course.period:.3g} s'
+    return 'P = s(t), once over the recording'
+
+
+def discover(
+    loaded: Loaded,
+    model: PowerModel,
+    spec: str,
+    catalogue: Catalogue,
+    test: Loaded | None = None,
+    show: Show = lambda text: None,
+    seed: int = 0,
+) -> DiscoveryOutcome:
+    """
+    Learn what the model misses on these recordings, and test it on another one.
+
+    InputError for recordings that are too short or too still, and where only the whole robot was
+    metered.
+    """
+    if not isinstance(model, EffectModel):
+        model = EffectModel(model.name, Structure(()), base=spec)
+    base = None if model.base is None else base_power(loaded, model.base).power
+    own = material(
+        loaded.data,
+        base=base,
+        catalogue=catalogue,
+        least=max(LEAST_SECONDS, LEAST_SECONDS * loaded.window),
+        window=loaded.window,
+    )
+    if own.prepared.whole:
+        raise InputError(
+            'only the whole robot was metered: which drive an unknown effect is in cannot be '
+            'told; meter the drives (topic drive_supply)'
+        )
+    fitter = own.fitter(per_drive=True)
+    terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
+    structure = own.structure(model.structure.actives).plus(*terms)
+    discoverer = Discoverer(fitter, structure, catalogue, show, seed)
+    discovery = discoverer.run()
+    transfers: list[Transfer | None] = [None] * len(discovery.found)
+    if test is not None and any(one.written for one in discovery.found):
+        show('testing on another recording')
+        transfers = _tested(test, own, model, catalogue, discovery)
+    return DiscoveryOutcome(
+        model=model,
+        loaded=loaded,
+        own=own,
+        discoverer=discoverer,
+        discovery=discovery,
+        transfers=tuple(transfers),
+        tested_on=() if test is None else tuple(entry['name'] for entry in test.identities),
+    )
+
+
+def _tested(
+    test: Loaded, own: Material, model: EffectModel, catalogue: Catalogue, discovery: Discovery
+) -> list[Transfer | None]:
+    """Each effect on the other recording, on top of those before it."""
+    effects = {one.name: one.effect for one in discovery.found if one.written and one.effect}
+    whole = EffectCatalogue([*catalogue.values(), *effects.values()])
+    base = None if model.base is None else base_power(test, model.base).power
+    other = OtherRecording(test.data, own, whole)
+    actives = list(model.structure.actives)
+    given = None if base is None else np.asarray(base, np.float64)
+    before = other.judge(actives, given)
+    out: list[Transfer | None] = []
+    for one in discovery.found:
+        if one.written is None or one.effect is None:
+            out.append(None)
+            continue
+        actives.append(Active.of(one.effect))
+        after = other.judge(actives, given)
+        names = [own.prepared.names[d] for d in one.drives]
+        out.append(other.transfer(names, before, after, one.explains))
+        before = after
+    return out
+
+
+def split(bags: Sequence[Any], test: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+    """Recordings to learn from and to test on: the last of several, where none is named."""
+    if test or len(bags) < 2:
+        return list(bags), list(test)
+    return list(bags[:-1]), list(bags[-1:])
+
+
+def _short(value: float) -> float:
+    return float(f'{value:.5g}')
+
+
+def _finite(value: float) -> float | None:
+    return _short(value) if np.isfinite(value) else None

@@ -1,0 +1,110 @@
+"""Choice of what the missing power depends on, and of the smallest formula that says so."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from power_lab.discover.formula import Formula, Place
+from power_lab.discover.grammar import PRIMITIVES
+from power_lab.discover.search import Expression
+from power_lab.discover.shapes import LearnedShape
+
+KEEPS = 0.9
+"""Share of the shape's gain that a formula must keep to be called one."""
+_NEAR_BEST = 0.97
+"""Share of the best formula's gain that a smaller one must keep."""
+_HANDICAP = {'other_drive': 0.85}
+"""What another drive explains must be more than what the own state explains."""
+_MEMORY_HANDICAP = 0.93
+_LEAST_SHARE = 0.02  # of a drive's error, to be one of the effect's drives
+_WAVE_HANDICAP = 0.97
+
+Explained = Mapping[int, Sequence[tuple[LearnedShape, Sequence[Expression]]]]
+"""By drive: shapes with their formulas."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """One family over all drives."""
+
+    formula: Formula
+    shape_gain: float
+    score: float
+    shapes: Mapping[int, LearnedShape]
+
+    @property
+    def kept(self) -> float:
+        """Share of the shape's gain that the formula keeps."""
+        return self.formula.gain / max(self.shape_gain, 1e-12)
+
+
+def options(explained: Explained, least: Mapping[int, float]) -> list[Option]:
+    """
+    Families in the order of what they explain, each with its formula.
+
+    least: W² by drive that counts as explained at all.
+    """
+    groups: dict[tuple[str, ...], dict[int, list[tuple[LearnedShape, Sequence[Expression]]]]]
+    groups = defaultdict(lambda: defaultdict(list))
+    for drive, rows in explained.items():
+        for shape, expressions in rows:
+            family = shape.family
+            groups[family.driver.name, family.factor.name, family.acts_on][drive].append(
+                (shape, expressions)
+            )
+    found = [_option(by_drive, least) for by_drive in groups.values()]
+    return sorted((one for one in found if one is not None), key=lambda one: -one.score)
+
+
+def _option(
+    by_drive: Mapping[int, Sequence[tuple[LearnedShape, Sequence[Expression]]]],
+    least: Mapping[int, float],
+) -> Option | None:
+    shapes = {d: max((s for s, _ in rows), key=lambda s: s.gain) for d, rows in by_drive.items()}
+    candidates: dict[str, dict[int, Place]] = defaultdict(dict)
+    for drive, rows in by_drive.items():
+        for shape, expressions in rows:
+            for one in expressions:
+                known = candidates[one.primitive.name].get(drive)
+                if one.gain >= least[drive] and (known is None or one.gain > known.gain):
+                    place = Place(shape.family, one.parameters, one.gain)
+                    candidates[one.primitive.name][drive] = place
+    formulas = [
+        Formula(PRIMITIVES[name], places, 0.0) for name, places in candidates.items() if places
+    ]
+    if not formulas:
+        return None
+    best = max(formula.gain * _weight(formula) for formula in formulas)
+    near = [f for f in formulas if f.gain * _weight(f) >= _NEAR_BEST * best]
+    chosen = min(near, key=lambda f: (f.primitive.complexity, -f.gain))
+    shape_gain = sum(max(shapes[d].gain, place.gain) for d, place in chosen.places.items())
+    formula = Formula(chosen.primitive, chosen.places, shape_gain)
+    family = formula.family
+    handicap = _HANDICAP.get(family.kind, 1.0)
+    if family.driver.memory:
+        handicap *= _MEMORY_HANDICAP
+    score = handicap * max(formula.gain, 0.8 * shape_gain)
+    return Option(formula, shape_gain, score, {d: shapes[d] for d in chosen.places})
+
+
+def _weight(formula: Formula) -> float:
+    return _WAVE_HANDICAP if formula.primitive.terms > 1 else 1.0
+
+
+def certainty(explained: Explained, base_error: Mapping[int, float]) -> float:
+    """
+    Chance that the largest share explained would come out of residuals moved in time.
+
+    The largest over all drives and all drivers is compared with the largest of each move.
+    """
+    shares, by_chance = [], []
+    for drive, rows in explained.items():
+        for shape, _ in rows:
+            shares.append(shape.gain / base_error[drive])
+            by_chance.append(shape.chance / base_error[drive])
+    if not shares:
+        return 1.0
+    highest = np.max(np.stack(by_chance), axis=0)
+    return float((1 + (highest >= max(shares)).sum()) / (1 + len(highest)))

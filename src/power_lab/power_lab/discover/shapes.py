@@ -1,0 +1,110 @@
+"""Smooth shapes over one driver: penalised splines beside the base model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects.fit.design import Linearisation
+from power_estimator.effects.fit.folds import FOLDS
+from power_estimator.effects.signals.prepared import Prepared
+
+from power_lab.discover.chance import by_chance
+from power_lab.discover.drivers import Family, driver_values, factor_values
+from power_lab.discover.problem import DriveProblem, Moments, price
+
+Floats = NDArray[np.float64]
+
+NODES = 33
+_SMOOTHING = tuple(10.0**k for k in range(-5, 3))
+_TAIL = 0.002  # of the samples, beyond the outermost nodes
+
+
+@dataclass(frozen=True)
+class LearnedShape:
+    """A shape of one family on one drive, with its held-out gain."""
+
+    family: Family
+    drive: int
+    nodes: Floats  # [K], values of the driver
+    share: Floats  # [K], of the samples near each node
+    coefficients: Floats  # [m + K], of the base and of the shape at the nodes
+    by_fold: Floats  # [F + 1, m + K]
+    penalty: Floats  # [K, K]
+    moments: Moments
+    gain: float  # W² by row, held out
+    chance: Floats  # W² by row [S], the same of the residual moved in time
+
+    @property
+    def values(self) -> Floats:
+        """The shape at its nodes [K]."""
+        return self.coefficients[-len(self.nodes) :]
+
+
+def hats(values: Floats, nodes: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Place left of each value [T] among evenly spaced nodes, and its distance in spacings."""
+    place = (values - nodes[0]) / (nodes[1] - nodes[0])
+    place = np.clip(place, 0.0, len(nodes) - 1.000001)
+    left = place.astype(np.intp)
+    return left, place - left
+
+
+def spread(values: Floats) -> Floats | None:
+    """Nodes over the values, None where they hardly vary."""
+    low, high = np.quantile(values, (_TAIL, 1.0 - _TAIL))
+    if not np.isfinite(high - low) or high - low < 1e-9 * max(abs(low), abs(high), 1e-6):
+        return None
+    return np.linspace(low, high, NODES)
+
+
+def instant(family: Family, point: Linearisation, drive: int) -> tuple[Floats, Floats]:
+    """Driver [T] and what its function is multiplied by, W per unit [T]."""
+    signals = point.signals
+    z = driver_values(family.driver, signals, drive)
+    weight = factor_values(family.factor, signals, drive) * np.ones(len(z))
+    if family.acts_on == 'torque':
+        weight = weight * price(point, drive)
+    return z, weight
+
+
+def learn(
+    problem: DriveProblem, family: Family, point: Linearisation, prepared: Prepared
+) -> LearnedShape | None:
+    """Learn the family's shape; its smoothness is that with the least held-out error."""
+    z, weight = instant(family, point, problem.drive)
+    nodes = spread(z)
+    if nodes is None:
+        return None
+    left, over = hats(z, nodes)
+    rows = np.arange(len(z))
+    columns = np.zeros((len(z), NODES))
+    columns[rows, left] = weight * (1.0 - over)
+    columns[rows, left + 1] += weight * over
+    share = np.bincount(left, minlength=NODES) / len(z)
+    columns = prepared.reduced(columns)
+    moments = problem.moments(columns)
+    curvature = np.diff(np.eye(NODES), n=2, axis=0)
+    bend = curvature.T @ curvature
+    own = moments.gram[-1][-NODES:, -NODES:]
+    unit = float(np.trace(own)) / NODES
+    if unit <= 0.0:
+        return None
+    best: tuple[float, Floats, Floats] | None = None
+    for smoothing in _SMOOTHING:
+        penalty = smoothing * unit * bend + 1e-6 * unit * np.eye(NODES)
+        solved = problem.solve(moments, penalty)
+        error = float(moments.error(solved[:FOLDS]).sum())
+        if best is None or error < best[0]:
+            best = (error, solved, penalty)
+    assert best is not None
+    return LearnedShape(
+        family=family,
+        drive=problem.drive,
+        nodes=nodes,
+        share=share,
+        coefficients=best[1][-1],
+        by_fold=best[1],
+        penalty=best[2],
+        moments=moments,
+        gain=problem.base_error - best[0] / moments.rows,
+        chance=by_chance(problem, columns, moments, [s * unit for s in _SMOOTHING], bend),
+    )
