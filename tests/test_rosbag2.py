@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 import yaml
 from power_recordings.alignment.align import load_aligned
+from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
 
 RECORDED = Path(__file__).resolve().parents[1] / 'bags' / 'walk_small'
+
+BURSTS = Path(__file__).parent / 'props' / 'bursts.py'
 
 pytestmark = pytest.mark.skipif(
     find_spec('rosbag2_py') is None, reason='no rosbag2: its tools come with ROS 2'
@@ -61,3 +64,23 @@ def test_a_network_is_trained_and_judged_on_a_bag_of_rosbag2(of_rosbag2, node_pr
     models = json.loads(table.read_text())['models']
     assert len(models) == 2
     assert all(set(model['types']) == {'KFE'} for model in models)
+
+
+def test_what_ros2_bag_record_lost_by_its_short_queue_is_told(node_process, tmp_path):
+    bag = tmp_path / 'bag'
+    recorder = node_process.ros2(
+        *('bag', 'record', '-s', 'mcap', '-o', str(bag), '--topics', '/drive_supply')
+    )
+    recorder.wait_for_output('Recording')
+    # A burst is longer than the queue of ten messages that rosbag2 has by default.
+    bursts = node_process.python(BURSTS)
+    recorder.wait_for_output("Subscribed to topic '/drive_supply'")
+    bursts.wait_for_output('sent (\\d+)')
+    recorder.stop()
+    sequence = Recording.open(bag).drive_supply().sequence.astype(np.int64)
+    steps = np.diff(sequence)
+    assert steps.max() > 1
+    found = {f.code: f.text for f in check_recording(Recording.open(bag)).findings}
+    missing, gaps = (steps - 1).sum(), (steps > 1).sum()
+    assert f'{missing} of {len(sequence) + missing} samples' in found['lost']
+    assert f'{gaps} gaps' in found['lost']

@@ -1,6 +1,9 @@
+import json
+
 import numpy as np
 import pytest
 from power_recordings.commands.import_logs import main
+from power_recordings.commands.info import main as info
 from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
 from table_log import MAP, csv, run, table
@@ -110,6 +113,28 @@ def test_clipped_frozen_and_broken_signals_are_found(tmp_path, walk):
         (jitter, 'jitter'),
     ):
         assert code in codes(change), code
+
+
+def test_samples_missing_from_sequence_are_counted_with_a_way_to_record_them(
+    tmp_path, walk, capsys
+):
+    source = walk(4.0)
+    source.drop_supply(np.r_[100:110, 500:503, 2000])  # 14 samples in 3 gaps, too short to be seen
+    bag = source.write(tmp_path / 'bag')
+    assert info([str(bag), '--json', str(tmp_path / 'info.json')]) == 0
+    said = capsys.readouterr().out
+    assert 'drive_supply: 14 of 4000 samples are missing in 3 gaps of sequence' in said
+    assert 'docs/rosbag2_qos.yaml' in said
+    assert 'zstd_fast' in said
+    (found,) = json.loads((tmp_path / 'info.json').read_text()).values()
+    assert found['lost'] == {'drive_supply': {'samples': 14, 'gaps': 3}}
+
+
+def test_a_whole_sequence_and_one_that_starts_anew_have_no_loss(tmp_path, walk):
+    whole, anew = walk(2.0), walk(2.0)
+    anew.sequence[1000:] -= 900
+    for name, source in (('whole', whole), ('anew', anew)):
+        assert 'lost' not in {f.code for f in checked(source.write(tmp_path / name))}
 
 
 def test_a_torque_that_is_a_current_is_shown_as_one(tmp_path, capsys):

@@ -1,7 +1,7 @@
 """Quality of a recording: a table by drive, and findings with the line of the map to mend."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
 from power_recordings.quality import physics
-from power_recordings.quality.clocks import clock_findings
+from power_recordings.quality.clocks import clock_findings, loss_findings
 from power_recordings.quality.findings import Finding, power_finding, velocity_finding
 from power_recordings.quality.streams import (
     LEAST_UPDATES,
+    SampleLoss,
     Timing,
     clipped,
     frozen,
+    sample_loss,
     timing,
     updates,
 )
@@ -65,6 +67,7 @@ class Quality:
     torque_at: Mapping[str, str]
     findings: tuple[Finding, ...]
     supply: SupplyLine | None = None  # robot's power over the sum of its drives'
+    lost: Mapping[str, SampleLoss] = field(default_factory=dict)  # of topics with a sequence
 
     def content(self) -> dict[str, Any]:
         """Return the figures as JSON has them."""
@@ -78,6 +81,10 @@ def check_recording(recording: Recording) -> Quality:
     for name in ('joint_states', 'joint_commands', 'drive_supply', 'supply'):
         if recording.has(name):
             topics[name] = timing(getattr(recording, name)().stamp_ns)
+    lost = {}
+    if 'drive_supply' in topics:
+        lost['drive_supply'] = sample_loss(recording.drive_supply().sequence)
+    counts = {name: timing.samples for name, timing in topics.items()}
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
     line = checker.supply()
@@ -86,8 +93,13 @@ def check_recording(recording: Recording) -> Quality:
         topics,
         drives,
         dict(recording.card.torque),
-        (*clock_findings(recording, topics), *checker.findings),
+        (
+            *clock_findings(recording, topics),
+            *loss_findings(lost, counts),
+            *checker.findings,
+        ),
         line,
+        lost,
     )
 
 

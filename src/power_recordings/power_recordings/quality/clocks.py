@@ -1,15 +1,18 @@
-"""Clocks of a recording: steps, gaps, jitter, and topics whose times do not meet."""
+"""Clocks of a recording: steps, gaps, losses, jitter, and topics whose times do not meet."""
 
 from collections.abc import Mapping
 from typing import Final
 
 from power_recordings.quality.findings import Finding
-from power_recordings.quality.streams import Timing
+from power_recordings.quality.streams import SampleLoss, Timing
 from power_recordings.reading.reader import Recording
 
 _GAPS: Final = 0.05  # share of the recording
 _JITTER: Final = 0.5  # of a period
 _MEETING: Final = 0.5  # share of the shorter topic
+_RECORD_WITH: Final = (
+    'record with power_daq record, or ros2 bag record by docs/rosbag2_qos.yaml and zstd_fast'
+)
 
 
 def clock_findings(recording: Recording, topics: Mapping[str, Timing]) -> list[Finding]:
@@ -36,6 +39,21 @@ def clock_findings(recording: Recording, topics: Mapping[str, Timing]) -> list[F
     if recording.has('joint_states') and recording.has(power):
         found += _apart(recording, power)
     return found
+
+
+def loss_findings(losses: Mapping[str, SampleLoss], counts: Mapping[str, int]) -> list[Finding]:
+    """Return a finding for each topic with lost samples; counts: samples that there are."""
+    return [
+        Finding(
+            'lost',
+            'warning',
+            '',
+            f'{name}: {loss.samples} of {counts[name] + loss.samples} samples are missing in '
+            f'{loss.gaps} gaps of sequence; {_RECORD_WITH}',
+        )
+        for name, loss in losses.items()
+        if loss.samples
+    ]
 
 
 def _apart(recording: Recording, power: str) -> list[Finding]:

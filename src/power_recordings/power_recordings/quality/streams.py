@@ -32,6 +32,21 @@ class Timing:
     gap_seconds: float
 
 
+@dataclass(frozen=True)
+class SampleLoss:
+    """Samples that a topic's sequence numbers miss, and the gaps that they are missing in."""
+
+    samples: int
+    gaps: int
+
+
+def sample_loss(sequence: NDArray[np.uint64]) -> SampleLoss:
+    """Return the loss of numbered samples [N]; a number that goes back is a new start, no loss."""
+    missing = np.diff(sequence.astype(np.int64)) - 1
+    missing = missing[missing > 0]
+    return SampleLoss(int(missing.sum()), len(missing))
+
+
 def timing(stamps: Stamps) -> Timing:
     """Return the timing of ascending stamps [N] in ns."""
     steps = np.diff(stamps) / 1e9
