@@ -47,6 +47,7 @@ NODES = {
     'motion': ('drive_bench', 2.0, ('{motion}',)),
 }
 """By name: package, the latest moment of a signal [s], arguments."""
+GOOD = ('in order', 'ended by Python')
 CHEAP = ('record', 'daq', 'supply')
 
 
@@ -108,7 +109,7 @@ def _how(node: str, number: int, code: int | None, output: str) -> str:
     if code is None:
         return 'hangs'
     if 'Traceback' in output or 'Fatal Python error' in output:
-        own = re.search(r'File "[^"]*/(src|site-packages/rclpy)/', output)
+        own = re.search(r'/wattwalk_core/wattwalk_core/|/site-packages/rclpy/', output)
         return 'traceback' if own else 'ended by Python'
     allowed = {0, 128 + number, -number}
     # A bag without a message is an error of its own.
@@ -210,7 +211,7 @@ def _print(nodes: list[str], endings: list[Ending]) -> int:
             ', '.join(f'{code}: {count}' for code, count in codes.most_common()),
         )
     Console(width=140).print(table)
-    wrong = [end for end in endings if end.how not in ('in order', 'ended by Python')]
+    wrong = [end for end in endings if end.how not in GOOD]
     for end in wrong:
         print(f'--- {end.node}, signal {end.signal} at {end.moment:.3f} s: {end.how}')
         print(end.output[-3000:])

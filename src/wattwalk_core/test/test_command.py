@@ -68,6 +68,48 @@ def test_a_signal_ends_a_command_after_its_finally_clauses_with_the_usual_code(n
     assert (process.returncode, out, err) == (128 + number, 'closed\n', '-c: interrupted\n')
 
 
+SWALLOWING = """
+import time
+print('ready', flush=True)
+try:
+    time.sleep(0.5)
+except BaseException:
+    pass
+print('imported', flush=True)
+"""
+LOSING = """
+import time
+class Slow:
+    def __del__(self):
+        print('ready', flush=True)
+        time.sleep(0.5)
+Slow()
+print('imported', flush=True)
+"""
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('where', ['imported', 'destructor'])
+def test_a_signal_that_an_import_or_a_destructor_would_lose_ends_a_command(
+    number, where, tmp_path
+):
+    (tmp_path / 'slow.py').write_text(SWALLOWING if where == 'imported' else '')
+    slow = 'import slow' if where == 'imported' else LOSING.replace('\n', '\n        ')
+    program = WAITING.replace("print('ready', flush=True)", slow)
+    process = subprocess.Popen(
+        [sys.executable, '-c', program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert process.stdout.readline() == 'ready\n'
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, err) == (128 + number, '-c: interrupted\n')
+    assert out.endswith('closed\n')
+
+
 def test_control_characters_of_bad_input_do_not_reach_the_terminal():
     assert str(InputError('no \x1b[31mname\nhere')) == r'no \x1b[31mname here'
     assert len(str(InputError('x' * 10_000))) < 1000
@@ -84,3 +126,42 @@ def test_ctrl_c_while_the_module_of_a_command_is_imported_ends_with_one_line():
     assert process.stdout.readline() == 'ready\n'
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=30)[1] == '-c: interrupted\n'
+
+
+def test_ctrl_c_that_an_extension_module_makes_an_import_error_of_ends_with_one_line():
+    importing = (
+        'import wattwalk_core.command, time; print("ready", flush=True)\n'
+        'try:\n    time.sleep(60)\n'
+        'except KeyboardInterrupt as error:\n'
+        '    raise ImportError("initialization failed") from error\n'
+    )
+    process = subprocess.Popen(
+        [sys.executable, '-c', importing],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline() == 'ready\n'
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=30)[1] == '-c: interrupted\n'
+    assert process.returncode == -signal.SIGINT
+
+
+def test_a_signal_in_the_interpreters_own_end_makes_no_traceback():
+    program = (
+        'import atexit, sys, time\nfrom wattwalk_core.command import command\n'
+        'def slow():\n    print("ending", flush=True)\n    time.sleep(60)\n'
+        'atexit.register(slow)\n'
+        '@command\ndef main(args):\n    return 0\n'
+        'sys.exit(main())\n'
+    )
+    process = subprocess.Popen(
+        [sys.executable, '-c', program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline() == 'ending\n'
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=30)[1] == ''
+    assert process.returncode == -signal.SIGINT

@@ -3,9 +3,9 @@
 import argparse
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from functools import wraps
-from types import TracebackType
 from typing import Final
 
 from wattwalk_core.errors import InputError
@@ -43,29 +43,26 @@ def command(
                     raise
                 number = signals.received
                 _say(_INTERRUPTED)
+            finally:
+                if args is None:
+                    _end_at_once_by_signals()
         return 128 + number
 
     return main
+
+
+def _end_at_once_by_signals() -> None:
+    """Let no signal raise in the interpreter's own end, where it makes a traceback."""
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, signal.SIG_DFL)
 
 
 def _say(message: object) -> None:
     """Print one line, in which control characters of names and files are escaped."""
     name = sys.argv[0].rsplit('/', 1)[-1]
     print(printable(f'{name}: {message}', _LONGEST), file=sys.stderr)
-
-
-def _on_uncaught(
-    kind: type[BaseException], error: BaseException, trace: TracebackType | None
-) -> None:
-    if issubclass(kind, KeyboardInterrupt):
-        _say(_INTERRUPTED)
-    else:
-        sys.__excepthook__(kind, error, trace)
-
-
-# Ctrl-C may come while the module of an entry point is still being imported.
-if sys.excepthook is sys.__excepthook__:
-    sys.excepthook = _on_uncaught
 
 
 def command_parser(name: str, description: str, epilog: str) -> argparse.ArgumentParser:

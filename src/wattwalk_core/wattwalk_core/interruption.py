@@ -5,6 +5,8 @@ import threading
 from types import FrameType
 from typing import Any, Final, Self
 
+from wattwalk_core.early import send_again
+
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -20,7 +22,9 @@ class RaisedSignals:
     """
     SIGINT and SIGTERM as the exception Interrupted, within a `with` block of the main thread.
 
-    received: the last one. In other threads the handlers stay as they are.
+    received: the last one. In other threads the handlers stay as they are. A signal that comes
+    while a module is imported is raised after the import: extension modules turn an exception
+    into an ImportError of their own, and callbacks of the import system lose it.
     """
 
     def __init__(self) -> None:
@@ -40,7 +44,19 @@ class RaisedSignals:
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         self.received = signal.Signals(number)
-        raise Interrupted(self.received)
+        if _importing(frame):
+            send_again(number)
+        else:
+            raise Interrupted(self.received)
+
+
+def _importing(frame: FrameType | None) -> bool:
+    """Tell whether a frame, or one that called it, is at work on an import."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith('<frozen importlib'):
+            return True
+        frame = frame.f_back
+    return False
 
 
 class DeferredSignals(RaisedSignals):

@@ -1,0 +1,57 @@
+"""Ctrl-C before a command is at work, and in destructors: one line instead of a traceback."""
+
+# The package imports this before all else, so few modules and none that are slow to import.
+import _thread
+import os
+import signal
+import sys
+import time
+from types import TracebackType
+
+_AGAIN = 0.02  # s
+
+
+def install() -> None:
+    """Take over the hooks for errors that nobody catches, where they are Python's own."""
+    if sys.excepthook is sys.__excepthook__:
+        sys.excepthook = _on_uncaught
+    if sys.unraisablehook is sys.__unraisablehook__:
+        sys.unraisablehook = _on_unraisable
+
+
+def send_again(number: int) -> None:
+    """Send this process a signal once more, a moment later."""
+    # A threading.Thread takes locks that the interrupted code may hold.
+    _thread.start_new_thread(_send_later, (number,))
+
+
+def _send_later(number: int) -> None:
+    time.sleep(_AGAIN)
+    os.kill(os.getpid(), number)
+
+
+def _on_uncaught(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    """Print one line for Ctrl-C, also where an extension module has made an error of it."""
+    if not _is_interrupt(error):
+        sys.__excepthook__(kind, error, trace)
+        return
+    print(f'{sys.argv[0].rsplit("/", 1)[-1]!a}: interrupted'.replace("'", ''), file=sys.stderr)
+    sys.stdout.flush()
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def _on_unraisable(ignored: 'sys.UnraisableHookArgs') -> None:
+    """Send Ctrl-C again where it came in a destructor or callback, in which it is lost."""
+    if isinstance(ignored.exc_value, KeyboardInterrupt):
+        send_again(getattr(ignored.exc_value, 'number', signal.SIGINT))
+    else:
+        sys.__unraisablehook__(ignored)
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
