@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 TORCH ?= torch==2.13.0
 PACKAGES := wattwalk_core power_recordings power_daq power_calibration sound_levels power_estimator \
-	policy_runner drive_bench sim_bridge power_lab policy_training
+	policy_runner drive_bench sim_bridge power_lab policy_training wattwalk_bringup
 STAMP := $(VENV)/.installed
 ROS := .ros
 ROS_VENV ?= $(ROS)/venv

@@ -1,0 +1,10 @@
+"""A real robot: DAQ, policy runner, estimator, recorder and bench supply."""
+
+from typing import Any
+
+from wattwalk_bringup.launch_files import describe
+
+
+def generate_launch_description() -> Any:
+    """Return the nodes and their arguments."""
+    return describe('robot')

@@ -1,0 +1,1 @@
+"""Brings up the nodes of a measured robot as one: launch files, and the command `live`."""

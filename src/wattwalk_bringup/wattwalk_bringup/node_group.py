@@ -1,0 +1,137 @@
+"""The nodes of a bring-up as child processes that live and end as one."""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from wattwalk_core.processes import ChildProcess, wait_until
+
+from wattwalk_bringup import tether
+from wattwalk_bringup.log_follower import LogFollower
+from wattwalk_bringup.node_set import NodeCommand
+
+PATIENCE: Final = ((signal.SIGINT, 12.0), (signal.SIGTERM, 4.0))
+"""Signals at the end, and the s that nodes have after each; then SIGKILL."""
+SOUND_ENDS: Final = (0, 128 + signal.SIGINT, -signal.SIGINT)
+_FIRST: Final = ('policy', 'recorder')
+"""Ended before the others: the last damping command is delivered, and is in the recording."""
+_CPU_PERIOD: Final = 2.0  # s
+
+
+class RunningNode:
+    """A node as a child process: its state, share of a core, and lines of its log."""
+
+    def __init__(self, command: NodeCommand, line: Sequence[str], folder: Path) -> None:
+        self.name = command.name
+        tethered = [sys.executable, '-SE', tether.__file__, str(os.getpid()), *line]
+        self.process = ChildProcess(tethered, folder / f'{command.name}.log')
+        self.log = LogFollower(self.process.log)
+        self.since = time.monotonic()
+        self.state = 'running'
+        self.cpu_share = 0.0
+        self._measured = (self.since, 0.0)
+
+    def update(self) -> list[str]:
+        """Look at the process; return the new lines of its log."""
+        now = time.monotonic()
+        code = self.process.returncode
+        if code is None:
+            before, used = self._measured
+            if now - before >= _CPU_PERIOD:
+                self._measured = (now, self.process.cpu_seconds())
+                self.cpu_share = (self._measured[1] - used) / (now - before)
+            return self.log.new_lines()
+        if self.state in ('running', 'ending'):
+            self.since, self.cpu_share = now, 0.0
+            self.state = f'ended, code {code}' if code in SOUND_ENDS else f'failed, code {code}'
+        return self.log.rest()
+
+    def begin_end(self) -> None:
+        """Ask the node to end."""
+        if self.process.running:
+            self.state, self.since = 'ending', time.monotonic()
+            self.process.interrupt()
+
+    def failure(self) -> str | None:
+        """Return one line about a node that has failed, None for others."""
+        code = self.process.returncode
+        if code is None or code in SOUND_ENDS:
+            return None
+        self.update()
+        return f'{self.name} failed with code {code}: {self.log.last or "no output"}'
+
+
+class NodeGroup:
+    """
+    Nodes that are started together and end together, the policy runner first.
+
+    look: called several times a second while nodes end.
+    """
+
+    def __init__(self, commands: Sequence[NodeCommand], folder: Path) -> None:
+        # All lines are made first: a package that is not installed starts nothing.
+        lines = [command.line() for command in commands]
+        self.nodes: list[RunningNode] = []
+        try:
+            for command, line in zip(commands, lines, strict=True):
+                self.nodes.append(RunningNode(command, line, folder))
+        except BaseException:
+            self.kill()
+            raise
+
+    @property
+    def ended(self) -> RunningNode | None:
+        """The first node that has ended, one that failed before others; None while all run."""
+        over = [node for node in self.nodes if not node.process.running]
+        return min(over, key=lambda node: node.failure() is None, default=None)
+
+    def failures(self) -> list[str]:
+        """Return one line about each node that has failed."""
+        return [text for node in self.nodes if (text := node.failure()) is not None]
+
+    def end(self, look: Callable[[], None]) -> None:
+        """End all nodes, within 48 s."""
+        for stage in self._stages():
+            for node in stage:
+                node.begin_end()
+            self._wait_for(stage, look)
+        look()
+
+    def _stages(self) -> Iterator[list[RunningNode]]:
+        for name in _FIRST:
+            yield [node for node in self.nodes if node.name == name]
+        yield [node for node in self.nodes if node.name not in _FIRST]
+
+    def _wait_for(self, stage: Sequence[RunningNode], look: Callable[[], None]) -> None:
+        def over() -> bool:
+            look()
+            return not any(node.process.running for node in stage)
+
+        for number, patience in PATIENCE:
+            if number != signal.SIGINT:
+                for node in stage:
+                    node.process.send_signal(number)
+            if wait_until(over, patience):
+                return
+        for node in stage:
+            node.process.kill()
+
+    def kill(self) -> None:
+        """End what still runs, without asking."""
+        for node in self.nodes:
+            node.process.kill()
+
+
+@contextmanager
+def started(commands: Sequence[NodeCommand], folder: Path) -> Iterator[NodeGroup]:
+    """Start nodes, whose logs go to a folder; at the end none runs."""
+    group = NodeGroup(commands, folder)
+    try:
+        yield group
+    finally:
+        group.kill()
