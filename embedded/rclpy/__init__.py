@@ -5,6 +5,7 @@ Same API, same wire: nodes see and are seen by ROS 2 Jazzy nodes on rmw_cycloned
 """
 
 from collections.abc import Sequence
+from types import TracebackType
 from typing import Any
 
 from rclpy.context import Context
@@ -23,6 +24,7 @@ from rclpy.utilities import (
 from rclpy.utilities import shutdown as _shutdown
 
 __all__ = [
+    'InitContextManager',
     'create_node',
     'get_default_context',
     'get_global_executor',
@@ -39,17 +41,41 @@ __all__ = [
 _executor: Any = None
 
 
+class InitContextManager:
+    """A context that was started; the end of its `with` block shuts it down."""
+
+    def __init__(self, context: Context, uninstalls_handlers: bool) -> None:
+        self.context = context
+        self._uninstalls_handlers = uninstalls_handlers
+
+    def __enter__(self) -> 'InitContextManager':
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        # The default context is replaced by a new one when it is shut down as such.
+        is_default = self.context is get_default_context()
+        try_shutdown(context=None if is_default else self.context)
+        if self._uninstalls_handlers:
+            uninstall_signal_handlers()
+
+
 def init(
     *,
     args: Sequence[str] | None = None,
     context: Context | None = None,
     domain_id: int | None = None,
     signal_handler_options: SignalHandlerOptions | None = None,
-) -> None:
+) -> InitContextManager:
     """
     Start a context, by default the default one, with the process's arguments.
 
     SIGINT and SIGTERM then shut it down, unless another context or other options are given.
+    `with rclpy.init():` shuts it down at the end of the block, as rclpy after Jazzy does.
     Raises RuntimeError where it was started before.
     """
     default = get_default_context()
@@ -61,6 +87,7 @@ def init(
             SignalHandlerOptions.ALL if is_default else SignalHandlerOptions.NO
         )
     install_signal_handlers(signal_handler_options)
+    return InitContextManager(chosen, signal_handler_options is not SignalHandlerOptions.NO)
 
 
 def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:

@@ -1,7 +1,8 @@
 """Nodes within one process: names, endpoints, services, life and death."""
 
+import signal
 import threading
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 
 import pytest
 import rclpy
@@ -226,3 +227,33 @@ def test_a_second_life_after_shutdown_works(ros):
         publisher.publish(String(data='x'))
         node.destroy_node()
     rclpy.uninstall_signal_handlers()
+
+
+def test_the_block_of_init_shuts_down_at_its_end_and_after_an_error(ros_domain):
+    for error in (None, KeyError):
+        start = rclpy.init(args=[])
+        if start is None:
+            rclpy.shutdown()
+            pytest.skip('init of rclpy 7.1 gives no context manager')
+        handler = signal.getsignal(signal.SIGINT)
+        with nullcontext() if error is None else pytest.raises(error), start:
+            node = Node('within')
+            assert rclpy.ok()
+            if error is not None:
+                raise error
+        assert not rclpy.ok()
+        assert signal.getsignal(signal.SIGINT) is not handler, 'the former handler is back'
+        with pytest.raises(NotInitializedException):
+            Node('late')
+        node.destroy_node()
+
+
+def test_the_block_of_init_may_hold_a_context_that_was_shut_down(ros_domain):
+    context = rclpy.context.Context()
+    start = rclpy.init(args=[], context=context)
+    if start is None:
+        context.shutdown()
+        pytest.skip('init of rclpy 7.1 gives no context manager')
+    with start:
+        context.shutdown()
+    assert not context.ok()

@@ -24,7 +24,7 @@ def describe(name: str) -> Any:
     from launch import LaunchDescription
     from launch.actions import DeclareLaunchArgument, OpaqueFunction
 
-    settings = Settings.load(name)
+    settings = Settings.shipped(name)
     declared = [
         DeclareLaunchArgument(
             argument.name,

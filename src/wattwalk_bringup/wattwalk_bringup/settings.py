@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal, Self
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
-from wattwalk_core.schema import Quantity, parse, schema
+from wattwalk_core.schema import Quantity, read, schema
 from wattwalk_core.yaml_file import read_yaml, shipped_file
 
 FOLDER: Final = Path(__file__).parent / 'config'
@@ -107,14 +107,24 @@ class Settings:
     def load(cls, source: str) -> Self:
         """Read a YAML file, or a shipped one by its name; InputError quotes what is amiss."""
         path = shipped_file(source, FOLDER, 'bring-up')
-        where = f'bring-up {path}'
-        return parse(cls, read_yaml(path, 'bring-up'), where)
+        return read(cls, path, 'bring-up')
+
+    @classmethod
+    def shipped(cls, name: str) -> Self:
+        """
+        Return shipped settings unchecked.
+
+        `ros2 launch` runs on the Python of ROS, which need not have pydantic.
+        """
+        return cls(**read_yaml(FOLDER / f'{name}.yaml', 'bring-up'))
 
     def changed(self, given: Mapping[str, str]) -> Self:
         """Return the settings with others by name, as text; InputError for a bad value."""
-        texts = {name: _value(name, text) for name, text in given.items()}
-        content = {**dataclasses.asdict(self), **texts}
-        return parse(type(self), content, 'bring-up')
+        hints = typing.get_type_hints(type(self), include_extras=True)
+        values: dict[str, Any] = {
+            name: _value(name, hints[name], text) for name, text in given.items()
+        }
+        return dataclasses.replace(self, **values)
 
 
 @dataclass(frozen=True)
@@ -147,14 +157,23 @@ def as_text(value: bool | float | str) -> str:
     return value if isinstance(value, str) else f'{value:g}'
 
 
-def _value(name: str, text: str) -> bool | float | str:
-    """Return the value of a text by the type of its setting; what does not fit stays text."""
-    kind = typing.get_type_hints(Settings)[name]
-    if kind is bool:
-        return {'true': True, 'false': False}.get(text.lower(), text)
-    if kind is float:
+def _value(name: str, hint: Any, text: str) -> bool | float | str:
+    """Return the value of a text by the type of its setting."""
+    choices = ('true', 'false') if hint.__origin__ is bool else _choices(hint)
+    if choices and text not in choices:
+        raise InputError(f'{name}: expected {" or ".join(choices)}, there is {quoted(text)}')
+    if hint.__origin__ is bool:
+        return text == 'true'
+    for quantity in (note for note in hint.__metadata__ if isinstance(note, Quantity)):
         try:
-            return float(text)
-        except ValueError:
-            return text
+            return quantity.check(_number(text))
+        except ValueError as error:
+            raise InputError(f'{name}: {error}') from None
     return text
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
