@@ -6,7 +6,7 @@ import sys
 import pytest
 from wattwalk_bringup.commands.live import main
 from wattwalk_bringup.node_set import NodeCommand, commands
-from wattwalk_bringup.settings import NODES, Settings, arguments, as_text
+from wattwalk_bringup.settings import NODES, BringupSettings, arguments, as_text
 from wattwalk_core.errors import InputError
 
 
@@ -24,22 +24,22 @@ def by_name(settings):
 
 @pytest.mark.parametrize('name', ['sim', 'robot'])
 def test_shipped_settings_are_sound_and_read_the_same_unchecked(name):
-    assert Settings.load(name) == Settings.shipped(name)
+    assert BringupSettings.load(name) == BringupSettings.shipped(name)
 
 
 def test_the_simulated_robot_needs_no_bench_supply_and_no_recorder(here):
-    assert [*by_name(Settings.load('sim'))] == ['sim', 'daq', 'policy', 'estimator']
+    assert [*by_name(BringupSettings.load('sim'))] == ['sim', 'daq', 'policy', 'estimator']
 
 
 def test_a_real_robot_does_not_walk_before_it_is_told_to():
-    found = by_name(Settings.load('robot'))
+    found = by_name(BringupSettings.load('robot'))
     assert [*found] == ['daq', 'policy']
     assert '--start' not in found['policy'].arguments
 
 
 def test_all_nodes_share_the_bus_and_the_card_tells_what_walked(here):
     given = {'channel': '/tmp/b', 'record': 'bag', 'supply': '10.0.0.2', 'policy': 'pmp'}
-    found = by_name(Settings.load('sim').changed({**given, 'card': 'unit=A policy="b c"'}))
+    found = by_name(BringupSettings.load('sim').changed({**given, 'card': 'unit=A policy="b c"'}))
     assert [*found] == [*NODES]
     assert found['sim'].parameters['channel'] == found['daq'].parameters['channel'] == '/tmp/b'
     assert found['sim'].remappings == {'supply': 'simulated_supply'}
@@ -55,7 +55,7 @@ def test_parameters_and_arguments_of_a_file_are_added_to_those_of_the_settings(h
         'parameters: {daq: {samples_per_message: 10, channel: can7}}\n'
         'arguments: {policy: [--trust-code]}\n'
     )
-    found = by_name(Settings.load(str(path)))
+    found = by_name(BringupSettings.load(str(path)))
     assert found['daq'].parameters == {
         'interface': 'socketcan',
         'channel': 'can7',
@@ -92,7 +92,7 @@ def test_a_package_that_is_not_there_is_named(monkeypatch):
 
 def test_rosbag2_gets_its_queues_and_compression(here, monkeypatch):
     monkeypatch.setenv('ROS_DISTRO', 'jazzy')
-    settings = Settings.load('sim').changed({'record': 'bag', 'recorder': 'rosbag2'})
+    settings = BringupSettings.load('sim').changed({'record': 'bag', 'recorder': 'rosbag2'})
     line = ' '.join(by_name(settings)['recorder'].arguments)
     assert '-s mcap --storage-preset-profile zstd_fast --qos-profile-overrides-path /' in line
     assert '--topics /drive_supply ' in line
@@ -147,7 +147,7 @@ def assert_one_line(capsys, said):
 
 def test_every_setting_can_be_given_as_its_text_and_has_a_description():
     for robot in ('sim', 'robot'):
-        settings = Settings.load(robot)
+        settings = BringupSettings.load(robot)
         known = [*arguments(settings.robot)]
         assert all(argument.description for argument in known)
         given = {a.name: as_text(getattr(settings, a.name)) for a in known}
@@ -160,8 +160,8 @@ def test_what_a_launch_file_reads_needs_only_what_the_python_of_ros_has(here):
         "sys.modules.update(dict.fromkeys(('pydantic', 'rich', 'numpy', 'rclpy', 'torch')))\n"
         'import wattwalk_bringup.launch_files\n'
         'from wattwalk_bringup.node_set import commands\n'
-        'from wattwalk_bringup.settings import Settings\n'
-        "settings = Settings.shipped('sim').changed({'start': 'false', 'record': 'bag'})\n"
+        'from wattwalk_bringup.settings import BringupSettings\n'
+        "settings = BringupSettings.shipped('sim').changed({'start': 'false', 'record': 'bag'})\n"
         'print(*(command.name for command in commands(settings)))\n'
     )
     run = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True)

@@ -9,7 +9,7 @@ from typing import Any, Final
 from wattwalk_bringup import tether
 from wattwalk_bringup.node_group import PATIENCE, SOUND_ENDS
 from wattwalk_bringup.node_set import NodeCommand, commands
-from wattwalk_bringup.settings import Settings, arguments, as_text
+from wattwalk_bringup.settings import BringupSettings, arguments, as_text
 
 _INTERRUPT, _TERMINATE = (str(seconds) for _, seconds in PATIENCE)
 _PREFIX: Final = f"'{sys.executable}' -SE '{tether.__file__}' {os.getpid()}"
@@ -24,7 +24,7 @@ def describe(name: str) -> Any:
     from launch import LaunchDescription
     from launch.actions import DeclareLaunchArgument, OpaqueFunction
 
-    settings = Settings.shipped(name)
+    settings = BringupSettings.shipped(name)
     declared = [
         DeclareLaunchArgument(
             argument.name,
@@ -37,7 +37,7 @@ def describe(name: str) -> Any:
     return LaunchDescription([*declared, OpaqueFunction(function=partial(_start, settings))])
 
 
-def _start(base: Settings, context: Any) -> list[Any]:
+def _start(base: BringupSettings, context: Any) -> list[Any]:
     from launch.substitutions import LaunchConfiguration
 
     given = {

@@ -15,7 +15,7 @@ from wattwalk_core.processes import ProcessError, find_program
 from wattwalk_core.quoting import quoted
 from wattwalk_core.yaml_file import read_yaml
 
-from wattwalk_bringup.settings import FOLDER, RANDOM, Settings
+from wattwalk_bringup.settings import FOLDER, RANDOM, BringupSettings
 
 QOS: Final = FOLDER / 'rosbag2_qos.yaml'
 _OTHER_TOPICS: Final = ('/cmd_vel', '/diagnostics')
@@ -62,7 +62,7 @@ class NodeCommand:
         )
 
 
-def commands(settings: Settings) -> tuple[NodeCommand, ...]:
+def commands(settings: BringupSettings) -> tuple[NodeCommand, ...]:
     """Return the commands of a bring-up's nodes; InputError for paths that cannot be used."""
     _check_paths(settings)
     made = {
@@ -76,7 +76,7 @@ def commands(settings: Settings) -> tuple[NodeCommand, ...]:
     return tuple(made[name](settings) for name in settings.nodes())
 
 
-def _check_paths(settings: Settings) -> None:
+def _check_paths(settings: BringupSettings) -> None:
     if settings.record and Path(settings.record).expanduser().exists():
         raise InputError(f'record: {quoted(settings.record)} exists; give a new folder')
     if settings.model.startswith('ppn:'):
@@ -91,7 +91,7 @@ def _check_paths(settings: Settings) -> None:
 
 
 def _command(
-    settings: Settings,
+    settings: BringupSettings,
     name: str,
     program: str,
     parameters: Mapping[str, Value] | None = None,
@@ -110,29 +110,29 @@ def _command(
     )
 
 
-def _bus(settings: Settings) -> dict[str, Value]:
+def _bus(settings: BringupSettings) -> dict[str, Value]:
     names = ('interface', 'channel', 'dbc', 'mapping')
     return {name: getattr(settings, name) for name in names}
 
 
-def _sim(settings: Settings) -> NodeCommand:
+def _sim(settings: BringupSettings) -> NodeCommand:
     parameters = {**_bus(settings), 'plant': settings.plant, 'terrain': settings.terrain}
     # The bench supply's readings take the place of the simulated ones.
     remapped = {'supply': 'simulated_supply'} if settings.supply else {}
     return _command(settings, 'sim', 'sim_bridge sim', parameters, remappings=remapped)
 
 
-def _daq(settings: Settings) -> NodeCommand:
+def _daq(settings: BringupSettings) -> NodeCommand:
     names = ('calibration', 'bus', 'drives')
     parameters = {**_bus(settings), **{name: getattr(settings, name) for name in names}}
     return _command(settings, 'daq', 'power_daq daq', parameters)
 
 
-def _supply(settings: Settings) -> NodeCommand:
+def _supply(settings: BringupSettings) -> NodeCommand:
     return _command(settings, 'supply', 'power_daq supply', {'host': settings.supply})
 
 
-def _policy(settings: Settings) -> NodeCommand:
+def _policy(settings: BringupSettings) -> NodeCommand:
     own = ['--policy', settings.policy]
     if settings.start:
         own.append('--start')
@@ -145,12 +145,12 @@ def _policy(settings: Settings) -> NodeCommand:
     return _command(settings, 'policy', 'policy_runner run', own=tuple(own))
 
 
-def _estimator(settings: Settings) -> NodeCommand:
+def _estimator(settings: BringupSettings) -> NodeCommand:
     parameters = {'model': settings.model}
     return _command(settings, 'estimator', 'power_estimator estimate', parameters)
 
 
-def _recorder(settings: Settings) -> NodeCommand:
+def _recorder(settings: BringupSettings) -> NodeCommand:
     if settings.recorder == 'rosbag2':
         topics = (*read_yaml(QOS, 'QoS'), *_OTHER_TOPICS)
         own = (
@@ -166,7 +166,7 @@ def _recorder(settings: Settings) -> NodeCommand:
     return _command(settings, 'recorder', 'power_daq record', own=own)
 
 
-def _card(settings: Settings) -> tuple[str, ...]:
+def _card(settings: BringupSettings) -> tuple[str, ...]:
     known = {'controller': settings.policy, 'calibration': settings.calibration}
     if settings.robot == 'simulated':
         known |= {'robot': settings.plant, 'terrain': settings.terrain}

@@ -29,7 +29,7 @@ class About:
 
 
 @schema
-class Settings:
+class BringupSettings:
     """
     The robot, the nodes brought up for it and what each is told.
 
@@ -139,7 +139,7 @@ class Argument:
 
 def arguments(robot: Robot | None = None) -> Iterator[Argument]:
     """Return the settings that may be arguments, all or those of one robot."""
-    for name, hint in typing.get_type_hints(Settings, include_extras=True).items():
+    for name, hint in typing.get_type_hints(BringupSettings, include_extras=True).items():
         for note in getattr(hint, '__metadata__', ()):
             if isinstance(note, About) and (robot is None or note.of in (None, robot)):
                 yield Argument(name, note.text, hint.__origin__ is bool, _choices(hint))

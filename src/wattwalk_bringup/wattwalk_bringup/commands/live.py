@@ -12,7 +12,7 @@ from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.interruption import DeferredSignals
 from wattwalk_core.quoting import printable
 
-from wattwalk_bringup.settings import Settings, arguments
+from wattwalk_bringup.settings import BringupSettings, arguments
 
 _PERIOD = 0.25  # s
 _EPILOG = """\
@@ -33,11 +33,11 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run all nodes until Ctrl-C, the end of the duration or of a node; 1 if one failed."""
     options = _parse(own_arguments(args))
     given = {name: text for name, text in vars(options).items() if text is not None}
-    settings = Settings.load(given.pop('config')).changed(given)
+    settings = BringupSettings.load(given.pop('config')).changed(given)
     return _run(settings)
 
 
-def _run(settings: Settings) -> int:
+def _run(settings: BringupSettings) -> int:
     from wattwalk_bringup.display import display
     from wattwalk_bringup.node_group import started
     from wattwalk_bringup.node_set import commands
