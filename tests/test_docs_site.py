@@ -1,6 +1,8 @@
 """The documentation site builds, loads nothing from a network and agrees with the code."""
 
 import html
+import importlib
+import json
 import os
 import re
 import subprocess
@@ -115,3 +117,75 @@ def test_a_page_of_every_kind_is_in_the_navigation(site):
         assert pages
         front = (site / 'index.html').read_text(encoding='utf-8')
         assert all(f'{folder}/{page}.html' in front for page in pages), folder
+
+
+def words_of_page(title):
+    """Keys that a section of the page of JSON keys names."""
+    text = (ROOT / 'docs' / 'reference' / 'json.md').read_text(encoding='utf-8')
+    section = text.split(f'<!-- keys: {title} -->')[1].split('\n## ')[0]
+    return {word for code in re.findall(r'`([^`]+)`', section) for word in code.split('.')}
+
+
+NAMED = {'topics', 'streams', 'shape', 'bounds', 'error_by_shift', 'gain'}
+"""Keys whose entries go by names or values, not by keys."""
+
+
+def keys_of(content):
+    """All keys of a JSON value but names of drives, paths, topics and the like."""
+    if isinstance(content, list):
+        return set().union(*map(keys_of, content))
+    if not isinstance(content, dict):
+        return set()
+    found = {key for key in content if re.fullmatch(r'[a-z][a-z0-9_]*', key)}
+    for key, value in content.items():
+        inner = value.values() if key in NAMED and isinstance(value, dict) else [value]
+        found |= set().union(*map(keys_of, inner))
+    return found
+
+
+WALK = str(ROOT / 'bags' / 'walk_small')
+KNEE = ('--drives', 'LF_KFE', 'RF_KFE')
+
+
+FIT = (WALK, *KNEE, '--effects', 'shaft,copper_loss,idle', '-o')
+
+
+@pytest.fixture(scope='module')
+def base(tmp_path_factory):
+    """Model file of two knees."""
+    from power_lab.commands import fit
+
+    file = tmp_path_factory.mktemp('model') / 'base.yaml'
+    assert fit.main([*FIT, str(file)]) == 0
+    return str(file)
+
+
+@pytest.mark.parametrize(
+    ('title', 'command', 'arguments'),
+    [
+        ('info', 'power_recordings.commands.info', (WALK,)),
+        ('sync', 'power_calibration.commands.sync', (WALK, *KNEE)),
+        (
+            'benchmark',
+            'power_estimator.commands.benchmark',
+            (WALK, '--models', f'ppn:{ROOT / "bags" / "ppn_small"}'),
+        ),
+        ('fit', 'power_lab.commands.fit', (*FIT, 'again.yaml')),
+        ('compare', 'power_lab.commands.compare', (WALK, *KNEE, '--models', 'base.yaml')),
+        (
+            'add',
+            'power_lab.commands.add',
+            ('viscous_friction', *KNEE, '--to', 'base.yaml', '--bag', WALK, '-o', 'better.yaml'),
+        ),
+    ],
+)
+def test_every_key_of_a_real_result_is_on_the_page(
+    title, command, arguments, base, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    given = [base if word == 'base.yaml' else word for word in arguments]
+    assert importlib.import_module(command).main([*given, '--json', 'result.json']) == 0
+    result = json.loads((tmp_path / 'result.json').read_text(encoding='utf-8'))
+    keys = keys_of(result)
+    assert len(keys) > 4
+    assert keys <= words_of_page(title)

@@ -21,11 +21,13 @@ from sim_bridge.plant.parameters import Plant
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.command import command
 
-RATE = 20.0  # frames per second
-START, LENGTH = 4.0, 6.0  # s; the robot stands up and gains speed before
-WINDOW = 3.0  # s of power in view
-ROBOT = (440, 520)  # pixels, height and width
+STRIDE = 1.0 / 1.7  # s, of the shipped policies
+STRIDES, FRAMES = 10, 96  # in a loop
+START = 4.0  # s; the robot stands up and gains speed before
+WINDOW = 2.0  # s of power in view
+ROBOT = (400, 480)  # pixels, height and width
 COLOURS = {'HAA': '#0072b2', 'HFE': '#d55e00', 'KFE': '#009e73'}  # Okabe-Ito
+PLACES = {'HAA': 'hip, sideways', 'HFE': 'hip, forward', 'KFE': 'knee'}
 Image = NDArray[np.uint8]
 
 
@@ -47,8 +49,8 @@ def robot_images(qpos: NDArray[np.float64]) -> Iterator[Image]:
         name='tiles',
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.86, 0.88, 0.89],
-        rgb2=[0.78, 0.81, 0.83],
+        rgb1=[0.84, 0.86, 0.88],
+        rgb2=[0.72, 0.75, 0.78],
         width=256,
         height=256,
     )
@@ -69,8 +71,8 @@ def robot_images(qpos: NDArray[np.float64]) -> Iterator[Image]:
             geom.rgba = [0.24, 0.27, 0.30, 1.0]
     model = spec.compile()
     model.vis.global_.offwidth, model.vis.global_.offheight = ROBOT[1], ROBOT[0]
-    model.vis.headlight.ambient[:] = 0.45
-    model.vis.headlight.diffuse[:] = 0.35
+    model.vis.headlight.ambient[:] = 0.38
+    model.vis.headlight.diffuse[:] = 0.22
     model.vis.map.zfar = 40.0
     data = mujoco.MjData(model)
     camera = mujoco.MjvCamera()
@@ -102,38 +104,37 @@ def frames(walk: Recording, model: str) -> Iterator[Image]:
     measured = by_type(data, data.power)
     estimated = by_type(data, load_model(model).predict(data))
     time = data.time - data.time[0]
-    shown = START + np.arange(int(LENGTH * RATE)) / RATE
+    shown = START + np.arange(FRAMES) * STRIDES * STRIDE / FRAMES
     images = robot_images(poses(walk, data.time[0] + shown))
-    figure = plt.figure(figsize=(10.4, 4.4), dpi=100, facecolor='white')
+    figure = plt.figure(figsize=(9.6, 4.0), dpi=100, facecolor='white')
     left = figure.add_axes((0.0, 0.0, 0.5, 1.0))
     left.axis('off')
     canvas = left.imshow(np.full((*ROBOT, 3), 255, np.uint8))
-    axes = figure.add_axes((0.565, 0.135, 0.345, 0.665))
-    axes.set(xlim=(-WINDOW, 0.0), ylim=(-60, 440), xlabel='s', ylabel='W, four drives each')
-    axes.spines[['top', 'right']].set_visible(False)
-    axes.grid(axis='y', alpha=0.25)
-    lines, dots, labels = {}, {}, {}
-    for kind, colour in COLOURS.items():
-        (lines[kind],) = axes.plot([], [], color=colour, linewidth=1.8)
-        (dots[kind],) = axes.plot([], [], color='black', linewidth=0.9, linestyle=(0, (2, 2)))
-        labels[kind] = axes.text(0.06, 0.0, '', color=colour, fontsize=11, weight='bold')
-    total = figure.text(0.565, 0.885, '', fontsize=19, weight='bold', color='#24292f')
-    figure.text(0.565, 0.835, 'solid: metered at 1 kHz    dashed: estimated by the network',
-                fontsize=9, color='#57606a')  # fmt: skip
+    total = figure.text(0.56, 0.895, '', fontsize=18, weight='bold', color='#24292f')
+    legend = 'solid: metered at 1 kHz   dashed: estimated by the network'
+    figure.text(0.56, 0.835, legend, fontsize=8.5, color='#57606a')
+    lines, dashes, labels = {}, {}, {}
+    for row, (kind, colour) in enumerate(COLOURS.items()):
+        axes = figure.add_axes((0.56, 0.565 - 0.235 * row, 0.3, 0.205))
+        axes.set(xlim=(-WINDOW, 0.0), ylim=(0.0, 320.0), yticks=(0, 150, 300), xticks=(-2, -1, 0))
+        axes.tick_params(labelsize=8, labelbottom=row == 2)
+        axes.spines[['top', 'right']].set_visible(False)
+        axes.grid(axis='y', alpha=0.3)
+        (lines[kind],) = axes.plot([], [], color=colour, linewidth=2.2)
+        (dashes[kind],) = axes.plot([], [], color='black', linewidth=0.9, dashes=(2, 2))
+        place = {'transform': axes.transAxes, 'color': colour, 'weight': 'bold', 'va': 'center'}
+        labels[kind] = axes.text(1.03, 0.62, '', fontsize=11, **place)
+        axes.text(1.03, 0.3, PLACES[kind], fontsize=8, **{**place, 'weight': 'normal'})
+    axes.set_xlabel('time in s, power in W of four drives each', fontsize=8.5, color='#57606a')
     for now, image in zip(shown, images, strict=True):
         canvas.set_data(image)
         seen = (time > now - WINDOW) & (time <= now)
-        places = {}
+        stride = (time > now - STRIDE) & (time <= now)
         for kind in COLOURS:
             lines[kind].set_data(time[seen] - now, measured[kind][seen])
-            dots[kind].set_data(time[seen] - now, estimated[kind][seen])
-            places[kind] = np.mean(measured[kind][seen][-40:])
-        lowest = -np.inf
-        for kind in sorted(places, key=places.__getitem__):
-            lowest = max(places[kind], lowest + 34.0)
-            labels[kind].set_position((0.06, lowest))
-            labels[kind].set_text(f'{kind} {places[kind]:.0f} W')
-        power = sum(measured[kind][seen][-200:].mean() for kind in COLOURS)
+            dashes[kind].set_data(time[seen] - now, estimated[kind][seen])
+            labels[kind].set_text(f'{kind} {measured[kind][stride].mean():.0f} W')
+        power = sum(measured[kind][stride].mean() for kind in COLOURS)
         total.set_text(f'12 drives: {power:.0f} W')
         figure.canvas.draw()
         yield np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
@@ -154,7 +155,7 @@ def main(args: Sequence[str] | None = None) -> None:
     mpl.use('Agg')
     run = walking_run(
         Plant.load('anymal_c'),
-        duration=START + LENGTH + 0.5,
+        duration=START + STRIDES * STRIDE + 0.5,
         seed=5,
         controller=options.policy,
         velocity=(0.6, 0.0, 0.0),
@@ -165,11 +166,10 @@ def main(args: Sequence[str] | None = None) -> None:
         options.output,
         save_all=True,
         append_images=pictures[1:],
-        duration=round(1000 / RATE),
+        duration=round(1000 * STRIDES * STRIDE / FRAMES),
         loop=0,
-        quality=62,
-        method=6,
-        minimize_size=False,
+        quality=45,
+        method=4,
     )
     print(
         f'{options.output}: {len(pictures)} frames, {options.output.stat().st_size / 1e6:.2f} MB'
