@@ -110,3 +110,14 @@ def test_only_measured_drives_are_prepared():
     prepared = prepare(replace(data, power=power))
     assert prepared.names == ('b_hip',)
     assert prepared.seconds == pytest.approx(len(prepared.time) / REDUCED_RATE)
+
+
+def test_an_unknown_value_is_unknown_in_just_those_reduced_values_that_it_counts_in():
+    values = np.ones((4000, 2))
+    values[2000, 1] = np.nan
+    reducer = Reducer(RATE, (slice(0, 4000),))
+    found = reducer.reduce(values)
+    near = np.abs(reducer.centres() - 2000) / RATE <= 0.2
+    assert np.isnan(found[near, 1]).mean() > 0.9
+    assert found[~near, 1] == pytest.approx(1.0)
+    assert found[:, 0] == pytest.approx(1.0)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from power_estimator.effects.fit.fitter import Blocks
+from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.signals.prepared import prepare
 from power_lab.compare.regimes import Regime, bins, worst_regimes

@@ -15,6 +15,9 @@ Floats = NDArray[np.float64]
 Shape = Mapping[str, float]
 
 
+_ROWS = 20_000  # that quantiles are taken of
+
+
 @dataclass(frozen=True)
 class Term:
     """
@@ -121,14 +124,20 @@ class Effect(ABC):
 def log_speed(velocity: Floats) -> Floats:
     """Return the logarithm of the speed over its maximum, as a small change of an exponent."""
     speed = np.abs(velocity)
-    top = np.maximum(np.quantile(speed, 0.995, axis=0), STANDSTILL)
+    top = np.maximum(_top(speed), STANDSTILL)
     return np.log(np.clip(speed / top, 0.01, None))
 
 
 def share_of_top(values: Floats) -> Floats:
     """Return the magnitude over its maximum, 0 to about 1."""
     size = np.abs(values)
-    return size / np.maximum(np.quantile(size, 0.995, axis=0), 1e-9)
+    return size / np.maximum(_top(size), 1e-9)
+
+
+def _top(sizes: Floats) -> Floats:
+    """Return the 99.5 % quantile of each column of sizes, of every so many rows."""
+    every = max(1, len(sizes) // _ROWS)
+    return np.asarray(np.quantile(sizes[::every], 0.995, axis=0))
 
 
 def smooth_sign(velocity: Floats, standstill: Floats | float = STANDSTILL) -> Floats:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.drive_types import infer_types
 from power_estimator.effects import Catalogue
-from power_estimator.effects.fit.fitter import Blocks, measurement_terms
+from power_estimator.effects.fit.blocks import Blocks
+from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.folds import FOLDS, Folds
 from power_estimator.effects.fit.training import Material, material
 from power_estimator.effects.model_file.model import EffectModel

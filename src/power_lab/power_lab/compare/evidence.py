@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from power_estimator.effects.fit.blocks import modelled
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.fitter import Fit, Fitter, Normal
 from power_estimator.effects.fit.folds import FOLDS, LEAST_MSE, Folds
@@ -51,8 +52,12 @@ class Examiner:
 
     def examine(self, fit: Fit, names: Sequence[str] = ()) -> Evidence:
         """Held-out errors with the fit's delay and shapes, all coefficients refitted per fold."""
-        coefficients = self.fitter.solve(fit.design, fit.normal, fit.weights, self.folds.training)
-        return Evidence(fit, coefficients, self.block_mse(fit.normal, coefficients), tuple(names))
+        linear = self.fitter.linear(fit)
+        coefficients = self.fitter.solve(
+            linear.design, linear.normal, fit.weights, self.folds.training, fit.coefficients
+        )
+        mse = self.block_mse(linear.normal, coefficients)
+        return Evidence(fit, coefficients, mse, tuple(names))
 
     def block_mse(self, normal: Normal, coefficients: Floats) -> Floats:
         """W² [B, D] of each block with its own fold's coefficients [F, D, m]."""
@@ -67,11 +72,12 @@ class Examiner:
         NaN as well where signals are unresolved, unless all_rows.
         """
         fit, blocks = evidence.fit, self.fitter.blocks
-        out = np.full(fit.target.shape, np.nan)
+        linear = self.fitter.linear(fit)
+        out = np.full(linear.target.shape, np.nan)
         for fold in range(FOLDS):
             rows = blocks.rows[self.folds.test == fold].ravel()
-            model = np.einsum('ndm,dm->nd', fit.design.columns[rows], evidence.coefficients[fold])
-            out[rows] = fit.target[rows] - model
+            model = modelled(linear.design.columns[rows], evidence.coefficients[fold])
+            out[rows] = linear.target[rows] - model
         prepared = self.fitter.prepared
         counts = prepared.measured & (all_rows | prepared.resolved)
         return np.where(counts, out, np.nan)

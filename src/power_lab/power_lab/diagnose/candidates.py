@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue, Effect, Signals, Term
-from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened
+from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened, Trial
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter
 from power_estimator.effects.fit.whole_robot import shared_by_size
@@ -46,10 +46,9 @@ def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Ac
 
 def best_shapes(screener: CandidateScreener) -> dict[str, Screened]:
     """For each effect the screening of its best shape."""
-    best: dict[str, Screened] = {}
-    for active in screener.candidates:
-        screened = screener.screen([active])
-        known = best.get(active.name)
-        if known is None or screened.training_error < known.training_error:
-            best[active.name] = screened
-    return best
+    best: dict[str, Trial] = {}
+    for trial in screener.fitted([[active] for active in screener.candidates]):
+        name = trial.actives[0].name
+        if name not in best or trial.error < best[name].error:
+            best[name] = trial
+    return dict(zip(best, screener.tested(list(best.values())), strict=True))

@@ -46,6 +46,7 @@ The last effect to join must explain this share of what was still to be explaine
 what is left is large enough to be an unmodelled effect, which a wrong name explains in part.
 """
 _FINALISTS, _EXTRAS, _SWAPS = 6, 3, 2
+_TESTED_SWAPS = 20  # of those that fit best, on held-out data
 _LARGEST_SWAP, _LATE_EXTRAS = 3, 2  # sets beyond this size grow by the best candidates only
 MOST_RIVALS = 3
 """That a further effect may have."""
@@ -63,6 +64,9 @@ class Candidate:
     active: Active
     evidence: Evidence
     gain: Floats  # W² [D], held-out
+    columns: NDArray[np.float32]  # [N, D, n], of its coefficients
+    intervals: Floats  # [D, n, 2], of its coefficients
+    explained: NDArray[np.float32]  # W [N, D], that the base's residual has more than its own
 
 
 @dataclass(frozen=True)
@@ -182,11 +186,19 @@ class Diagnoser:
         self, none: Evidence, screener: CandidateScreener, found: dict[str, Screened]
     ) -> tuple[Candidate, ...]:
         order = sorted(found.values(), key=lambda screened: screened.loss)
+        residual = none.fit.residual()
         out = []
         for rank, screened in enumerate(order):
             active = screened.actives[0]
             evidence = self.added(none.fit, (active,), 3 if rank < _FINALISTS else 1)
-            out.append(Candidate(active.name, active, evidence, none.mean_mse - evidence.mean_mse))
+            fit, gain = evidence.fit, none.mean_mse - evidence.mean_mse
+            place = fit.structure.columns_of(active.name)
+            columns = fit.design.columns[..., place].astype(np.float32)
+            intervals = self.fitter.intervals(fit, self.seed)[:, place]
+            explained = (residual - fit.residual()).astype(np.float32)
+            out.append(
+                Candidate(active.name, active, evidence, gain, columns, intervals, explained)
+            )
         return tuple(sorted(out, key=lambda c: float(c.evidence.loss.mean())))
 
     def added(self, start: Fit, actives: Sequence[Active], iterations: int = 3) -> Evidence:
@@ -289,10 +301,9 @@ class Diagnoser:
             for subset in itertools.combinations(names, size)
             if len(set(subset) - set(best.names)) == 2
         ]
-        screened = [
-            screener.screen([found[name].actives[0] for name in subset]) for subset in swaps
-        ]
-        screened.sort(key=lambda one: one.loss)
+        trials = screener.fitted([[found[name].actives[0] for name in each] for each in swaps])
+        trials.sort(key=lambda trial: trial.error)
+        screened = sorted(screener.tested(trials[:_TESTED_SWAPS]), key=lambda one: one.loss)
         return sets + [one.actives for one in screened[:_SWAPS]]
 
     def _judge(

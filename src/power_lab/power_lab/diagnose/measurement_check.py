@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects.fit.candidate_screener import CandidateScreener
-from power_estimator.effects.fit.fitter import Fit
+from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
@@ -66,7 +65,7 @@ class MeasurementTerm:
 
 def check_measurement(
     diagnosis: Diagnosis,
-    screener: CandidateScreener,
+    fitter: Fitter,
     model: EffectModel,
     *,
     other_recording: bool,
@@ -75,14 +74,14 @@ def check_measurement(
     """
     The terms of the best fit with 95 % intervals, by name.
 
-    screener holds the best fit's own columns. With other_recording, a change of the idle draw
+    With other_recording, a change of the idle draw
     against the model's counts as current offset: at one bus voltage they are the same.
     """
-    fit, fitter = diagnosis.best.fit, screener.fitter
+    fit = diagnosis.best.fit
     prepared = fitter.prepared
     intervals = fitter.intervals(fit, seed)
     found: dict[str, MeasurementTerm] = {}
-    delays = _delays(screener, seed)
+    delays = np.quantile(fitter.delay_draws(fit, _DRAWS, seed), [0.025, 0.975])
     rate = np.gradient(prepared.power_at(fit.delay), axis=0) * REDUCED_RATE
     slope = np.sqrt(np.nanmean(np.square(rate), axis=0))
     found['time_offset'] = _term(
@@ -160,15 +159,3 @@ def _against_idle(
                 bounds[drive] += change + np.array([-spread, spread])
                 break
     return values, bounds
-
-
-def _delays(screener: CandidateScreener, seed: int) -> Floats:
-    random = np.random.default_rng(seed)
-    count = len(screener.fitter.blocks.starts)
-    size = min(5, count)
-    drawn = np.zeros((_DRAWS, count))
-    for row in drawn:
-        starts = random.integers(0, count - size + 1, -(-count // size))
-        np.add.at(row, (starts[:, None] + np.arange(size)).ravel(), 1.0)
-    delays = np.array([screener.delay(weights) for weights in drawn])
-    return np.quantile(delays, [0.025, 0.975])

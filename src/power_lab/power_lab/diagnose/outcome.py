@@ -7,10 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue, Signals
-from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.fitter import measurement_terms
-from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.fit.training import LEAST_SECONDS, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.model import PowerModel
@@ -185,17 +183,14 @@ def diagnose(
 
     known = {entry.get('sha256') for entry in model.fitted_on}
     other = not seen and not any(entry['sha256'] in known for entry in loaded.identities)
-    screener = CandidateScreener(fitter, Folds.of(fitter.blocks), diagnosis.best.fit, ())
-    rows = _rows(diagnosis, diagnoser, seed)
+    rows = _rows(diagnosis, diagnoser)
     return Outcome(
         model=model,
         loaded=loaded,
         diagnoser=diagnoser,
         diagnosis=diagnosis,
         rows=rows,
-        measurement=check_measurement(
-            diagnosis, screener, model, other_recording=other, seed=seed
-        ),
+        measurement=check_measurement(diagnosis, fitter, model, other_recording=other, seed=seed),
         regimes=regimes_of(diagnosis.best),
         base_regimes=regimes_of(diagnosis.base),
         motion=_motion(diagnosis, rows, catalogue, own.prepared.signals),
@@ -204,7 +199,7 @@ def diagnose(
     )
 
 
-def _rows(diagnosis: Diagnosis, diagnoser: Diagnoser, seed: int) -> tuple[Row, ...]:
+def _rows(diagnosis: Diagnosis, diagnoser: Diagnoser) -> tuple[Row, ...]:
     fitter = diagnoser.fitter
     power = fitter.prepared.power_at(0.0)
     variance = np.nansum(np.nanvar(power, axis=0))
@@ -217,9 +212,8 @@ def _rows(diagnosis: Diagnosis, diagnoser: Diagnoser, seed: int) -> tuple[Row, .
         columns = fit.structure.columns_of(candidate.name)
         drive = int(np.argmax(candidate.gain / np.square(diagnosis.floor)))
         values = fit.coefficients[:, columns]
-        lead = int(np.argmax(np.abs(values[drive]) * _column_size(candidate, drive, columns)))
-        intervals = fitter.intervals(fit, seed)[:, columns]
-        bounds = intervals[drive, lead]
+        lead = int(np.argmax(np.abs(values[drive]) * _column_size(candidate, drive)))
+        bounds = candidate.intervals[drive, lead]
         term = candidate.active.effect.terms[lead]
         after = np.sqrt(np.sum(candidate.evidence.mean_mse))
         out.append(
@@ -232,7 +226,7 @@ def _rows(diagnosis: Diagnosis, diagnoser: Diagnoser, seed: int) -> tuple[Row, .
                 unit=term.unit,
                 coefficient=float(values[drive, lead]),
                 interval=(float(bounds[0]), float(bounds[1])),
-                could_hide_w=_could_hide(candidate, intervals),
+                could_hide_w=_could_hide(candidate),
                 in_confidence_set=candidate.name in diagnosis.in_set,
                 drive=fitter.prepared.names[drive],
                 shape=candidate.active.parameters,
@@ -247,34 +241,29 @@ def _rows(diagnosis: Diagnosis, diagnoser: Diagnoser, seed: int) -> tuple[Row, .
     return tuple(out)
 
 
-def _column_size(candidate: Candidate, drive: int, columns: Sequence[int]) -> Floats:
-    used = candidate.evidence.fit.design.columns[:, drive, columns]
-    size: Floats = np.sqrt(np.mean(np.square(used), axis=0))
+def _column_size(candidate: Candidate, drive: int) -> Floats:
+    size: Floats = np.sqrt(np.mean(np.square(candidate.columns[:, drive]), axis=0))
     return size
 
 
-def _could_hide(candidate: Candidate, intervals: Floats) -> float:
-    """W rms on the drive where most of the effect may be, at the interval's end [D, n, 2]."""
-    fit = candidate.evidence.fit
-    used = fit.design.columns[..., fit.structure.columns_of(candidate.name)]
-    ends = np.einsum('ndk,dke->nde', used, np.nan_to_num(intervals))
-    return float(np.sqrt(np.nanmean(np.square(ends), axis=0)).max())
+def _could_hide(candidate: Candidate) -> float:
+    """W rms on the drive where most of the effect may be, at the interval's end."""
+    ends = np.nan_to_num(candidate.intervals)
+    used = [candidate.columns[:, drive] @ own for drive, own in enumerate(ends)]
+    return float(np.sqrt([np.nanmean(np.square(own), axis=0) for own in used]).max())
 
 
 def _families(diagnosis: Diagnosis) -> dict[str, str]:
     """Effects that explain the same in this recording, joined by slashes."""
     names = [candidate.name for candidate in diagnosis.singles]
-    base = diagnosis.base.fit.residual()
-    explained = [
-        (base - candidate.evidence.fit.residual()).ravel() for candidate in diagnosis.singles
-    ]
-    size = [float(np.linalg.norm(np.nan_to_num(part))) for part in explained]
+    explained = [np.nan_to_num(candidate.explained).ravel() for candidate in diagnosis.singles]
+    size = [float(np.linalg.norm(part)) for part in explained]
     tied = {name: {name} for name in names}
     for a in range(len(names)):
         for b in range(a):
             if min(size[a], size[b]) < _TOO_LITTLE * max(size):
                 continue
-            dot = float(np.nansum(explained[a] * explained[b]))
+            dot = float(explained[a] @ explained[b])
             if dot / (size[a] * size[b]) > _TIED:
                 tied[names[a]].add(names[b])
                 tied[names[b]].add(names[a])

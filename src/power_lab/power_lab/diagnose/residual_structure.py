@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects.fit.fitter import Blocks
+from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.folds import FOLDS, Folds
 from power_estimator.effects.signals.prepared import Prepared
 from scipy.signal import periodogram

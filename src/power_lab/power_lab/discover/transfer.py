@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.design import Active
-from power_estimator.effects.fit.fitter import Blocks
 from power_estimator.effects.fit.training import Material, fit_model
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import prepare

@@ -11,15 +11,21 @@ _TOLERANCE = 1e-9
 
 
 def bounded_solve(
-    gram: Floats, moment: Floats, lower: Floats, upper: Floats, ridge: Floats | None = None
+    gram: Floats,
+    moment: Floats,
+    lower: Floats,
+    upper: Floats,
+    ridge: Floats | None = None,
+    near: Floats | None = None,
 ) -> Floats:
     """
     Minimise x'·gram·x/2 − moment'·x with lower ≤ x ≤ upper for each problem of a batch.
 
     gram [B, m, m], moment [B, m], lower, upper and ridge [m] or [B, m] → x [B, m]. ridge is added
-    to the diagonal (the weight of a prior around zero). Block principal pivoting on scaled
-    columns, then Murty's rule of one index at a time; what does not settle goes to scipy's
-    lsq_linear.
+    to the diagonal (the weight of a prior around zero). near, [m] or [B, m], is the solution of a
+    similar problem: the search for the bounds that hold begins at those that hold there. Block
+    principal pivoting on scaled columns, then Murty's rule of one index at a time; what does not
+    settle goes to scipy's lsq_linear.
     """
     batch, m = moment.shape
     if m == 0:
@@ -37,13 +43,19 @@ def bounded_solve(
     matrix[:, index, index] += weight
     target = np.where(dead, 0.0, moment / scale)
     low, high = lower * scale, upper * scale
-    solution = _pivot(matrix, target, low, high)
+    state = np.zeros((batch, m), dtype=np.int8)
+    if near is not None:
+        state[np.broadcast_to(near <= lower, state.shape)] = -1
+        state[np.broadcast_to((near >= upper) & (near > lower), state.shape)] = 1
+    solution = _pivot(matrix, target, low, high, state)
     return np.clip(solution / scale, lower, upper)
 
 
-def _pivot(matrix: Floats, target: Floats, low: Floats, high: Floats) -> Floats:
+def _pivot(
+    matrix: Floats, target: Floats, low: Floats, high: Floats, state: NDArray[np.int8]
+) -> Floats:
+    """Solve from a state [B, m] on: −1 at the lower bound, 1 at the upper, 0 free."""
     batch, m = target.shape
-    state = np.zeros((batch, m), dtype=np.int8)  # −1 at the lower bound, 1 at the upper, 0 free
     solution = np.zeros((batch, m))
     open_ = np.arange(batch)
     for sweep in range(_SWEEPS):

@@ -1,21 +1,24 @@
 """All candidate effects in all their shapes, linearised about one fit: any subset at no cost."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Active, Structure
-from power_estimator.effects.fit.fitter import Fit, Fitter, between
+from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.fit.folds import FOLDS, LEAST_MSE, Folds
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 Floats = NDArray[np.float64]
+Item = TypeVar('Item')
 _FINE = 8  # delays tried between two neighbours
+_NEAR = 3  # delays on either side of the base's that are tried first
+_MOST_AT_ONCE = 3_000_000  # numbers of the normal matrices that are solved together
 
 
 @dataclass(frozen=True)
@@ -38,170 +41,255 @@ class Screened:
         return np.nanmean(self.mse, axis=0)
 
 
+@dataclass(frozen=True)
+class Trial:
+    """A subset of the candidates fitted to everything, at its own best delay."""
+
+    actives: tuple[Active, ...]
+    columns: NDArray[np.intp]  # of the base and the subset, filled up with the empty column
+    place: float  # of the delay among those of the power
+    error: float  # summed log
+    solution: Floats  # of each group [G, m]
+
+
 class CandidateScreener:
-    """Screens subsets of candidates by their normal equations alone."""
+    """
+    Screens subsets of candidates by their normal equations alone.
+
+    Of all columns it keeps the weighted normal equations of everything and of what each fold may
+    be trained on; the columns themselves serve to test a fold.
+    """
 
     def __init__(
         self, fitter: Fitter, folds: Folds, base: Fit, candidates: Sequence[Active]
     ) -> None:
         self.fitter, self.folds, self.base = fitter, folds, base
         self.candidates = tuple(candidates)
-        builder = fitter.builder
-        point = builder.point(base.structure, base.coefficients)
-        parts = [builder.columns(active, point) for active in base.structure.free]
-        parts += [builder.columns(active, point) for active in self.candidates]
-        self._columns = np.concatenate(parts, axis=2)
-        own = self._columns[..., : base.design.columns.shape[2]]
-        self._constant = builder.constant(point, own)
-        scale = fitter.scale
-        lower, upper = base.structure.bounds(base.coefficients, scale)
-        for active in self.candidates:
-            none = np.zeros((len(lower), len(active.effect.terms)))
-            ends = Structure((active,)).bounds(none, scale)
-            lower = np.concatenate([lower, ends[0]], axis=1)
-            upper = np.concatenate([upper, ends[1]], axis=1)
-        self._lower, self._upper = lower, upper
-        priors = [base.structure.priors(scale)]
-        priors += [Structure((active,)).priors(scale) for active in self.candidates]
-        self._prior = np.concatenate(priors, axis=1)
-        self._own = base.design.columns.shape[2]
+        self._own = base.coefficients.shape[1]
         ends = self._own + np.cumsum([len(a.effect.terms) for a in self.candidates])
         self._place = {
-            (active.name, active.shape): list(range(int(end) - len(active.effect.terms), int(end)))
+            active.key: list(range(int(end) - len(active.effect.terms), int(end)))
             for active, end in zip(self.candidates, ends, strict=True)
         }
+        self._empty = int(ends[-1]) if len(ends) else self._own
+        self._limits()
+        self._linearise()
+        self._sum()
 
     def screen(self, actives: Sequence[Active] = ()) -> Screened:
         """Held-out errors with these candidates added, at their own best delay."""
-        columns = list(range(self._own))
-        for active in actives:
-            columns += self._place[active.name, active.shape]
-        pick = np.array(columns)
-        gram = self._gram[:, :, pick[:, None], pick]
-        total = np.einsum('bdij,bd->dij', gram, self.base.weights)
-        moment = self._moment[..., pick]
-        weighted = np.einsum('sbdi,bd->sdi', moment, self.base.weights)
-        place, error = self._best_delay(total, weighted, pick, self.base.weights)
-        left = min(int(place), moment.shape[0] - 2)
-        w = place - left
-        own = (1 - w) * moment[left] + w * moment[left + 1]
-        square = (
-            (1 - w) ** 2 * self._square[left]
-            + w**2 * self._square[left + 1]
-            + 2 * w * (1 - w) * self._next[left]
-        )
-        mse = self._held_out(gram, own, square, pick)
-        shifts = self.fitter.prepared.shifts
-        delay = float(shifts[0] + place * (shifts[1] - shifts[0]))
-        return Screened(tuple(actives), mse, error, delay)
+        return self.screened([actives])[0]
 
-    def delay(self, drawn: Floats) -> float:
-        """Best delay (s) of the base alone with the blocks counted drawn [B] times."""
-        pick = np.arange(self._own)
-        weights = self.base.weights * drawn[:, None]
-        gram = np.einsum('bdij,bd->dij', self._gram[:, :, pick[:, None], pick], weights)
-        moment = np.einsum('sbdi,bd->sdi', self._moment[..., pick], weights)
-        place, _ = self._best_delay(gram, moment, pick, weights)
-        shifts = self.fitter.prepared.shifts
-        return float(shifts[0] + place * (shifts[1] - shifts[0]))
+    def screened(self, subsets: Sequence[Sequence[Active]]) -> list[Screened]:
+        """Held-out errors with each subset of the candidates added."""
+        return self.tested(self.fitted(subsets))
 
-    def _held_out(
-        self, gram: Floats, moment: Floats, square: Floats, pick: NDArray[np.intp]
-    ) -> Floats:
-        blocks, training = self.fitter.blocks, self.folds.training
-        drives, m = moment.shape[1:]
-        weights = self.base.weights
-        all_gram = np.tensordot(training, gram * weights[:, :, None, None], axes=1)
-        all_moment = np.tensordot(training, moment * weights[:, :, None], axes=1)
-        out = np.zeros((FOLDS, drives, m))
-        solved = self._solve(self._grouped(all_gram, 1), self._grouped(all_moment, 1), pick)
-        for index, group in enumerate(self.fitter.groups):
-            out[:, group] = solved[:, index, None]
-        own = out[self.folds.test]
-        product = np.einsum('bdij,bdj->bdi', gram, own)
-        error = square + (own * (product - 2.0 * moment)).sum(axis=2)
-        mse = np.maximum(error, 0.0) / blocks.counts
-        return np.where(blocks.valid, mse, np.nan)
+    def fitted(self, subsets: Sequence[Sequence[Active]]) -> list[Trial]:
+        """Each subset of the candidates fitted to everything."""
+        found = []
+        for some in self._batches(subsets):
+            picks = [
+                [*range(self._own), *itertools.chain(*(self._place[a.key] for a in actives))]
+                for actives in some
+            ]
+            width = max(map(len, picks))
+            pick = np.array([own + [self._empty] * (width - len(own)) for own in picks])
+            places, errors, solutions = self._best_delays(pick)
+            rows = zip(some, pick, places.tolist(), errors.tolist(), solutions, strict=True)
+            found += [Trial(tuple(actives), *rest) for actives, *rest in rows]
+        return found
+
+    def tested(self, trials: Sequence[Trial]) -> list[Screened]:
+        """Held-out errors of what was fitted."""
+        shifts = self.fitter.prepared.shifts
+        step = float(shifts[1] - shifts[0])
+        out = []
+        for some in self._batches(trials):
+            mse = self._held_out(some)
+            for trial, own in zip(some, mse, strict=True):
+                delay = float(shifts[0]) + trial.place * step
+                out.append(Screened(trial.actives, own, trial.error, delay))
+        return out
+
+    def _batches(self, items: Sequence[Item]) -> Iterator[Sequence[Item]]:
+        problem = len(self.fitter.groups) * 2 * _FINE * (self._own + 8) ** 2
+        size = max(1, _MOST_AT_ONCE // problem)
+        for start in range(0, len(items), size):
+            yield items[start : start + size]
+
+    def _limits(self) -> None:
+        """Bounds and priors of all columns, of each group of drives."""
+        scale, base = self.fitter.scale, self.base
+        lower, upper = base.structure.bounds(base.coefficients, scale)
+        prior = [base.structure.priors(scale)]
+        for active in self.candidates:
+            alone = Structure((active,))
+            ends = alone.bounds(np.zeros((len(lower), len(active.effect.terms))), scale)
+            lower = np.concatenate([lower, ends[0]], axis=1)
+            upper = np.concatenate([upper, ends[1]], axis=1)
+            prior.append(alone.priors(scale))
+        priors = np.concatenate(prior, axis=1)
+        groups = self.fitter.groups
+        weight = np.array([self.fitter.weight[group].mean() for group in groups])
+        first = priors[[group[0] for group in groups]]
+        ridge = weight[:, None] * REDUCED_RATE / np.square(first)
+        none = np.zeros((len(groups), 1))
+        self._lower = np.concatenate([self._mean(lower), none], axis=1)
+        self._upper = np.concatenate([self._mean(upper), none], axis=1)
+        self._ridge = np.concatenate([ridge, none], axis=1)
+
+    def _mean(self, values: Floats) -> Floats:
+        return np.stack([values[group].mean(axis=0) for group in self.fitter.groups])
+
+    def _linearise(self) -> None:
+        """Columns of the base and of all candidates [N, D, M], the last one empty."""
+        fitter, base = self.fitter, self.base
+        builder = fitter.builder
+        design = builder.build(base.structure, base.coefficients, keep=True)
+        self._constant = design.constant
+        count, drives = design.constant.shape
+        self._columns = np.zeros((count, drives, self._empty + 1), np.float32)
+        self._columns[..., : self._own] = design.columns
+        point = builder.point(base.structure, base.coefficients)
+        for active in self.candidates:
+            self._columns[..., self._place[active.key]] = builder.columns(active, point)
+
+    def _sum(self) -> None:
+        """Weighted normal equations of everything, and of the training part of each fold."""
+        prepared, blocks = self.fitter.prepared, self.fitter.blocks
+        drives, m = self._columns.shape[1:]
+        shifts = len(prepared.shifts)
+        self._gram = np.zeros((1 + FOLDS, drives, m, m))
+        self._moment = np.zeros((1 + FOLDS, shifts, drives, m))
+        self._square, self._next = np.zeros((shifts, drives)), np.zeros((shifts, drives))
+        rows = blocks.rows
+        for drive in range(drives):
+            root = np.sqrt(self.base.weights[:, drive, None]) * blocks.mask[..., drive]
+            x = self._columns[rows, drive].astype(np.float64) * root[..., None]
+            y = prepared.power[:, rows, drive] - self._constant[rows, drive]
+            y = np.nan_to_num(y) * root  # [S, B, L]
+            self._square[:, drive] = np.einsum('sbl,sbl->s', y, y)
+            self._next[:-1, drive] = np.einsum('sbl,sbl->s', y[:-1], y[1:])
+
+            def sums(used: NDArray[np.bool_], x: Floats = x, y: Floats = y) -> list[Floats]:
+                flat = x[used].reshape(-1, x.shape[2])
+                return [flat.T @ flat, y[:, used].reshape(len(y), -1) @ flat]
+
+            gram, moment = sums(np.ones(len(rows), bool))
+            self._gram[0, drive], self._moment[0, :, drive] = gram, moment
+            for fold in range(FOLDS):
+                out_gram, out_moment = sums(self.folds.training[fold] == 0)
+                self._gram[1 + fold, drive] = gram - out_gram
+                self._moment[1 + fold, :, drive] = moment - out_moment
 
     def _grouped(self, values: Floats, axis: int) -> Floats:
         """Sums over the drives that share coefficients."""
         parts = [np.take(values, group, axis).sum(axis=axis) for group in self.fitter.groups]
         return np.stack(parts, axis=axis)
 
-    def _solve(self, gram: Floats, moment: Floats, pick: NDArray[np.intp]) -> Floats:
-        """Of all groups at once: gram [S, G, m, m] and moment [S, G, m] → [S, G, m]."""
-        lower, upper, ridge = [], [], []
-        for group in self.fitter.groups:
-            weight = float(self.fitter.weight[list(group)].mean())
-            ridge.append(weight * REDUCED_RATE / np.square(self._prior[group[0]][pick]))
-            lower.append(self._lower[group][:, pick].mean(axis=0))
-            upper.append(self._upper[group][:, pick].mean(axis=0))
-        m = len(pick)
-        low, high, prior = (
-            np.broadcast_to(np.stack(x), moment.shape).reshape(-1, m)
-            for x in (lower, upper, ridge)
+    def _solve(self, gram: Floats, moment: Floats, pick: NDArray[np.intp], near: Floats) -> Floats:
+        """Solve subsets [n] of groups [G]: gram [n, P, G, m, m]; moment, near [n, P, G, m]."""
+        m = pick.shape[1]
+        lower, upper, ridge = (
+            np.broadcast_to(values[:, pick].transpose(1, 0, 2)[:, None], moment.shape)
+            for values in (self._lower, self._upper, self._ridge)
         )
-        solved = bounded_solve(gram.reshape(-1, m, m), moment.reshape(-1, m), low, high, prior)
-        return solved.reshape(moment.shape)
+        full = np.broadcast_to(gram, (*moment.shape, m)).reshape(-1, m, m)
+        begin = np.broadcast_to(near, moment.shape).reshape(-1, m)
+        flat = (values.reshape(-1, m) for values in (moment, lower, upper, ridge))
+        return bounded_solve(full, *flat, begin).reshape(moment.shape)
 
-    def _best_delay(
-        self, gram: Floats, moment: Floats, pick: NDArray[np.intp], weights: Floats
-    ) -> tuple[float, float]:
-        square = np.einsum('sbd,bd->sd', self._square, weights)
-        next_ = np.einsum('sbd,bd->sd', self._next, weights)
-        coarse = self._profile(gram, moment, square, pick)
-        best = int(np.clip(np.argmin(coarse), 1, len(coarse) - 2))
-        places = np.linspace(best - 1, best + 1, 2 * _FINE + 1)
-        moments, squares = between(places, moment, square, next_)
-        fine = self._profile(gram, moments, squares, pick)
-        return float(places[int(np.argmin(fine))]), float(fine.min())
+    def _best_delays(self, pick: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
+        """Of each subset [n] the place of its best delay, its error there and the solution."""
+        gram = self._gram[0][:, pick[:, :, None], pick[:, None, :]].transpose(1, 0, 2, 3)
+        gram = self._grouped(gram, 1)[:, None]  # [n, 1, G, m, m]
+        shifts = self.fitter.prepared.shifts
+        step = float(shifts[1] - shifts[0])
+        known = round((self.base.delay - float(shifts[0])) / step)
+        middle = int(np.clip(known, _NEAR, len(shifts) - _NEAR - 1))
+        base = np.concatenate([self._mean(self.base.coefficients), self._filled()], axis=1)
+        near = base[:, pick].transpose(1, 0, 2)[:, None]
+        at_middle = np.full((len(pick), 1), float(middle))
+        _, near = self._profile(gram, at_middle, pick, near)
+        around = np.arange(middle - _NEAR, middle + _NEAR + 1, dtype=np.float64)
+        coarse, _ = self._profile(gram, np.tile(around, (len(pick), 1)), pick, near)
+        best = around[coarse.argmin(axis=1)]
+        edge = (best == around[0]) & (best > 0) | (best == around[-1]) & (best < len(shifts) - 1)
+        if edge.any():
+            everywhere = np.tile(np.arange(len(shifts), dtype=np.float64), (int(edge.sum()), 1))
+            coarse, _ = self._profile(gram[edge], everywhere, pick[edge], near[edge])
+            best[edge] = coarse.argmin(axis=1)
+        best = np.clip(best, 1, len(shifts) - 2)
+        places = best[:, None] + np.linspace(-1.0, 1.0, 2 * _FINE + 1)
+        fine, solved = self._profile(gram, places, pick, near)
+        index, rows = fine.argmin(axis=1), np.arange(len(pick))
+        return places[rows, index], fine[rows, index], solved[rows, index]
+
+    def _filled(self) -> Floats:
+        """Coefficients [G, n] of the candidates in the base: free, to begin with."""
+        count = self._empty + 1 - self._own
+        middle = 0.5 * (self._lower + np.minimum(self._upper, 1.0))
+        return middle[:, -count:]
+
+    def _at(self, values: Floats, places: Floats) -> tuple[Floats, NDArray[np.intp], Floats]:
+        """Values [S, …] at places [n, P] between the delays, with place and weight."""
+        left = np.minimum(places.astype(int), len(values) - 2)
+        w = (places - left).reshape(*places.shape, *[1] * (values.ndim - 1))
+        return (1 - w) * values[left] + w * values[left + 1], left, places - left
 
     def _profile(
-        self, gram: Floats, moment: Floats, square: Floats, pick: NDArray[np.intp]
-    ) -> Floats:
-        matrix, right = self._grouped(gram, 0), self._grouped(moment, 1)
-        batch = np.broadcast_to(matrix, (len(right), *matrix.shape)).copy()
-        x = self._solve(batch, right, pick)
-        error = self._grouped(square, 1) - 2 * (x * right).sum(axis=2)
-        error = error + np.einsum('sgi,gij,sgj->sg', x, matrix, x, optimize=True)
+        self, gram: Floats, places: Floats, pick: NDArray[np.intp], near: Floats
+    ) -> tuple[Floats, Floats]:
+        """Summed log error [n, P] at places [n, P] of the delay, and solutions [n, P, G, m]."""
+        moment, left, w = self._at(self._moment[0], places)  # [n, P, D, M]
+        own = np.take_along_axis(moment, pick[:, None, None, :], axis=3)
+        right = self._grouped(own, 2)
+        w = w[..., None]
+        square = (1 - w) ** 2 * self._square[left] + w**2 * self._square[left + 1]
+        square = self._grouped(square + 2 * w * (1 - w) * self._next[left], 2)
+        x = self._solve(gram, right, pick, near)
+        error = square - 2 * (x * right).sum(axis=3)
+        error = error + (x * (gram @ x[..., None])[..., 0]).sum(axis=3)
         size = np.array([len(group) for group in self.fitter.groups])
-        return (size * np.log(np.maximum(error, 1e-9))).sum(axis=1)
+        return (size * np.log(np.maximum(error, 1e-9))).sum(axis=2), x
 
-    @cached_property
-    def _rows(self) -> NDArray[np.intp]:
-        return self.fitter.blocks.rows
-
-    @cached_property
-    def _gram(self) -> Floats:
-        """Return the normal matrices [B, D, M, M]."""
-        mask = self.fitter.blocks.mask.transpose(0, 2, 1)[:, :, None, :]
-        x = self._columns[self._rows].transpose(0, 2, 3, 1) * mask
-        return x @ x.transpose(0, 1, 3, 2)
-
-    @cached_property
-    def _targets(self) -> Floats:
-        """Return the targets at each delay, W [S, B, D, L]."""
-        power = self.fitter.prepared.power[:, self._rows].astype(np.float64)
-        less = power - self._constant[self._rows]
-        mask = self.fitter.blocks.mask
-        return np.where(mask, np.nan_to_num(less), 0.0).transpose(0, 1, 3, 2)
-
-    @cached_property
-    def _moment(self) -> Floats:
-        """Return the moments at each delay [S, B, D, M]."""
-        x = self._columns[self._rows].transpose(0, 2, 3, 1)  # [B, D, M, L]
-        y = self._targets.transpose(1, 2, 3, 0)  # [B, D, L, S]
-        return (x @ y).transpose(3, 0, 1, 2)
-
-    @cached_property
-    def _square(self) -> Floats:
-        return np.square(self._targets).sum(axis=3)
-
-    @cached_property
-    def _next(self) -> Floats:
-        out = np.zeros_like(self._square)
-        out[:-1] = (self._targets[:-1] * self._targets[1:]).sum(axis=3)
+    def _held_out(self, trials: Sequence[Trial]) -> Floats:
+        """W² [n, B, D]: error of each block with the coefficients of its own fold."""
+        blocks, prepared = self.fitter.blocks, self.fitter.prepared
+        width = max(len(trial.columns) for trial in trials)
+        empty = self._empty
+        pick = np.array([[*t.columns, *[empty] * (width - len(t.columns))] for t in trials])
+        near = np.stack([_padded(trial.solution, width) for trial in trials])[:, None]
+        places = np.array([trial.place for trial in trials])
+        gram = self._gram[1:][:, :, pick[:, :, None], pick[:, None, :]]  # [F, D, n, m, m]
+        gram = self._grouped(gram.transpose(2, 0, 1, 3, 4), 2)
+        moment, left, w = self._at(self._moment[1:].transpose(1, 0, 2, 3), places[:, None])
+        own = np.take_along_axis(moment[:, 0], pick[:, None, None, :], axis=3)
+        solved = self._solve(gram, self._grouped(own, 2), pick, near)  # [n, F, G, m]
+        drives = self._columns.shape[1]
+        full = np.zeros((len(trials), FOLDS, drives, empty + 1))
+        for index, group in enumerate(self.fitter.groups):
+            for drive in group:
+                np.put_along_axis(full[:, :, drive], pick[:, None], solved[:, :, index], axis=2)
+        full[..., empty] = 0.0
+        out = np.full((len(trials), len(blocks.starts), drives), np.nan)
+        for drive, fold in itertools.product(range(drives), range(FOLDS)):
+            tested = np.flatnonzero((self.folds.test == fold) & blocks.valid[:, drive])
+            rows = blocks.rows[tested]
+            x = self._columns[rows, drive].reshape(-1, empty + 1)
+            model = (x @ full[:, fold, drive].T.astype(np.float32)).reshape(*rows.shape, -1)
+            mask, counts = blocks.mask[tested, :, drive], blocks.counts[tested, drive]
+            constant = self._constant[rows, drive]
+            for trial, (before, share) in enumerate(zip(left[:, 0], w[:, 0], strict=True)):
+                power = (1 - share) * prepared.power[before, rows, drive]
+                power = power + share * prepared.power[before + 1, rows, drive]
+                error = np.square(np.nan_to_num(power - constant) - model[..., trial]) * mask
+                out[trial, tested, drive] = error.sum(axis=1) / counts
         return out
+
+
+def _padded(values: Floats, width: int) -> Floats:
+    return np.pad(values, ((0, 0), (0, width - values.shape[1])))
 
 
 def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
@@ -228,7 +316,6 @@ def shaped(fitter: Fitter, folds: Folds, structure: Structure) -> Structure:
     for _ in range(2):
         for name, shapes in options.items():
             others = [active for other, active in chosen.items() if other != name]
-            chosen[name] = min(
-                shapes, key=lambda shape: screener.screen([*others, shape]).training_error
-            )
+            trials = screener.fitted([[*others, shape] for shape in shapes])
+            chosen[name] = shapes[min(range(len(shapes)), key=lambda i: trials[i].error)]
     return Structure(tuple(chosen.get(active.name, active) for active in structure.actives))

@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 
 from power_estimator.effects import Effect, ModelDiscrepancy, Shape, Signals
 from power_estimator.effects.catalogue import regressors_of
+from power_estimator.effects.fit.blocks import modelled
+from power_estimator.effects.fit.kept import Kept
 from power_estimator.effects.signals.prepared import Prepared, rate_of
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
+_KEPT = 256_000_000  # bytes, of columns
 _SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient
 
 
@@ -31,6 +34,12 @@ class Active:
     def name(self) -> str:
         """Name of the effect."""
         return self.effect.name
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Name and shape, of a discrepancy those of its effect too."""
+        of = self.effect.shape if isinstance(self.effect, ModelDiscrepancy) else ()
+        return (self.effect.name, self.shape, of)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -98,6 +107,23 @@ class Structure:
         parts = [active.effect.factors(scale) for active in self.free]
         return np.concatenate([np.empty((len(scale.torque), 0)), *parts], axis=1)
 
+    def coupled(self, coefficients: Floats) -> NDArray[np.bool_]:
+        """
+        Mark the columns [m] whose coefficients move those of others.
+
+        All of them where an effect with coefficients in [D, m] follows the power that is drawn.
+        """
+        owners = [active for active in self.free for _ in active.effect.terms]
+        drawn = [
+            'drawn' in active.effect.follows and bool(coefficients[:, column].any())
+            for column, active in enumerate(owners)
+        ]
+        moves = [
+            active.effect.acts_on != 'power' or 'motor_torque' in active.effect.follows
+            for active in owners
+        ]
+        return np.array(moves, dtype=bool) | any(drawn)
+
     def with_discrepancies(self) -> 'Structure':
         """Return the structure with the discrepancy of every effect that has one."""
         discrepancies = [
@@ -157,16 +183,26 @@ class Linearisation:
 
 
 class DesignBuilder:
-    """Builds designs on prepared signals; keeps what no estimate moves."""
+    """
+    Builds designs on prepared signals; keeps what no estimate moves.
+
+    It keeps one point with its columns, too: that which several fits in turn begin at.
+    """
 
     def __init__(self, prepared: Prepared, base: BasePower | None = None) -> None:
         self.prepared = prepared
         self.base = base
-        self._reduced: dict[tuple[object, ...], Floats] = {}
-        self._instant: dict[tuple[object, ...], Floats] = {}
+        self._reduced: Kept[Floats] = Kept(_KEPT)
+        self._instant: Kept[Floats] = Kept(_KEPT)
+        self._begun: tuple[object, Linearisation, dict[object, Floats]] | None = None
 
     def point(self, structure: Structure, coefficients: Floats) -> Linearisation:
         """The model's own estimates at coefficients [D, m]."""
+        if self._begun is not None and self._begun[0] == _place_of(structure, coefficients):
+            return replace(self._begun[1], structure=structure, coefficients=coefficients)
+        return self._point(structure, coefficients)
+
+    def _point(self, structure: Structure, coefficients: Floats) -> Linearisation:
         signals = self.prepared.signals
         signals = estimates(structure, coefficients, signals, self.base, self._columns)
         power = signals.drawn.copy()
@@ -180,10 +216,18 @@ class DesignBuilder:
                 passed = (1.0 if passed is None else passed) + slope
         return Linearisation(structure, coefficients, signals, power, passed)
 
-    def build(self, structure: Structure, coefficients: Floats) -> Design:
-        """Linearise about coefficients [D, m]."""
+    def build(self, structure: Structure, coefficients: Floats, *, keep: bool = False) -> Design:
+        """Linearise about coefficients [D, m]; keep: other designs begin at them, too."""
+        place = _place_of(structure, coefficients)
         point = self.point(structure, coefficients)
-        columns = [self.columns(active, point) for active in structure.free]
+        if keep and (self._begun is None or self._begun[0] != place):
+            self._begun = place, point, {}
+        known = self._begun[2] if self._begun is not None and self._begun[0] == place else {}
+        columns = []
+        for active in structure.free:
+            if active.key not in known:
+                known[active.key] = self.columns(active, point)
+            columns.append(known[active.key])
         count = (len(self.prepared.time), len(self.prepared.names))
         joined = np.concatenate(columns, axis=2) if columns else np.empty((*count, 0))
         constant = self.constant(point, joined)
@@ -209,7 +253,7 @@ class DesignBuilder:
 
     def constant(self, point: Linearisation, columns: Floats) -> Floats:
         """Return the part of the model's power at the point that its columns lack, W [N, D]."""
-        return self.prepared.reduced(point.power) - _weighted(columns, point.coefficients)
+        return self.prepared.reduced(point.power) - modelled(columns, point.coefficients)
 
     def _by_speed(self, active: Active, point: Linearisation) -> Floats:
         """Derivatives by coefficients that move the motor's speed, W per unit [T, D, n]."""
@@ -230,18 +274,25 @@ class DesignBuilder:
     def _columns(self, active: Active, signals: Signals) -> Floats:
         if active.effect.follows or signals.motor_velocity is not signals.velocity:
             return active.columns(signals)
-        key = (active.name, active.shape)
-        if key not in self._instant:
-            self._instant[key] = active.columns(signals)
-        return self._instant[key]
+        return self._instant.get(active.key, lambda: active.columns(signals), _bytes)
 
     def _reduced_once(self, active: Active, signals: Signals) -> Floats:
         if signals.motor_velocity is not signals.velocity:
             return self.prepared.reduced(active.columns(signals))
-        key: tuple[object, ...] = (active.name, active.shape)
-        if key not in self._reduced:
-            self._reduced[key] = self.prepared.reduced(active.columns(signals))
-        return self._reduced[key]
+        return self._reduced.get(
+            active.key, lambda: self.prepared.reduced(active.columns(signals)), _bytes
+        )
+
+
+def _bytes(values: Floats) -> int:
+    return values.nbytes
+
+
+def _place_of(structure: Structure, coefficients: Floats) -> object:
+    """Identity of a point: the effects that take part in it, with their coefficients."""
+    fixed = tuple(active.key for active in structure.actives if active.effect.fixed is not None)
+    parts = _split(structure, coefficients)
+    return fixed, tuple((a.key, own.tobytes()) for a, own in parts if own.any())
 
 
 Source = Callable[[Active, Signals], Floats]
@@ -329,7 +380,10 @@ def _with_motion(
 
 def _weighted(columns: Floats, coefficients: Floats) -> Floats:
     """Multiply [T, D, n] by [D, n] and sum to [T, D]."""
-    return np.einsum('tdn,dn->td', columns, coefficients)
+    total = columns[..., 0] * coefficients[:, 0]
+    for term in range(1, coefficients.shape[1]):
+        total += columns[..., term] * coefficients[:, term]
+    return total
 
 
 def _split(structure: Structure, coefficients: Floats) -> Sequence[tuple[Active, Floats]]:

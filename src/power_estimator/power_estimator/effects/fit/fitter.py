@@ -2,15 +2,24 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.blocks import Blocks, Normal, drawn_blocks, modelled
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
-from power_estimator.effects.fit.design import Active, BasePower, Design, DesignBuilder, Structure
+from power_estimator.effects.fit.delay_search import FINE_STEP, DelaySearch
+from power_estimator.effects.fit.design import (
+    Active,
+    BasePower,
+    Design,
+    DesignBuilder,
+    Structure,
+)
+from power_estimator.effects.fit.kept import Kept
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
@@ -18,132 +27,76 @@ from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
 
-BLOCK_SECONDS = (1.0, 0.5, 0.25, 0.1)
-_FEWEST_BLOCKS = 15
-_LEAST_USED = 0.5  # of the rows of a block must be resolved
 _BOOTSTRAPS = 200
-_BOOTSTRAP_BLOCK = 5  # blocks drawn together
 _TIED = 0.9999  # cosine of two columns that a recording cannot tell apart
-_FINE_STEP = 0.00025  # s
 _REWEIGHTINGS = 2
 _AT_BOUND = 1e-6  # of the larger bound
-_NEAR = 3  # delays on either side of a known one
+_SETTLED = 0.1  # of the residual: a smaller step leaves the linearisation as good as exact
+_SETTLED_BOUND = 0.05  # relative change of a discrepancy's bound
+_KEPT = 256_000_000  # bytes, of linearised designs
 
 
 @dataclass(frozen=True)
-class Blocks:
-    """Blocks of a second of reduced samples, shorter in a short recording, that errors are of."""
+class Linear:
+    """What a fit was solved from."""
 
-    starts: NDArray[np.intp]  # [B] first row of each
-    length: int
-    recording: NDArray[np.int32]  # [B]
-    time: Floats  # s [B], of the first row
-    valid: NDArray[np.bool_]  # [B, D] where the power of the drive was measured throughout
-    use: NDArray[np.bool_]  # [B, length, D] rows whose signals are resolved
-
-    @classmethod
-    def of(cls, prepared: Prepared) -> 'Blocks':
-        """Cut prepared signals into blocks that cross no gap."""
-        window = prepared.reducer.window
-        for seconds in (window,) if window else BLOCK_SECONDS:
-            length = round(seconds * REDUCED_RATE)
-            starts = [
-                start
-                for part in prepared.reducer.stretches()
-                for start in range(part.start, part.stop - length + 1, length)
-            ]
-            if len(starts) >= _FEWEST_BLOCKS:
-                break
-        first = np.array(starts, dtype=np.intp)
-        rows = first[:, None] + np.arange(length)
-        use = prepared.resolved[rows]
-        enough = use.mean(axis=1) >= _LEAST_USED
-        return cls(
-            starts=first,
-            length=length,
-            recording=prepared.recording[first],
-            time=prepared.time[first],
-            valid=prepared.measured[rows].all(axis=1) & enough,
-            use=use,
-        )
+    design: Design
+    target: Floats  # W [N, D], power with the delay taken out, less the design's constant
+    normal: Normal
 
     @property
-    def rows(self) -> NDArray[np.intp]:
-        """Return row indices [B, length]."""
-        return self.starts[:, None] + np.arange(self.length)
-
-    @property
-    def counts(self) -> NDArray[np.intp]:
-        """Rows that count of each block, 1 or more, [B, D]."""
-        return np.maximum(self.use.sum(axis=1), 1)
-
-    @property
-    def mask(self) -> NDArray[np.bool_]:
-        """Mark the rows that count [B, length, D]."""
-        return self.use & self.valid[:, None, :]
+    def size(self) -> int:
+        """Bytes."""
+        return self.design.columns.nbytes + self.normal.gram.nbytes + 2 * self.target.nbytes
 
 
-@dataclass(frozen=True)
-class Normal:
-    """Normal equations of each block and drive; zero where the power was not measured."""
-
-    gram: Floats  # [B, D, m, m]
-    moment: Floats  # [B, D, m]
-    square: Floats  # W² [B, D], sum of squared targets
-    valid: NDArray[np.bool_]  # [B, D]
-    counts: NDArray[np.intp]  # rows of a block that count [B, D]
-
-    @classmethod
-    def of(cls, columns: Floats, target: Floats, blocks: Blocks) -> 'Normal':
-        """Make normal equations from columns [N, D, m] and target [N, D]."""
-        rows = blocks.rows
-        x = columns[rows].transpose(0, 2, 3, 1)  # [B, D, m, L]
-        y = np.where(blocks.mask, np.nan_to_num(target[rows]), 0.0).transpose(0, 2, 1)
-        x = x * blocks.mask.transpose(0, 2, 1)[:, :, None, :]
-        gram, moment = x @ x.transpose(0, 1, 3, 2), (x @ y[..., None])[..., 0]
-        return cls(gram, moment, np.square(y).sum(axis=2), blocks.valid, blocks.counts)
-
-    def errors(self, coefficients: Floats) -> Floats:
-        """Sum of squared residuals, W² [B, D], at coefficients [D, m] or [B, D, m]."""
-        product = (
-            np.einsum('bdij,...dj->bdi', self.gram, coefficients)
-            if coefficients.ndim == 2
-            else np.einsum('bdij,bdj->bdi', self.gram, coefficients)
-        )
-        linear = (coefficients * (product - 2.0 * self.moment)).sum(axis=2)
-        return np.maximum(self.square + linear, 0.0)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
-    """A structure fitted to all blocks: coefficients of each drive and the common delay."""
+    """
+    A structure fitted to all blocks: coefficients of each drive and the common delay.
+
+    Design, target and normal equations are large: a fitter keeps those used last, and makes
+    others anew when they are asked for.
+    """
 
     structure: Structure
     coefficients: Floats  # [D, m]
     delay: float  # s, of the power against the joint signals
-    design: Design
-    normal: Normal
-    target: Floats  # W [N, D], power with the delay taken out, less the design's constant
+    point: Floats  # [D, m], coefficients that the design is linearised about
+    lower: Floats  # [D, m]
+    upper: Floats  # [D, m]
     mse: Floats  # W² [D]
     weights: Floats  # [B, D], low where nothing fits
+    error: float  # summed over drives: mean log of the mean squared error of the blocks
+    blocks: Blocks
+    fitter: 'Fitter' = field(repr=False)
 
     @property
-    def error(self) -> float:
-        """Summed over drives: mean log of the mean squared error of the blocks."""
-        count = np.maximum(self.normal.valid.sum(axis=0), 1)
-        error = self.normal.errors(self.coefficients) / self.normal.counts
-        return float(((np.log(error + 1e-4) * self.normal.valid).sum(axis=0) / count).sum())
+    def design(self) -> Design:
+        """The linearised structure."""
+        return self.fitter.linear(self).design
+
+    @property
+    def normal(self) -> Normal:
+        """The normal equations of its blocks."""
+        return self.fitter.linear(self).normal
+
+    @property
+    def target(self) -> Floats:
+        """Power with the delay taken out, less the design's constant, W [N, D]."""
+        return self.fitter.linear(self).target
 
     def at_bound(self, drive: int, column: int) -> Literal['', 'lower', 'upper']:
         """`lower` or `upper` where a coefficient stands at its bound, else ''."""
         value = self.coefficients[drive, column]
-        low, high = self.design.lower[drive, column], self.design.upper[drive, column]
+        low, high = self.lower[drive, column], self.upper[drive, column]
         near = _AT_BOUND * max(abs(low), abs(high) if np.isfinite(high) else 0.0)
         return 'lower' if value <= low + near else 'upper' if value >= high - near else ''
 
     def residual(self) -> Floats:
         """Measured minus model, W [N, D]."""
-        return self.target - np.einsum('ndm,dm->nd', self.design.columns, self.coefficients)
+        linear = self.fitter.linear(self)
+        return linear.target - modelled(linear.design.columns, self.coefficients)
 
 
 class Fitter:
@@ -166,6 +119,8 @@ class Fitter:
         self.groups = [list(g) for g in groups] if groups else [[d] for d in range(count)]
         noise = np.where(np.isfinite(prepared.noise), prepared.noise, 0.1 * self.scale.power)
         self.weight = np.maximum(noise, 0.02 * self.scale.power) ** 2
+        self.delays = DelaySearch(prepared, self.groups, self.weight)
+        self._kept: Kept[Linear] = Kept(_KEPT, fewest=2)
 
     @property
     def scale(self) -> DriveScale:
@@ -186,120 +141,121 @@ class Fitter:
         """
         Fit all coefficients within their bounds, and the delay unless it is given (s).
 
-        start gives the point to linearise about by the names of its effects.
+        start gives the point to linearise about by the names of its effects. At most so many
+        iterations: fewer where a step no longer moves what the linearisation depends on.
         """
-        coefficients = carried(structure, start, len(self.prepared.names))
+        point = carried(structure, start, len(self.prepared.names))
         weights = np.ones(self.blocks.valid.shape) if start is None else start.weights
-        current: Fit | None = None
         near = None if start is None else start.delay
-        for _ in range(max(1, iterations)):
-            design = self.builder.build(structure, coefficients)
-            chosen = self._best_delay(design, weights, near) if delay is None else delay
-            current = self._fit_design(design, weights, chosen)
-            near = current.delay
-            coefficients, weights = current.coefficients, current.weights
+        current: Fit | None = None
+        for left in reversed(range(max(1, iterations))):
+            design = self.builder.build(structure, point, keep=current is None)
+            normal, chosen = self.delays.found(design, self.blocks, weights, near, delay)
+            current = self._solved(design, normal, point, weights, chosen, _REWEIGHTINGS)
+            still = near is not None and abs(chosen - near) <= FINE_STEP
+            if left and still and self._settled(current, design, normal):
+                more = _REWEIGHTINGS * left
+                current = self._solved(design, normal, point, current.weights, chosen, more)
+                break
+            near, point, weights = current.delay, current.coefficients, current.weights
         assert current is not None
+        target = self.prepared.power_at(current.delay) - design.constant
+        linear = Linear(design, target, normal)
+        self._kept.put(current, linear, linear.size)
         return current
 
-    def _fit_design(self, design: Design, weights: Floats, delay: float) -> Fit:
-        target = self.prepared.power_at(delay) - design.constant
-        normal = Normal.of(design.columns, target, self.blocks)
-        for _ in range(_REWEIGHTINGS):
-            coefficients = self.solve(design, normal, weights)
+    def linear(self, fit: Fit) -> Linear:
+        """Return what a fit was solved from."""
+
+        def make() -> Linear:
+            design = self.builder.build(fit.structure, fit.point)
+            target = self.prepared.power_at(fit.delay) - design.constant
+            return Linear(design, target, Normal.of(design.columns, target, fit.blocks))
+
+        return self._kept.get(fit, make, lambda linear: linear.size)
+
+    def _solved(
+        self,
+        design: Design,
+        normal: Normal,
+        point: Floats,
+        weights: Floats,
+        delay: float,
+        reweightings: int,
+    ) -> Fit:
+        near = point
+        for _ in range(reweightings):
+            near = coefficients = self.solve(design, normal, weights, near=near)
             error = normal.errors(coefficients) / self.blocks.counts
             weights = robust_weights(error, self.blocks.valid)
-        mse = (error * self.blocks.valid).sum(axis=0) / np.maximum(self.blocks.valid.sum(0), 1)
-        return Fit(design.structure, coefficients, delay, design, normal, target, mse, weights)
+        count = np.maximum(self.blocks.valid.sum(axis=0), 1)
+        logs = np.log(error + 1e-4) * self.blocks.valid
+        return Fit(
+            structure=design.structure,
+            coefficients=coefficients,
+            delay=delay,
+            point=point,
+            lower=design.lower,
+            upper=design.upper,
+            mse=(error * self.blocks.valid).sum(axis=0) / count,
+            weights=weights,
+            error=float((logs.sum(axis=0) / count).sum()),
+            blocks=self.blocks,
+            fitter=self,
+        )
+
+    def _settled(self, fit: Fit, design: Design, normal: Normal) -> bool:
+        """
+        Return whether the design would be the same at the fit's coefficients.
+
+        It moves with the coefficients of what the motor's torque and speed consist of, and
+        discrepancies are bounded by those of their effects.
+        """
+        _, upper = fit.structure.bounds(fit.coefficients, self.scale)
+        same = np.isclose(upper, fit.upper, rtol=_SETTLED_BOUND, atol=0.0)
+        if not same.all():
+            return False
+        step = (fit.coefficients - fit.point) * fit.structure.coupled(fit.coefficients)
+        gram = normal.gram.sum(axis=0)
+        count = np.maximum((normal.counts * normal.valid).sum(axis=0), 1)
+        moved = np.einsum('di,dij,dj->d', step, gram, step) / count
+        return bool((moved <= np.square(_SETTLED) * fit.mse).all())
 
     def solve(
-        self, design: Design, normal: Normal, weights: Floats, drawn: Floats | None = None
+        self,
+        design: Design,
+        normal: Normal,
+        weights: Floats,
+        drawn: Floats | None = None,
+        near: Floats | None = None,
     ) -> Floats:
         """
         Coefficients from the blocks at weights [B, D], [D, m].
 
         With drawn [F, B], how often each block counts in each of F fits, [F, D, m]. Drives of a
-        group share theirs.
+        group share theirs. near [D, m]: coefficients of a similar fit.
         """
-        gram = normal.gram * weights[:, :, None, None]
-        moment = normal.moment * weights[:, :, None]
-        if drawn is None:
-            gram, moment = gram.sum(axis=0)[None], moment.sum(axis=0)[None]
-        else:
-            gram = np.tensordot(drawn, gram, axes=1)
-            moment = np.tensordot(drawn, moment, axes=1)
+        count, drives, m = normal.moment.shape
+        gram = np.empty((1 if drawn is None else len(drawn), drives, m, m))
+        moment = np.empty(gram.shape[:3])
+        for drive in range(drives):
+            own = weights[:, drive] * (np.ones((1, count)) if drawn is None else drawn)
+            gram[:, drive] = (own @ normal.gram[:, drive].reshape(count, -1)).reshape(-1, m, m)
+            moment[:, drive] = own @ normal.moment[:, drive]
         out = np.zeros(moment.shape)
         prior = design.structure.priors(self.scale)
         for group in self.groups:
             ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior[group[0]])
             lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
             out[:, group] = bounded_solve(
-                gram[:, group].sum(axis=1), moment[:, group].sum(axis=1), lower, upper, ridge
+                gram[:, group].sum(axis=1),
+                moment[:, group].sum(axis=1),
+                lower,
+                upper,
+                ridge,
+                None if near is None else near[group[0]],
             )[:, None]
         return out if drawn is not None else out[0]
-
-    def _best_delay(self, design: Design, weights: Floats, near: float | None) -> float:
-        """The delay with the least error, sought near a known one first."""
-        shifts = self.prepared.shifts
-        step = float(shifts[1] - shifts[0])
-        low, high = 0, len(shifts)
-        if near is not None:
-            middle = round((near - float(shifts[0])) / step)
-            low = int(np.clip(middle - _NEAR, 0, len(shifts) - 2 * _NEAR - 1))
-            high = low + 2 * _NEAR + 1
-        gram, moment, square, next_ = self._moments(design, weights, slice(low, high))
-        coarse = self._profile(design, gram, moment, square)
-        best = int(np.argmin(coarse))
-        inner = (best > 0 or low == 0) and (best < len(coarse) - 1 or high == len(shifts))
-        if not inner:
-            return self._best_delay(design, weights, None)
-        best = int(np.clip(best, 1, len(coarse) - 2))
-        places = np.linspace(best - 1, best + 1, 2 * round(step / _FINE_STEP) + 1)
-        fine_moment, fine_square = between(places, moment, square, next_)
-        fine = self._profile(design, gram, fine_moment, fine_square)
-        return float(shifts[low] + step * places[int(np.argmin(fine))])
-
-    def _moments(
-        self, design: Design, weights: Floats, window: slice
-    ) -> tuple[Floats, Floats, Floats, Floats]:
-        """
-        Weighted normal equations at the delays of a window.
-
-        gram [D, m, m], moment [S, D, m], squared target [S, D] and its product with the target at
-        the next delay, which the error between two delays needs.
-        """
-        prepared, blocks = self.prepared, self.blocks
-        m, count = design.columns.shape[2], len(prepared.names)
-        shifts = len(prepared.shifts[window])
-        gram = np.zeros((count, m, m))
-        moment = np.zeros((shifts, count, m))
-        square, next_ = np.zeros((shifts, count)), np.zeros((shifts, count))
-        for drive in range(count):
-            mask = blocks.mask[..., drive]
-            used = blocks.rows[mask]
-            root = np.sqrt(np.repeat(weights[:, drive], mask.sum(axis=1)))
-            x = design.columns[used, drive] * root[:, None]
-            y = prepared.power[window, used, drive].astype(np.float64)
-            y = (y - design.constant[used, drive]) * root
-            gram[drive] = x.T @ x
-            moment[:, drive] = y @ x
-            square[:, drive] = np.einsum('sn,sn->s', y, y)
-            next_[:-1, drive] = np.einsum('sn,sn->s', y[:-1], y[1:])
-        return gram, moment, square, next_
-
-    def _profile(self, design: Design, gram: Floats, moment: Floats, square: Floats) -> Floats:
-        prior = design.structure.priors(self.scale)
-        total = np.zeros(len(moment))
-        for group in self.groups:
-            ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior[group[0]])
-            lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
-            matrix = gram[group].sum(axis=0)
-            right = moment[:, group].sum(axis=1)
-            batch = np.broadcast_to(matrix, (len(right), *matrix.shape)).copy()
-            x = bounded_solve(batch, right, lower, upper, ridge)
-            error = square[:, group].sum(axis=1) - 2 * (x * right).sum(axis=1)
-            error = error + np.einsum('si,ij,sj->s', x, matrix, x)
-            total += len(group) * np.log(np.maximum(error, 1e-9))
-        return total
 
     def intervals(self, fit: Fit, seed: int = 0, level: float = 0.95) -> Floats:
         """
@@ -309,18 +265,17 @@ class Fitter:
         an interval that ends there, and coefficients whose columns are the same in this recording
         one that lets either take all. Delay, shapes and the weights of the blocks are held.
         """
-        random = np.random.default_rng(seed)
-        count = len(self.blocks.starts)
-        size = min(_BOOTSTRAP_BLOCK, count)
-        draws = -(-count // size)
-        drawn = np.zeros((_BOOTSTRAPS, count))
-        for row in drawn:
-            starts = random.integers(0, count - size + 1, draws)
-            np.add.at(row, (starts[:, None] + np.arange(size)).ravel(), 1.0)
-        sampled = self.solve(fit.design, fit.normal, fit.weights, drawn)
+        linear = self.linear(fit)
+        drawn = drawn_blocks(len(self.blocks.starts), _BOOTSTRAPS, seed)
+        sampled = self.solve(linear.design, linear.normal, fit.weights, drawn, fit.coefficients)
         tails = [(1 - level) / 2, (1 + level) / 2]
         found: Floats = np.quantile(sampled, tails, axis=0).transpose(1, 2, 0)
         return self._with_ties(fit, found)
+
+    def delay_draws(self, fit: Fit, repetitions: int, seed: int = 0) -> Floats:
+        """Delays of the power, s [R], of as many bootstraps of the blocks."""
+        drawn = drawn_blocks(len(self.blocks.starts), repetitions, seed)
+        return self.delays.drawn(fit.design, self.blocks, fit.weights, fit.delay, drawn)
 
     def _with_ties(self, fit: Fit, bounds: Floats) -> Floats:
         """Widen the bounds [D, m, 2] of coefficients that only their sum is known of."""
@@ -338,24 +293,9 @@ class Fitter:
             if one != other and alike[drive, one, other] > _TIED:
                 ratio = scale[drive, other] / scale[drive, one]
                 most = out[drive, one, 1] + ratio * bounds[drive, other, 1]
-                out[drive, one, 1] = min(most, fit.design.upper[drive, one])
-                out[drive, one, 0] = fit.design.lower[drive, one]
+                out[drive, one, 1] = min(most, fit.upper[drive, one])
+                out[drive, one, 0] = fit.lower[drive, one]
         return out
-
-
-def between(
-    places: Floats, moment: Floats, square: Floats, next_: Floats
-) -> tuple[Floats, Floats]:
-    """
-    Moment [S, D, m] and squared target [S, D] at places [P] between S delays.
-
-    The target is interpolated linearly; next_ [S, D] is its product with that at the next delay.
-    """
-    left = np.minimum(places.astype(int), len(moment) - 2)
-    w = (places - left)[:, None]
-    moments = (1 - w)[..., None] * moment[left] + w[..., None] * moment[left + 1]
-    squares = (1 - w) ** 2 * square[left] + w**2 * square[left + 1] + 2 * w * (1 - w) * next_[left]
-    return moments, squares
 
 
 def robust_weights(error: Floats, valid: NDArray[np.bool_]) -> Floats:

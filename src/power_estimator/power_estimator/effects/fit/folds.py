@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from power_estimator.effects.fit.fitter import Blocks
+from power_estimator.effects.fit.blocks import Blocks
 
 Floats = NDArray[np.float64]
 

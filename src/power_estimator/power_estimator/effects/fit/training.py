@@ -10,9 +10,10 @@ from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign, infer_types
 from power_estimator.effects import Catalogue, builtin_catalogue
+from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, BasePower, Structure
-from power_estimator.effects.fit.fitter import Blocks, Fit, Fitter, measurement_terms
+from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
 from power_estimator.effects.fit.folds import FOLDS, Folds
 from power_estimator.effects.fit.whole_robot import column_of, expanded, share_of
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue

@@ -113,10 +113,10 @@ class WholeBuilder(DesignBuilder):
     Coefficients are [1, m], and so are all sizes that are [D, m] for metered drives.
     """
 
-    def point(self, structure: Structure, coefficients: Floats) -> Linearisation:
+    def _point(self, structure: Structure, coefficients: Floats) -> Linearisation:
         """The model's own estimates at coefficients [1, m]."""
         drives = len(self.prepared.signals.names)
-        return super().point(structure, np.repeat(coefficients[:1], drives, axis=0))
+        return super()._point(structure, np.repeat(coefficients[:1], drives, axis=0))
 
     def columns(self, active: Active, point: Linearisation) -> Floats:
         """Reduced derivatives of the robot's power, [N, 1, n]."""

@@ -19,11 +19,11 @@ class ModelDiscrepancy(Effect):
         self.acts_on = of.acts_on  # type: ignore[misc]
         self.follows = of.follows  # type: ignore[misc]
         self.discrepancy_limit = of.discrepancy_limit  # type: ignore[misc]
-        self._shape = dict(shape)
+        self.shape = tuple(shape.items())
 
     def regressors(self, signals: Signals, **_: float) -> Floats:
         """Departure of the parent effect."""
-        values = self.of.discrepancy(signals, **self._shape)
+        values = self.of.discrepancy(signals, **dict(self.shape))
         if values is None:
             raise ValueError(f'effect {self.of.name!r} has a discrepancy_limit but no discrepancy')
         return values[..., None]

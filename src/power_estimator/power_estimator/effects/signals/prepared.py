@@ -153,13 +153,16 @@ class Prepared:
         return np.where(turns, np.mod(position, 2 * np.pi), position)
 
 
+def _rows(values: NDArray[np.float32]) -> Floats:
+    """Values [T, D] with the drives of a sample side by side, as all products have them."""
+    return np.ascontiguousarray(values, dtype=np.float64)
+
+
 def signals_of(
     data: AlignedDataset, lag: Floats | None = None, scale: DriveScale | None = None
 ) -> Signals:
     """Return the dataset's drives as Signals, with the velocity's lag (s [D]) removed."""
-    velocity = np.asarray(data.velocity, dtype=np.float64)
-    torque = np.asarray(data.torque, dtype=np.float64)
-    position = np.asarray(data.position, dtype=np.float64)
+    velocity, torque, position = _rows(data.velocity), _rows(data.torque), _rows(data.position)
     if lag is not None:
         velocity = velocity + lag * _rate_of(velocity, data)
     acceleration = _rate_of(velocity, data)
@@ -174,8 +177,8 @@ def signals_of(
         acceleration=acceleration,
         torque=torque,
         torque_rate=_rate_of(torque, data),
-        voltage=np.asarray(data.voltage, dtype=np.float64),
-        temperature=np.asarray(data.temperature, dtype=np.float64),
+        voltage=_rows(data.voltage),
+        temperature=_rows(data.temperature),
         motor_velocity=velocity,
         motor_acceleration=acceleration,
         motor_torque=torque,
@@ -226,7 +229,7 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
             f'no stretch of {data.time.size / data.rate:.1f} s of data is longer than 1 s without '
             'a gap'
         )
-    meters = data.supply[:, None] if whole else data.power
+    meters = np.ascontiguousarray(data.supply[:, None] if whole else data.power)
     power = np.stack([reducer.reduce(meters, shift) for shift in shifts.tolist()])
     centres = reducer.centres()
     return Prepared(
@@ -254,9 +257,9 @@ def velocity_lag(data: AlignedDataset) -> Floats:
     reducer = Reducer(data.rate, _long_enough_data(data))
     if not reducer.slices:
         return np.zeros(len(data.names))
-    rate = reducer.reduce(_rate_of(np.asarray(data.position, dtype=np.float64), data))
-    velocity = reducer.reduce(data.velocity)
-    acceleration = reducer.reduce(_rate_of(np.asarray(data.velocity, dtype=np.float64), data))
+    own = _rows(data.velocity)
+    rate = reducer.reduce(_rate_of(_rows(data.position), data))
+    velocity, acceleration = reducer.reduce(own), reducer.reduce(_rate_of(own, data))
     lags = np.zeros(len(data.names))
     for drive, name in enumerate(data.names):
         moving = velocity[:, drive].std()

@@ -15,6 +15,7 @@ HALF_WIDTH = 0.2  # s, of the low-pass
 EARLIEST, LATEST, SHIFT_STEP = -0.006, 0.022, 0.001
 """Delays of the power against the joint signals that a fit tries, s."""
 _BETA = 4.9  # of its Kaiser window: 53 dB beyond 16.5 Hz
+_TOGETHER = 16  # outputs made by one matrix product
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Reducer:
         taps = self._taps(shift)
         start = self.margin - len(taps) // 2
         parts = [
-            _decimated(np.asarray(values[part], np.float64)[start:], taps, self.factor, count)
+            _known(np.asarray(values[part], np.float64)[start:], taps, self.factor, count)
             for part in self.slices
             if (count := self._count(part))
         ]
@@ -81,24 +82,43 @@ class Reducer:
         return windowed_sinc(time, CUTOFF, HALF_WIDTH, _BETA)[::-1]
 
 
+def _known(values: Floats, taps: Floats, factor: int, count: int) -> Floats:
+    """As `_decimated`, NaN where a value that is not known counts."""
+    unknown = ~np.isfinite(values)
+    if not unknown.any():
+        return _decimated(values, taps, factor, count)
+    out = _decimated(np.where(unknown, 0.0, values), taps, factor, count)
+    reached = _decimated(unknown.astype(np.float64), np.abs(taps), factor, count)
+    out[reached > 0.0] = np.nan
+    return out
+
+
 def _decimated(values: Floats, taps: Floats, factor: int, count: int) -> Floats:
     """
     FIR filter and decimation of values [T, ...] to [count, ...].
 
-    Output i is the sum over k of taps[k]·values[i·factor + len(taps) − 1 − k]. One matrix product
-    over the phases of the filter: three times as fast as scipy's upfirdn along the first axis.
+    Output i is the sum over k of taps[k]·values[i·factor + len(taps) − 1 − k]. A matrix product
+    makes a few outputs at once from the stretch of input that they share, without copies: two
+    orders of magnitude less work than the phases of the filter one by one.
     """
-    phases = -(-len(taps) // factor)
-    weights = np.zeros(phases * factor)
-    weights[: len(taps)] = taps[::-1]
-    blocks = count - 1 + phases
+    used = np.flatnonzero(taps[::-1])
+    weights = taps[::-1][used[0] : used[-1] + 1]
     width = int(np.prod(values.shape[1:]))
-    padded = np.zeros((blocks * factor, width))
-    used = values[: (count - 1) * factor + len(taps)]
-    padded[: len(used)] = used.reshape(len(used), width)
-    by_place = padded.reshape(blocks, factor, width).transpose(1, 0, 2).reshape(factor, -1)
-    products = weights.reshape(phases, factor) @ by_place
-    out = np.zeros(count * width)
-    for phase, product in enumerate(products):
-        out += product[phase * width : (phase + count) * width]
+    rows = np.ascontiguousarray(values).reshape(len(values), width)[used[0] :]
+    together = min(_TOGETHER, count)
+    filters = np.zeros((together, (together - 1) * factor + len(weights)))
+    for place in range(together):
+        filters[place, place * factor : place * factor + len(weights)] = weights
+    out = np.empty((count, width))
+    whole = count // together
+    step, item = rows.strides
+    windows = np.lib.stride_tricks.as_strided(
+        rows, (whole, filters.shape[1], width), (together * factor * step, step, item)
+    )
+    np.matmul(filters, windows, out=out[: whole * together].reshape(whole, together, width))
+    left = count - whole * together
+    if left:
+        needed = (left - 1) * factor + len(weights)
+        last = rows[whole * together * factor :][:needed]
+        out[whole * together :] = filters[:left, :needed] @ last
     return out.reshape(count, *values.shape[1:])

@@ -1,0 +1,196 @@
+"""Blocks of a second, and the normal equations of each."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+
+Floats = NDArray[np.float64]
+
+BLOCK_SECONDS = (1.0, 0.5, 0.25, 0.1)
+_FEWEST_BLOCKS = 15
+_DRAWN_TOGETHER = 5  # blocks of a bootstrap
+_LEAST_USED = 0.5  # of the rows of a block must be resolved
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Blocks of a second of reduced samples, shorter in a short recording, that errors are of."""
+
+    starts: NDArray[np.intp]  # [B] first row of each
+    length: int
+    recording: NDArray[np.int32]  # [B]
+    time: Floats  # s [B], of the first row
+    valid: NDArray[np.bool_]  # [B, D] where the power of the drive was measured throughout
+    use: NDArray[np.bool_]  # [B, length, D] rows whose signals are resolved
+
+    @classmethod
+    def of(cls, prepared: Prepared) -> 'Blocks':
+        """Cut prepared signals into blocks that cross no gap."""
+        window = prepared.reducer.window
+        for seconds in (window,) if window else BLOCK_SECONDS:
+            length = round(seconds * REDUCED_RATE)
+            starts = [
+                start
+                for part in prepared.reducer.stretches()
+                for start in range(part.start, part.stop - length + 1, length)
+            ]
+            if len(starts) >= _FEWEST_BLOCKS:
+                break
+        first = np.array(starts, dtype=np.intp)
+        rows = first[:, None] + np.arange(length)
+        use = prepared.resolved[rows]
+        enough = use.mean(axis=1) >= _LEAST_USED
+        return cls(
+            starts=first,
+            length=length,
+            recording=prepared.recording[first],
+            time=prepared.time[first],
+            valid=prepared.measured[rows].all(axis=1) & enough,
+            use=use,
+        )
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """Return row indices [B, length]."""
+        return self.starts[:, None] + np.arange(self.length)
+
+    @property
+    def counts(self) -> NDArray[np.intp]:
+        """Rows that count of each block, 1 or more, [B, D]."""
+        return np.maximum(self.use.sum(axis=1), 1)
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Mark the rows that count [B, length, D]."""
+        return self.use & self.valid[:, None, :]
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of each block and drive; zero where the power was not measured."""
+
+    gram: Floats  # [B, D, m, m]
+    moment: Floats  # [B, D, m]
+    square: Floats  # W² [B, D], sum of squared targets
+    valid: NDArray[np.bool_]  # [B, D]
+    counts: NDArray[np.intp]  # rows of a block that count [B, D]
+
+    @classmethod
+    def of(cls, columns: Floats, target: Floats, blocks: Blocks) -> 'Normal':
+        """Make normal equations from columns [N, D, m] and target [N, D]."""
+        zero = np.zeros_like(target)
+        return DelayedNormal.of(columns, target[None], zero, blocks).at(0.0)
+
+    def errors(self, coefficients: Floats) -> Floats:
+        """Sum of squared residuals, W² [B, D], at coefficients [D, m] or [B, D, m]."""
+        product = (self.gram @ coefficients[..., None])[..., 0]
+        linear = (coefficients * (product - 2.0 * self.moment)).sum(axis=2)
+        return np.maximum(self.square + linear, 0.0)
+
+
+@dataclass(frozen=True)
+class DelayedNormal:
+    """
+    Normal equations of each block and drive at S neighbouring delays of the power.
+
+    Between two delays the power is interpolated linearly, so that its square needs the product
+    with the power at the next delay.
+    """
+
+    gram: Floats  # [B, D, m, m]
+    moment: Floats  # [S, B, D, m]
+    square: Floats  # W² [S, B, D]
+    next_: Floats  # W² [S, B, D]
+    valid: NDArray[np.bool_]  # [B, D]
+    counts: NDArray[np.intp]  # [B, D]
+
+    @classmethod
+    def of(
+        cls,
+        columns: Floats,
+        power: Floats | NDArray[np.float32],
+        constant: Floats,
+        blocks: Blocks,
+    ) -> 'DelayedNormal':
+        """From columns [N, D, m], power [S, N, D] and what of it is constant [N, D]."""
+        rows = blocks.rows
+        count, drives, m, shifts = len(rows), columns.shape[1], columns.shape[2], len(power)
+        gram = np.empty((count, drives, m, m))
+        moment = np.empty((shifts, count, drives, m))
+        square, next_ = np.empty((shifts, count, drives)), np.zeros((shifts, count, drives))
+        for drive in range(drives):
+            mask = blocks.mask[..., drive]
+            x = columns[rows, drive] * mask[..., None]  # [B, L, m]
+            y = power[:, rows, drive] - constant[rows, drive]
+            y = np.where(mask, np.nan_to_num(y), 0.0)  # [S, B, L]
+            gram[:, drive] = x.transpose(0, 2, 1) @ x
+            moment[:, :, drive] = (y.transpose(1, 0, 2) @ x).transpose(1, 0, 2)
+            square[..., drive] = np.einsum('sbl,sbl->sb', y, y)
+            next_[:-1, :, drive] = np.einsum('sbl,sbl->sb', y[:-1], y[1:])
+        return cls(gram, moment, square, next_, blocks.valid, blocks.counts)
+
+    def at(self, place: float) -> Normal:
+        """Return the equations at a place between 0 and S − 1."""
+        left = min(int(place), max(len(self.moment) - 2, 0))
+        w = place - left
+        if w == 0.0:
+            moment, square = self.moment[left], self.square[left]
+        else:
+            moment = (1 - w) * self.moment[left] + w * self.moment[left + 1]
+            square = (1 - w) ** 2 * self.square[left] + w**2 * self.square[left + 1]
+            square = square + 2 * w * (1 - w) * self.next_[left]
+        return Normal(self.gram, moment, square, self.valid, self.counts)
+
+    def summed(self, weights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """
+        Sums over blocks with weights [B, D].
+
+        gram [D, m, m], moment [S, D, m], square [S, D] and next_ [S, D].
+        """
+        count = len(weights)
+        gram = np.empty(self.gram.shape[1:])
+        moment = np.empty((len(self.moment), *self.moment.shape[2:]))
+        for drive in range(len(gram)):
+            own = weights[:, drive]
+            gram[drive] = (own @ self.gram[:, drive].reshape(count, -1)).reshape(gram[drive].shape)
+            moment[:, drive] = own @ self.moment[:, :, drive]
+        square = np.einsum('sbd,bd->sd', self.square, weights)
+        return gram, moment, square, np.einsum('sbd,bd->sd', self.next_, weights)
+
+
+def modelled(columns: Floats, coefficients: Floats) -> Floats:
+    """Multiply [N, D, m] by [D, m] and sum to [N, D]."""
+    out = np.empty(columns.shape[:2])
+    for drive, own in enumerate(coefficients):
+        out[:, drive] = columns[:, drive] @ own
+    return out
+
+
+def between(
+    places: Floats, moment: Floats, square: Floats, next_: Floats
+) -> tuple[Floats, Floats]:
+    """
+    Moment [S, D, m] and squared target [S, D] at places [P] between S delays.
+
+    The target is interpolated linearly; next_ [S, D] is its product with that at the next delay.
+    """
+    left = np.minimum(places.astype(int), len(moment) - 2)
+    w = (places - left)[:, None]
+    moments = (1 - w)[..., None] * moment[left] + w[..., None] * moment[left + 1]
+    squares = (1 - w) ** 2 * square[left] + w**2 * square[left + 1] + 2 * w * (1 - w) * next_[left]
+    return moments, squares
+
+
+def drawn_blocks(count: int, repetitions: int, seed: int) -> Floats:
+    """Return how often each of count blocks is drawn in moving-block bootstraps, [R, B]."""
+    random = np.random.default_rng(seed)
+    size = min(_DRAWN_TOGETHER, count)
+    drawn = np.zeros((repetitions, count))
+    for row in drawn:
+        starts = random.integers(0, count - size + 1, -(-count // size))
+        np.add.at(row, (starts[:, None] + np.arange(size)).ravel(), 1.0)
+    return drawn

@@ -1,0 +1,117 @@
+"""Search for the delay of the power against the joint signals, common to all drives."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_estimator.effects.fit.blocks import Blocks, DelayedNormal, Normal, between
+from power_estimator.effects.fit.bounded_lsq import bounded_solve
+from power_estimator.effects.fit.design import Design
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+
+Floats = NDArray[np.float64]
+FINE_STEP = 0.00025
+"""s, between the delays that are tried."""
+_NEAR = 3  # delays on either side of a known one
+
+
+@dataclass(frozen=True)
+class DelaySearch:
+    """Finds the delay at which a design leaves the least error."""
+
+    prepared: Prepared
+    groups: Sequence[Sequence[int]]  # drives that share coefficients
+    weight: Floats  # W² [D], of the priors
+
+    def found(
+        self,
+        design: Design,
+        blocks: Blocks,
+        weights: Floats,
+        near: float | None,
+        delay: float | None,
+    ) -> tuple[Normal, float]:
+        """
+        Normal equations at the best delay, and that delay in s.
+
+        It is sought near a known one first. weights: of the blocks [B, D]. With delay nothing is
+        sought.
+        """
+        shifts = self.prepared.shifts
+        if delay is not None:
+            place = np.clip((delay - shifts[0]) / self._step, 0.0, len(shifts) - 1.001)
+            low = int(place)
+            return self._equations(design, blocks, slice(low, low + 2)).at(place - low), delay
+        window = self._window(near)
+        equations = self._equations(design, blocks, window)
+        sums = equations.summed(weights)
+        best = int(np.argmin(self._profile(design, *sums[:3])))
+        inner = (best > 0 or window.start == 0) and (
+            best < len(sums[1]) - 1 or window.stop == len(shifts)
+        )
+        if not inner:
+            return self.found(design, blocks, weights, None, None)
+        place = self._finely(design, sums, best)
+        return equations.at(place), float(shifts[0] + self._step * (window.start + place))
+
+    def drawn(
+        self, design: Design, blocks: Blocks, weights: Floats, near: float, drawn: Floats
+    ) -> Floats:
+        """Best delays in s near a known one, of fits in which blocks count drawn [R, B] times."""
+        window = self._window(near)
+        equations = self._equations(design, blocks, window)
+        out = np.empty(len(drawn))
+        for row, counts in enumerate(drawn):
+            sums = equations.summed(weights * counts[:, None])
+            best = int(np.argmin(self._profile(design, *sums[:3])))
+            place = window.start + self._finely(design, sums, best)
+            out[row] = self.prepared.shifts[0] + self._step * place
+        return out
+
+    @property
+    def _step(self) -> float:
+        return float(self.prepared.shifts[1] - self.prepared.shifts[0])
+
+    def _window(self, near: float | None) -> slice:
+        count = len(self.prepared.shifts)
+        if near is None:
+            return slice(0, count)
+        middle = round((near - float(self.prepared.shifts[0])) / self._step)
+        low = int(np.clip(middle - _NEAR, 0, count - 2 * _NEAR - 1))
+        return slice(low, low + 2 * _NEAR + 1)
+
+    def _equations(self, design: Design, blocks: Blocks, window: slice) -> DelayedNormal:
+        power = self.prepared.power[window]
+        return DelayedNormal.of(design.columns, power, design.constant, blocks)
+
+    def _finely(
+        self, design: Design, sums: tuple[Floats, Floats, Floats, Floats], best: int
+    ) -> float:
+        """Place of the best delay between the neighbours of the best of some."""
+        gram, moment, square, next_ = sums
+        middle = int(np.clip(best, 1, len(moment) - 2))
+        places = np.linspace(middle - 1, middle + 1, 2 * round(self._step / FINE_STEP) + 1)
+        fine = self._profile(design, gram, *between(places, moment, square, next_))
+        return float(places[int(np.argmin(fine))])
+
+    def _profile(self, design: Design, gram: Floats, moment: Floats, square: Floats) -> Floats:
+        """Summed log error [S] at S delays; the search begins at the bounds of the middle one."""
+        prior = design.structure.priors(self.prepared.scale)
+        total = np.zeros(len(moment))
+        middle = len(moment) // 2
+        for group in map(list, self.groups):
+            ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior[group[0]])
+            lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
+            matrix = gram[group].sum(axis=0)
+            right = moment[:, group].sum(axis=1)
+            first = right[middle : middle + 1]
+            near = bounded_solve(matrix[None], first, lower, upper, ridge)[0]
+            batch = np.broadcast_to(matrix, (len(right), *matrix.shape))
+            x = bounded_solve(batch, right, lower, upper, ridge, near)
+            error = square[:, group].sum(axis=1) - 2 * (x * right).sum(axis=1)
+            error = error + ((x @ matrix) * x).sum(axis=1)
+            total += len(group) * np.log(np.maximum(error, 1e-9))
+        return total
