@@ -28,7 +28,7 @@ def by_chance(
     own, mask = problem.scatter
     left = problem.moved_residual
     joined = np.concatenate([own, columns[rows] * mask[..., None]], axis=2)
-    cross = np.einsum('blk,bls->bks', joined, left, optimize=True)
+    cross = joined.transpose(0, 2, 1) @ left
     train = np.concatenate([folds.training, np.ones((1, len(cross)))])
     test = (folds.test == np.arange(FOLDS)[:, None]).astype(np.float64)
     own_moment = np.tensordot(train, cross, axes=1)
@@ -52,7 +52,7 @@ def by_chance(
 
 def _error(moments: Moments, moment: Floats, solved: Floats) -> Floats:
     """Sum of squared errors less that of the target, W² [S]."""
-    product = np.einsum('fij,fjs->fis', moments.test_gram, solved, optimize=True)
+    product = moments.test_gram @ solved
     return np.asarray((solved * (product - 2.0 * moment)).sum(axis=(0, 1)))
 
 

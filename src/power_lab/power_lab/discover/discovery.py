@@ -20,7 +20,7 @@ from power_lab.discover.formula import Formula, refined
 from power_lab.discover.in_time import Course, InTime, in_time
 from power_lab.discover.problem import DriveProblem, problems
 from power_lab.discover.search import Expression, express
-from power_lab.discover.selection import KEEPS, Option, certainty, options
+from power_lab.discover.selection import KEEPS, Option, certainty, handicap, options
 from power_lab.discover.shapes import LearnedShape, learn
 from power_lab.discover.words import effect_name, excitation, in_short, look_alikes
 
@@ -35,7 +35,7 @@ _MOST_SAMPLED = 3.0
 _NEXT_SHARE = 0.1  # in watts, of the first effect, that a further one must explain
 _LEAST_OF_TIME = 0.6  # of what time explains, that the state must explain not to be time
 _WIDER = 3.0  # times the bootstrap's interval, for the bounds of a file
-_SEARCHED = 4  # drives that are searched in full
+_FINALISTS, _CLOSE = 3, 0.85  # options that are fitted with all else
 _BOOTSTRAPS = 200
 
 
@@ -78,6 +78,18 @@ class Discovery:
 
 
 Show = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Finalist:
+    """An option as the lab judges it."""
+
+    option: Option
+    name: str
+    formula: Formula
+    effect: Effect
+    after: Evidence
+    gain: Floats  # W² [D]
 
 
 class Discoverer:
@@ -148,14 +160,13 @@ class Discoverer:
             return None, 'nothing that is larger than what can be judged', chance
         if chance > CERTAINTY:
             return None, f'what is left is as large by chance in {chance:.0%} of cases', chance
-        option = ranked[0]
         gain = np.zeros(len(floor))
-        for drive, place in option.formula.places.items():
+        for drive, place in ranked[0].formula.places.items():
             gain[drive] = place.gain
         if not above_floor(gain, floor):
             size = float(np.sqrt(gain.max()))
             return None, f'{size:.2f} W of structure is less than can be judged', chance
-        one = self._checked(option, ranked, best, floor, drives, point, found)
+        one = self._checked(ranked, best, floor, drives, point, found)
         if one is None:
             return None, 'no formula stands beside the refitted model', chance
         return one, '', chance
@@ -229,9 +240,32 @@ class Discoverer:
         low, high = np.quantile(drawn, (0.025, 0.975))
         return float(np.sign(low) * np.sqrt(abs(low))), float(np.sqrt(max(high, 0.0)))
 
-    def _checked(
+    def _finalist(
         self,
         option: Option,
+        best: Evidence,
+        drives: Sequence[DriveProblem],
+        point: Linearisation,
+        found: Sequence[Found],
+    ) -> Finalist:
+        """An option with its parameters refined, fitted by the lab with all else."""
+        prepared = self.fitter.prepared
+        primitive = option.formula.primitive
+        places = {
+            d: refined(drives[d], primitive, place, point, prepared)
+            for d, place in option.formula.places.items()
+        }
+        formula = replace(option.formula, places=places)
+        taken = {*self.catalogue, *self.structure.names, *(one.name for one in found)}
+        name = effect_name(formula, taken)
+        wide = [(-1e6, 1e6)] * primitive.terms
+        ones = {d: (1.0,) * primitive.terms for d in places}
+        effect = load_effect(self._written(name, formula, ones, wide))
+        after = self._examined(self.structure.plus(Active.of(effect)), best)
+        return Finalist(option, name, formula, effect, after, best.mean_mse - after.mean_mse)
+
+    def _checked(
+        self,
         ranked: Sequence[Option],
         best: Evidence,
         floor: Floats,
@@ -239,22 +273,13 @@ class Discoverer:
         point: Linearisation,
         found: Sequence[Found],
     ) -> Found | None:
-        """The option with its parameters refined, fitted by the lab with all else."""
+        """The best of the first options, once each is fitted with all else."""
         self.show('refining the formula')
-        formula = option.formula
-        prepared = self.fitter.prepared
-        places = {
-            d: refined(drives[d], formula.primitive, place, point, prepared)
-            for d, place in formula.places.items()
-        }
-        formula = replace(formula, places=places)
-        taken = {*self.catalogue, *self.structure.names, *(one.name for one in found)}
-        name = effect_name(formula, taken)
-        wide = [(-1e6, 1e6)] * formula.primitive.terms
-        written = self._written(name, formula, {d: (1.0,) for d in places}, wide)
-        effect = load_effect(written)
-        after = self._examined(self.structure.plus(Active.of(effect)), best)
-        gain = best.mean_mse - after.mean_mse
+        close = [o for o in ranked[:_FINALISTS] if o.score >= _CLOSE * ranked[0].score]
+        finalists = [self._finalist(option, best, drives, point, found) for option in close]
+        one = max(finalists, key=lambda f: f.gain.sum() * handicap(f.formula.family))
+        option, name, formula, gain = one.option, one.name, one.formula, one.gain
+        after, effect, places = one.after, one.effect, one.formula.places
         own = tuple(
             d
             for d in places
@@ -329,6 +354,10 @@ class Discoverer:
             excitation=excitation(formula),
             places=places,
         )
+
+
+def _root(value: float) -> float:
+    return float(np.sqrt(max(value, 0.0)))
 
 
 def bounds_of(between: Floats, factors: Floats) -> list[tuple[float, float]]:

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,43 +102,61 @@ class Primitive:
         found = self.of(z, **values)
         return found if self.terms > 1 else found[..., None]
 
-    def grid(self, nodes: Floats, weight: Floats) -> Iterator[dict[str, float]]:
-        """Parameters to be tried on nodes [K] with their shares of the samples [K]."""
+    def on(self, nodes: Floats) -> tuple[list[dict[str, float]], Floats]:
+        """Parameters to be tried on evenly spaced nodes [K], and the columns [n, K, terms]."""
+        if self.name in ('step', 'window'):
+            span = float(nodes[-1] - nodes[0])
+            unit, columns = _on_unit(self.name, len(nodes))
+            moved = [
+                {k: v * span + (0.0 if k == 'edge' else float(nodes[0])) for k, v in one.items()}
+                for one in unit
+            ]
+            return moved, columns
+        grid = list(self._grid(nodes))
+        if not grid:
+            return grid, np.empty((0, len(nodes), self.terms))
+        return grid, np.stack([self.columns(nodes, values) for values in grid])
+
+    def _grid(self, nodes: Floats) -> Iterator[dict[str, float]]:
         span = float(nodes[-1] - nodes[0])
-        inner = nodes[1:-1]
-        if self.name == 'step':
-            for at in inner:
-                for edge in (0.02, 0.08):
+        top = float(np.abs(nodes).max())
+        match self.parameters:
+            case ('at', 'edge'):
+                for at, edge in itertools.product(nodes[1:-1], (0.02, 0.08)):
                     yield {'at': float(at), 'edge': edge * span}
-        elif self.name == 'window':
-            spacing = nodes[1] - nodes[0]
-            for low, high in itertools.combinations(nodes, 2):
-                width = high - low
-                if width <= 0.75 * span:
-                    for edge in (0.12, 0.45):
-                        yield {
-                            'low': float(low),
-                            'high': float(high),
-                            'edge': float(edge * max(width, spacing)),
-                        }
-        elif self.name in ('above', 'below'):
-            for limit in inner:
-                yield {'limit': float(limit)}
-        elif self.name in ('beyond', 'beyond_square'):
-            top = float(np.abs(nodes).max())
-            for share in np.linspace(0.05, 0.9, 18):
-                yield {'limit': float(share * top)}
-        elif self.name in ('saturated', 'saturated_size', 'fading'):
-            top = float(np.abs(nodes).max())
-            for share in np.geomspace(0.02, 1.5, 16):
-                yield {'scale': float(share * top)}
-        elif self.name == 'wave':
-            finest = 0.25 * len(nodes) * 2 * np.pi / span
-            for order in np.arange(1.0, min(finest, 100.0) + 0.5, 0.5):
-                if order * span > np.pi:
-                    yield {'order': float(order)}
-        else:
-            yield {}
+            case ('low', 'high', 'edge'):
+                for low, high in itertools.combinations(nodes.tolist(), 2):
+                    if high - low <= _WIDEST * span:
+                        for edge in (0.12, 0.45):
+                            yield {'low': low, 'high': high, 'edge': edge * (high - low)}
+            case ('limit',) if self.name in ('above', 'below'):
+                for limit in nodes[1:-1].tolist():
+                    yield {'limit': limit}
+            case ('limit',):
+                for share in np.linspace(0.05, 0.9, 18):
+                    yield {'limit': float(share * top)}
+            case ('scale',):
+                for share in np.geomspace(0.02, 1.5, 16):
+                    yield {'scale': float(share * top)}
+            case ('order',):
+                finest = 0.25 * len(nodes) * 2 * np.pi / span
+                for order in np.arange(1.0, min(finest, 100.0) + 0.5, 0.5):
+                    if order * span > np.pi:
+                        yield {'order': float(order)}
+            case _:
+                yield {}
+
+
+_WIDEST = 0.75
+"""Share of the driver's range that a window may fill."""
+
+
+@lru_cache(maxsize=8)
+def _on_unit(name: str, count: int) -> tuple[list[dict[str, float]], Floats]:
+    """Grid and columns on nodes from 0 to 1, which all drivers share."""
+    primitive, nodes = PRIMITIVES[name], np.linspace(0.0, 1.0, count)
+    grid = list(primitive._grid(nodes))
+    return grid, np.stack([primitive.columns(nodes, values) for values in grid])
 
 
 PRIMITIVES = {

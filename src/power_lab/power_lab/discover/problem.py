@@ -34,7 +34,7 @@ class Moments:
 
     def error(self, coefficients: Floats) -> Floats:
         """Sum of squared held-out errors, W² [..., F], of coefficients [..., F, m]."""
-        product = np.einsum('fij,...fj->...fi', self.test_gram, coefficients)
+        product = (self.test_gram @ coefficients[..., None])[..., 0]
         linear = (coefficients * (product - 2.0 * self.test_moment)).sum(axis=-1)
         return np.asarray(np.maximum(self.test_square + linear, 0.0))
 

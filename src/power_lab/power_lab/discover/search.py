@@ -11,6 +11,7 @@ from power_lab.discover.problem import DriveProblem
 from power_lab.discover.shapes import LearnedShape
 
 Floats = NDArray[np.float64]
+_LEAST_LEFT = 1e-4  # of a column's square, after the base's columns are projected out
 
 
 @dataclass(frozen=True)
@@ -28,10 +29,9 @@ def express(problem: DriveProblem, shape: LearnedShape) -> list[Expression]:
     reduced = [_partial(problem, shape, fold) for fold in range(FOLDS + 1)]
     out = []
     for primitive in PRIMITIVES.values():
-        grid = list(primitive.grid(shape.nodes, shape.share))
+        grid, columns = primitive.on(shape.nodes)
         if not grid:
             continue
-        columns = np.stack([primitive.columns(shape.nodes, values) for values in grid])
         found = _best(problem, shape, reduced, columns)
         if found is None:
             continue
@@ -90,17 +90,19 @@ def _best(
 
 def _solve(part: _Partial, columns: Floats) -> tuple[int, Floats, float]:
     """Index, coefficients and fall of the training error of the best of columns [n, K, k]."""
-    gram = np.einsum('nik,ij,njl->nkl', columns, part.gram, columns, optimize=True)
-    moment = np.einsum('nik,i->nk', columns, part.moment)
+    turned = columns.transpose(0, 2, 1)  # [n, k, K]
+    gram = (turned @ part.gram) @ columns
+    moment = turned @ part.moment
     k = gram.shape[1]
-    scale = np.sqrt(np.maximum(np.einsum('nkk->nk', gram), 1e-12))
-    whole = np.einsum(
-        'nik,ij,njk->nk', columns, np.diag(np.diag(part.gram)), columns, optimize=True
-    )
-    dead = np.einsum('nkk->nk', gram) < 1e-4 * np.abs(whole)
-    unit = gram / (scale[:, :, None] * scale[:, None, :]) + 1e-6 * np.eye(k)
-    solved = np.linalg.solve(unit, (moment / scale)[..., None])[..., 0] / scale
-    fall = (solved * moment).sum(axis=1)
-    fall = np.where(dead.any(axis=1), -np.inf, fall)
+    diagonal = np.diagonal(gram, axis1=1, axis2=2)
+    scale = np.sqrt(np.maximum(diagonal, 1e-12))
+    whole = np.square(turned) @ np.diag(part.gram)
+    dead = (diagonal < _LEAST_LEFT * np.abs(whole)).any(axis=1)
+    if k == 1:
+        solved = moment / np.square(scale)
+    else:
+        unit = gram / (scale[:, :, None] * scale[:, None, :]) + 1e-6 * np.eye(k)
+        solved = np.linalg.solve(unit, (moment / scale)[..., None])[..., 0] / scale
+    fall = np.where(dead, -np.inf, (solved * moment).sum(axis=1))
     index = int(np.argmax(fall))
     return index, solved[index], float(fall[index])

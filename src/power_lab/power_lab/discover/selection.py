@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from power_lab.discover.drivers import Family
 from power_lab.discover.formula import Formula, Place
 from power_lab.discover.grammar import PRIMITIVES
 from power_lab.discover.search import Expression
@@ -13,12 +14,11 @@ from power_lab.discover.shapes import LearnedShape
 
 KEEPS = 0.9
 """Share of the shape's gain that a formula must keep to be called one."""
-_NEAR_BEST = 0.97
-"""Share of the best formula's gain that a smaller one must keep."""
+_NEAR_BEST = 0.99
+"""Share of the best formula's gain that a smaller one must keep, or all but what is too small."""
 _HANDICAP = {'other_drive': 0.85}
 """What another drive explains must be more than what the own state explains."""
 _MEMORY_HANDICAP = 0.93
-_LEAST_SHARE = 0.02  # of a drive's error, to be one of the effect's drives
 _WAVE_HANDICAP = 0.97
 
 Explained = Mapping[int, Sequence[tuple[LearnedShape, Sequence[Expression]]]]
@@ -77,16 +77,21 @@ def _option(
     if not formulas:
         return None
     best = max(formula.gain * _weight(formula) for formula in formulas)
-    near = [f for f in formulas if f.gain * _weight(f) >= _NEAR_BEST * best]
+    judged = sum(least[drive] for drive in shapes)
+    enough = min(_NEAR_BEST * best, best - judged)
+    near = [f for f in formulas if f.gain * _weight(f) >= enough]
     chosen = min(near, key=lambda f: (f.primitive.complexity, -f.gain))
     shape_gain = sum(max(shapes[d].gain, place.gain) for d, place in chosen.places.items())
     formula = Formula(chosen.primitive, chosen.places, shape_gain)
     family = formula.family
-    handicap = _HANDICAP.get(family.kind, 1.0)
-    if family.driver.memory:
-        handicap *= _MEMORY_HANDICAP
-    score = handicap * max(formula.gain, 0.8 * shape_gain)
+    score = handicap(family) * max(formula.gain, 0.8 * shape_gain)
     return Option(formula, shape_gain, score, {d: shapes[d] for d in chosen.places})
+
+
+def handicap(family: Family) -> float:
+    """Factor on what a family explains: simpler causes come first."""
+    own = _MEMORY_HANDICAP if family.driver.memory else 1.0
+    return own * _HANDICAP.get(family.kind, 1.0)
 
 
 def _weight(formula: Formula) -> float:

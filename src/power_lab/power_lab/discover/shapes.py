@@ -14,7 +14,8 @@ from power_lab.discover.problem import DriveProblem, Moments, price
 
 Floats = NDArray[np.float64]
 
-NODES = 33
+NODES, OF_TURN, OF_POSITION = 33, 97, 49
+"""Nodes of a shape: over most drivers, over a turn, over a position."""
 _SMOOTHING = tuple(10.0**k for k in range(-5, 3))
 _TAIL = 0.002  # of the samples, beyond the outermost nodes
 
@@ -48,12 +49,12 @@ def hats(values: Floats, nodes: Floats) -> tuple[NDArray[np.intp], Floats]:
     return left, place - left
 
 
-def spread(values: Floats) -> Floats | None:
+def spread(values: Floats, count: int = NODES) -> Floats | None:
     """Nodes over the values, None where they hardly vary."""
     low, high = np.quantile(values, (_TAIL, 1.0 - _TAIL))
     if not np.isfinite(high - low) or high - low < 1e-9 * max(abs(low), abs(high), 1e-6):
         return None
-    return np.linspace(low, high, NODES)
+    return np.linspace(low, high, count)
 
 
 def instant(family: Family, point: Linearisation, drive: int) -> tuple[Floats, Floats]:
@@ -71,26 +72,27 @@ def learn(
 ) -> LearnedShape | None:
     """Learn the family's shape; its smoothness is that with the least held-out error."""
     z, weight = instant(family, point, problem.drive)
-    nodes = spread(z)
+    count = {'angle': OF_TURN, 'position': OF_POSITION}.get(family.driver.name, NODES)
+    nodes = spread(z, count)
     if nodes is None:
         return None
     left, over = hats(z, nodes)
     rows = np.arange(len(z))
-    columns = np.zeros((len(z), NODES))
+    columns = np.zeros((len(z), count))
     columns[rows, left] = weight * (1.0 - over)
     columns[rows, left + 1] += weight * over
-    share = np.bincount(left, minlength=NODES) / len(z)
+    share = np.bincount(left, minlength=count) / len(z)
     columns = prepared.reduced(columns)
     moments = problem.moments(columns)
-    curvature = np.diff(np.eye(NODES), n=2, axis=0)
+    curvature = np.diff(np.eye(count), n=2, axis=0)
     bend = curvature.T @ curvature
-    own = moments.gram[-1][-NODES:, -NODES:]
-    unit = float(np.trace(own)) / NODES
+    own = moments.gram[-1][-count:, -count:]
+    unit = float(np.trace(own)) / count
     if unit <= 0.0:
         return None
     best: tuple[float, Floats, Floats] | None = None
     for smoothing in _SMOOTHING:
-        penalty = smoothing * unit * bend + 1e-6 * unit * np.eye(NODES)
+        penalty = smoothing * unit * bend + 1e-6 * unit * np.eye(count)
         solved = problem.solve(moments, penalty)
         error = float(moments.error(solved[:FOLDS]).sum())
         if best is None or error < best[0]:

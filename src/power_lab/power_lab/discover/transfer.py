@@ -40,7 +40,7 @@ class Transfer:
 
 
 @dataclass(frozen=True)
-class Judged:
+class ModelElsewhere:
     """A fitted model on another recording."""
 
     residual: Floats  # W [N, D]
@@ -57,7 +57,7 @@ class OtherRecording:
         self.blocks = Blocks.of(self.prepared)
         self.own, self.catalogue = own, catalogue
 
-    def judge(self, effects: Sequence[Active], base: Floats | None = None) -> Judged:
+    def judge(self, effects: Sequence[Active], base: Floats | None = None) -> ModelElsewhere:
         """Fit effects to the first recording, and set them against this one."""
         catalogue = self.catalogue
         model, fit = fit_model('trial', self.own, effects, catalogue)
@@ -66,10 +66,10 @@ class OtherRecording:
         estimated = self.prepared.reduced(_predicted(model, data, base))
         measured = self.prepared.power_at(fit.delay)
         residual = np.where(self.prepared.resolved, measured - estimated, np.nan)
-        return Judged(residual, estimated, measured)
+        return ModelElsewhere(residual, estimated, measured)
 
     def transfer(
-        self, drives: Sequence[str], before: Judged, after: Judged, explains: float
+        self, drives: Sequence[str], before: ModelElsewhere, after: ModelElsewhere, explains: float
     ) -> Transfer:
         """Say whether what the effect explains is borne out on the named drives."""
         shared = [name for name in drives if name in self.prepared.names]
@@ -94,8 +94,8 @@ class OtherRecording:
     def _verdict(
         self,
         parts: tuple[Floats, Floats],
-        before: Judged,
-        after: Judged,
+        before: ModelElsewhere,
+        after: ModelElsewhere,
         columns: list[int],
         explains: float,
     ) -> tuple[bool | None, str]:

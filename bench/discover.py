@@ -1,0 +1,245 @@
+"""
+Blind benchmark of `power_lab discover`: hidden effects that no catalogue has, and nulls.
+
+    python bench/discover.py [--seeds 0 1 …] [--only NAME …] [--out FILE.jsonl]
+
+Truths are circuits (bench/discover_truth.py), whose shapes are not those of the grammar. Each is
+recorded twice: discover learns from one recording, `add` fits what it wrote to the same one, and
+the error is judged on the other. Results are appended to FILE; what is there is not run again.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from discover_truth import HIDDEN, hidden_watts, recorded
+from lab_scenarios import BASES, FAULTS
+from power_estimator.effects import builtin_catalogue, load_catalogue
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.fitter import measurement_terms
+from power_estimator.effects.fit.training import fit_model, material
+from power_estimator.effects.signals.prepared import prepare
+from power_lab.discover.discovery import Discoverer, Discovery
+from power_lab.discover.effect_file import effect_source
+from power_recordings.alignment.dataset import AlignedDataset
+from rich.console import Console
+from rich.table import Table
+from threadpoolctl import threadpool_limits
+from truth_circuit import Faults
+
+CATALOGUE = builtin_catalogue()
+KNOWN = ('shaft', *BASES['core'])
+SECONDS = 150.0
+_OTHER = 5000  # seed of the other recording
+
+
+def scenarios(seeds: Sequence[int]) -> list[tuple[str, str, str, int]]:
+    """Group, hidden effect or fault, motion and seed of all of them."""
+    out = []
+    for seed in seeds:
+        for name, hidden in HIDDEN.items():
+            out += [('hidden', name, motion, seed) for motion in hidden.motions]
+        out += [('null', '', motion, seed) for motion in ('walk', 'ladder')]
+        faults = list(FAULTS)
+        picked = [faults[(2 * seed + i) % len(faults)] for i in range(2)]
+        out += [('null', fault, ('walk', 'ladder')[seed % 2], seed) for fault in picked]
+    return out
+
+
+def judge(group: str, name: str, motion: str, seed: int) -> dict[str, Any]:
+    """Simulate, discover and score one scenario."""
+    row: dict[str, Any] = {'group': group, 'name': name, 'motion': motion, 'seed': seed}
+    hidden = name if group == 'hidden' else ''
+    faults = Faults(**FAULTS[name]) if group == 'null' and name else None
+    given = {'unit': seed + 50, 'seconds': SECONDS}
+    try:
+        data = recorded(hidden, motion, seed=seed, faults=faults, **given)
+        with threadpool_limits(limits=1):
+            start = time.process_time()
+            discovery = discovered(data)
+            row['cpu_s'] = round(time.process_time() - start, 1)
+            row |= told(discovery)
+            if hidden:
+                row['hidden_w'] = round(hidden_watts(hidden, motion, seed=seed, **given), 3)
+                other = recorded(hidden, motion, seed=seed + _OTHER, **given)
+                row |= elsewhere(discovery, data, other)
+                clean = [recorded('', motion, seed=s, **given) for s in (seed, seed + _OTHER)]
+                row['least_w'] = error(*clean, [], None)
+    except Exception as failure:  # one broken scenario must not end the benchmark
+        row['error'] = f'{type(failure).__name__}: {failure}'
+    return row
+
+
+def discovered(data: AlignedDataset) -> Discovery:
+    """The lab's procedure for the model of known effects."""
+    own = material(data)
+    structure = Structure(tuple(Active.of(CATALOGUE[name]) for name in KNOWN))
+    terms = measurement_terms(CATALOGUE, shaft=True)
+    return Discoverer(own.fitter(per_drive=True), structure.plus(*terms), CATALOGUE).run()
+
+
+def told(discovery: Discovery) -> dict[str, Any]:
+    """The parts of a discovery that are scored."""
+    return {
+        'kinds': [one.kind for one in discovery.found],
+        'names': [one.name for one in discovery.found],
+        'formulas': [one.formula.text() if one.formula else '' for one in discovery.found],
+        'explains_w': [round(one.explains, 3) for one in discovery.found],
+        'kept': [round(one.kept, 3) for one in discovery.found],
+        'drives': [list(one.drives) for one in discovery.found],
+        'nothing': discovery.nothing,
+        'chance': discovery.chance,
+        'rmse_w': np.round(discovery.base.rmse, 3).tolist(),
+        'after_w': np.round(discovery.best.rmse, 3).tolist(),
+        'rivals': [list(one.rivals) for one in discovery.found],
+    }
+
+
+def elsewhere(
+    discovery: Discovery, data: AlignedDataset, other: AlignedDataset
+) -> dict[str, float]:
+    """W rms on the other recording, before and after what was written is added."""
+    written = [one.written for one in discovery.found if one.written is not None]
+    before = error(data, other, [], None)
+    if not written:
+        return {'other_before_w': before, 'other_after_w': before}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'effect.py'
+        path.write_text(effect_source(written, ['bench']), encoding='utf-8')
+        after = error(data, other, [one.name for one in written], path)
+    return {'other_before_w': before, 'other_after_w': after}
+
+
+def error(
+    fitted_on: AlignedDataset, judged_on: AlignedDataset, more: Sequence[str], path: Path | None
+) -> float:
+    """W rms on one recording of the model fitted to another."""
+    catalogue = CATALOGUE if path is None else load_catalogue([path])
+    actives = [Active.of(catalogue[name]) for name in (*KNOWN, *more)]
+    model, fit = fit_model('trial', material(fitted_on), actives, catalogue)
+    prepared = prepare(judged_on)
+    estimated = prepared.reduced(
+        np.asarray(model.predict(judged_on, as_measured=True), dtype=np.float64)
+    )
+    residual = np.where(prepared.resolved, prepared.power_at(fit.delay) - estimated, np.nan)
+    return round(float(np.sqrt(np.nanmean(np.square(residual)))), 4)
+
+
+def right_kind(row: Mapping[str, Any]) -> bool:
+    """True if the first that was found is of a kind that describes the hidden effect."""
+    return bool(row['kinds']) and row['kinds'][0] in HIDDEN[row['name']].kinds
+
+
+def halved(row: Mapping[str, Any]) -> bool:
+    """True if the error on the other recording fell to half or less."""
+    return bool(row['other_after_w'] <= 0.5 * row['other_before_w'])
+
+
+def summary(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The goals of the issue, as reached."""
+    good = [row for row in rows if 'error' not in row]
+    hidden = [row for row in good if row['group'] == 'hidden']
+    state = [row for row in hidden if HIDDEN[row['name']].in_state]
+    alone = [row for row in hidden if not HIDDEN[row['name']].in_state]
+    nulls = [row for row in good if row['group'] == 'null']
+    sold = [row for row in alone if any(kind != 'time' for kind in row['kinds'])]
+    quiet = [row for row in nulls if not row['kinds']]
+    extra = [row for row in state if len(row['kinds']) > 1]
+    shares = [
+        (row['other_before_w'] - row['other_after_w'])
+        / max(row['other_before_w'] - row['least_w'], 1e-9)
+        for row in state
+    ]
+    lines = [
+        _goal('kind right', sum(map(right_kind, hidden)), len(hidden), '≥ 90 %'),
+        _goal('error elsewhere halved, state', sum(map(halved, state)), len(state), '≥ 80 %'),
+        _goal('nothing proposed on nulls', len(quiet), len(nulls), '≥ 95 %'),
+        _goal('time sold as physics', len(sold), len(alone), '0'),
+        _goal('more than one proposed for one', len(extra), len(state), '–'),
+    ]
+    if shares:
+        lines.append(
+            f'of the error put on, taken off elsewhere: median {np.median(shares):.2f}, '
+            f'≥ 0.8 in {sum(s >= 0.8 for s in shares)} of {len(shares)}'
+        )
+    times = [row['cpu_s'] for row in good]
+    if times:
+        lines.append(f'CPU s a discovery: median {np.median(times):.1f}, most {max(times):.1f}')
+    return '\n'.join(lines)
+
+
+def _goal(name: str, count: int, of: int, goal: str) -> str:
+    share = 100 * count / of if of else float('nan')
+    return f'{name}: {count} of {of} ({share:.0f} %; goal {goal})'
+
+
+def table(rows: Iterable[Mapping[str, Any]]) -> Table:
+    """What was said of each hidden effect."""
+    made = Table(title='blind benchmark of discover')
+    for column in ('hidden', 'motion', 'runs', 'kind right', 'halved', 'said'):
+        made.add_column(column)
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
+    for row in rows:
+        if 'error' not in row:
+            what = row['name'] if row['group'] == 'hidden' else f'null {row["name"]}'
+            groups[what, row['motion']].append(row)
+    for (name, motion), own in sorted(groups.items()):
+        hidden = own[0]['group'] == 'hidden'
+        said = Counter(' + '.join(row['names']) or 'nothing' for row in own)
+        made.add_row(
+            name,
+            motion,
+            str(len(own)),
+            str(sum(map(right_kind, own))) if hidden else '',
+            str(sum(map(halved, own))) if hidden and HIDDEN[name].in_state else '',
+            ', '.join(f'{text} {count}' for text, count in said.most_common()),
+        )
+    return made
+
+
+def main() -> int:
+    """Run what is not in the file yet, then print the table and the goals."""
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog='example: python bench/discover.py --seeds 10 11 --out runs/discover.jsonl',
+    )
+    add = parser.add_argument
+    add('--seeds', type=int, nargs='+', default=[0])
+    add('--only', nargs='+', default=[], metavar='NAME', help='only these hidden effects')
+    add('--out', type=Path, default=Path('runs/discover.jsonl'))
+    options = parser.parse_args()
+    os.nice(10)
+    todo = [s for s in scenarios(options.seeds) if not options.only or s[1] in options.only]
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    rows = []
+    if options.out.exists():
+        rows = [json.loads(line) for line in options.out.read_text().splitlines()]
+    done = {(r['group'], r['name'], r['motion'], r['seed']) for r in rows}
+    with options.out.open('a') as file:
+        for count, scenario in enumerate(todo):
+            if scenario in done:
+                continue
+            row = judge(*scenario)
+            rows.append(row)
+            file.write(json.dumps(row) + '\n')
+            file.flush()
+            print(f'{count + 1}/{len(todo)}', *scenario, row.get('names'), file=sys.stderr)
+    Console().print(table(rows))
+    print(summary(rows))
+    broken = [row for row in rows if 'error' in row]
+    for row in broken[:5]:
+        print(f'{row["name"]}, {row["motion"]}: {row["error"]}', file=sys.stderr)
+    return 1 if broken else 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
