@@ -1,14 +1,158 @@
-"""The page of a discovery."""
+"""The page of a discovery: shapes, formulas, where they act, and another recording."""
 
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from wattwalk_core.pages.page import Page, escape
 
+from power_lab.discover.discovery import Found
 from power_lab.discover.outcome import DiscoveryOutcome
+from power_lab.discover.shapes import LearnedShape
+from power_lab.discover.transfer import Transfer
+from power_lab.report import discovery_figures, figures
+
+Floats = NDArray[np.float64]
 
 
 def write_discovery(path: Path, outcome: DiscoveryOutcome) -> None:
     """Write the page of `discover`."""
-    page = Page('Discovery')
+    found = outcome.discovery.found
+    prepared = outcome.own.prepared
+    title = 'Discovered' if outcome.written else 'Nothing of the drives'
+    page = Page(f'{title}: {outcome.model.name}')
+    page.add(f'<p class="kind {"named" if outcome.written else "no_evidence"}">{title}</p>')
     page.add(f'<h1 id="verdict">{escape(outcome.sentence)}</h1>')
+    page.facts(
+        {
+            'Model': outcome.model.name,
+            'Active effects': ', '.join(outcome.model.effects) or 'none',
+            'Learned from': ', '.join(entry['name'] for entry in outcome.loaded.identities),
+            'Tested on': ', '.join(outcome.tested_on) or 'no other recording',
+            'Drives': ', '.join(prepared.names),
+            'Length': f'{prepared.seconds:.0f} s without gaps',
+        }
+    )
+    for one, transfer in zip(found, outcome.transfers, strict=True):
+        page.heading(one.name.replace('_', ' '))
+        page.text(outcome.told(one, transfer))
+        _section_shapes(page, outcome, one)
+        _section_places(page, outcome, one)
+        if transfer is not None:
+            _section_transfer(page, transfer)
+    _section_errors(page, outcome)
+    page.heading('How to read this')
+    page.text(
+        'The grey band is two standard errors of the learned shape, from fits that leave out a '
+        'fifth of the recording each; a constant of a shape is that of the model beside it, so '
+        'that only its course counts. The formula is the smallest of a fixed grammar that keeps '
+        'what the shape explains on data that neither was fitted to. It is a hypothesis: the '
+        'excitation in the file says how to confirm it.',
+        faint=True,
+    )
     page.write(path)
+
+
+def _section_shapes(page: Page, outcome: DiscoveryOutcome, one: Found) -> None:
+    formula = one.formula
+    if formula is None or one.shapes is None or one.coefficients is None:
+        return
+    names = outcome.own.prepared.names
+    panels = {}
+    for drive, place in formula.places.items():
+        shape = one.shapes[drive]
+        core = formula.primitive.columns(shape.nodes, dict(place.parameters))
+        drawn = core @ np.array(one.coefficients[drive])
+        drawn = drawn - float((drawn - shape.values) @ shape.share / shape.share.sum())
+        driver = shape.family.driver
+        unit = {'torque': 'N·m on the motor', 'power': 'W'}[formula.family.acts_on]
+        factor = formula.family.factor.symbol
+        axes = (
+            f'{driver.symbol} in {driver.unit}' if driver.unit else driver.symbol,
+            unit + (f' per {factor}' if factor else ''),
+        )
+        figure = discovery_figures.shape_and_formula(
+            shape.nodes, shape.values, standard_error(shape), drawn, shape.share, axes
+        )
+        text = f'<p>{escape(formula.text(drive))}</p>'
+        panels[names[drive]] = text + page.figure(figure, f'Shape on {names[drive]}')
+    page.tabs(panels)
+    rows = [
+        [
+            names[drive],
+            formula.text(drive),
+            ', '.join(
+                f'{value:.3g} ({low:.3g} … {high:.3g}) {formula.unit}'
+                for value, (low, high) in zip(
+                    values, (one.coefficient_intervals or {})[drive], strict=True
+                )
+            ),
+            f'{np.sqrt(max(one.gain[drive], 0.0)):.2f} W',
+        ]
+        for drive, values in one.coefficients.items()
+    ]
+    page.table(['drive', 'formula', 'coefficient (95 %)', 'explains'], rows, numbers=(3,))
+    if one.rivals:
+        page.text(
+            'Other explanations leave more: '
+            + '; '.join(f'{text} ({watts:.2f} W more)' for text, watts in one.rivals)
+            + '.',
+            faint=True,
+        )
+
+
+def standard_error(shape: LearnedShape) -> Floats:
+    """Standard error of the shape's course [K], by a jackknife over the folds."""
+    count = len(shape.nodes)
+    folds = shape.by_fold[:-1, -count:]
+    weights = shape.share / shape.share.sum()
+    centred = folds - (folds @ weights)[:, None]
+    spread = centred - centred.mean(axis=0)
+    return np.sqrt((len(folds) - 1) / len(folds) * np.square(spread).sum(axis=0))
+
+
+def _section_places(page: Page, outcome: DiscoveryOutcome, one: Found) -> None:
+    fit = outcome.discovery.best.fit
+    columns = fit.structure.columns_of(one.name)
+    if not columns:
+        return
+    power = np.einsum('ndk,dk->nd', fit.design.columns[..., columns], fit.coefficients[:, columns])
+    blocks = outcome.discoverer.fitter.blocks
+    rms = np.sqrt(np.square(power[blocks.rows]).mean(axis=1))
+    names = outcome.own.prepared.names
+    page.text('Where in the recording it acts:', faint=True)
+    figure = discovery_figures.acts_when(
+        blocks.time - blocks.time[0], {names[d]: rms[:, d] for d in one.drives[:4]}
+    )
+    page.add(page.figure(figure, f'Where {one.name} acts', size='low'))
+
+
+def _section_transfer(page: Page, transfer: Transfer) -> None:
+    page.text(f'On another recording: {transfer.reason}.')
+    if not transfer.drives:
+        return
+    figure = discovery_figures.before_and_after(transfer.drives, transfer.before, transfer.after)
+    page.add(page.figure(figure, 'Error on another recording', size='low'))
+    panels = {}
+    for column, name in enumerate(transfer.drives):
+        without, with_ = (values[:, column] for values in transfer.residuals)
+        known = np.isfinite(without) & np.isfinite(with_)
+        figure = figures.traces(
+            transfer.time[known],
+            transfer.measured[known, column],
+            {'without': without[known], 'with it': with_[known]},
+            0.15,
+        )
+        panels[name] = page.figure(figure, f'{name} on another recording', size='tall')
+    page.tabs(panels)
+
+
+def _section_errors(page: Page, outcome: DiscoveryOutcome) -> None:
+    discovery, prepared = outcome.discovery, outcome.own.prepared
+    page.heading('Error on held-out data of the same recording')
+    figure = discovery_figures.before_and_after(
+        prepared.names, discovery.base.rmse.tolist(), discovery.best.rmse.tolist()
+    )
+    page.add(page.figure(figure, 'Held-out error', size='low'))
+    if discovery.nothing:
+        page.text(f'After that: {discovery.nothing}.', faint=True)
