@@ -222,30 +222,22 @@ def recorded(
     supply = 48.0 + 0.25 * ripple / ripple.std() + 0.3 * np.sin(2 * np.pi * time / 37.0)[:, None]
     idle = 8.5 * scale[4] * (0.8 + 0.2 * supply / 48)
 
-    def power(change: Change, winding: Floats | float) -> tuple[Floats, Floats]:
+    def power(change: Change) -> tuple[Floats, Floats]:
         motor = tau + drag + change.drag
         current = motor / (constant / (1 + 0.03 * (motor / 80) ** 2)) * change.current
-        warm = 1 + 0.0039 * (np.asarray(winding) - 25) * 0.0
-        heat = 0.45 * scale[3] * warm * current**2
+        heat = 0.45 * scale[3] * current**2
         return constant * w * current + heat + idle + change.watts, heat
 
-    usual, heat = power(Change(), 25.0)
+    usual, heat = power(Change())
     winding = 25.0 + own.uniform(0, 5) + _first_order(heat * 4.0 + 3.0, 70.0)
     change = Change()
     if hidden:
         draw = np.random.default_rng([unit, 17])
         plant = Plant(time, q, w, a, tau, supply, winding, usual, draw, own)
         change = HIDDEN[hidden].change(plant)
-    watts, _ = power(change, winding)
+    watts, _ = power(change)
     truth = Truth({}, motion, seconds, seed, unit, faults or Faults())
     volts = np.broadcast_to(supply, q.shape)
     data = _measure(truth, run, q, w, tau, watts, volts, winding)
     picked = winding[:: int(RATE / 400)][: len(data.time)] + run.normal(0, 0.3, data.torque.shape)
     return replace(data, temperature=picked.astype(np.float32))
-
-
-def hidden_watts(hidden: str, motion: str, *, seed: int, unit: int, seconds: float) -> float:
-    """W rms over the drives that the hidden effect puts on."""
-    one = recorded(hidden, motion, seed=seed, unit=unit, seconds=seconds).power
-    none = recorded('', motion, seed=seed, unit=unit, seconds=seconds).power
-    return float(np.sqrt(np.mean(np.square(one - none))))

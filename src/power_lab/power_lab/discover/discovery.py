@@ -1,6 +1,7 @@
 """Procedure that learns what a model misses and no catalogue has."""
 
 import tempfile
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from power_estimator.effects import Catalogue, Effect, load_catalogue
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, Linearisation, Structure
 from power_estimator.effects.fit.fitter import Fitter
+from wattwalk_core.quoting import printable
 
 from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.diagnose.floors import above_floor, floors, unseen
@@ -19,8 +21,9 @@ from power_lab.discover.effect_file import Written, effect_source
 from power_lab.discover.formula import Formula, refined
 from power_lab.discover.in_time import Course, InTime, in_time
 from power_lab.discover.problem import DriveProblem, problems
+from power_lab.discover.screening import DriverGain, Screen, chance
 from power_lab.discover.search import Expression, express
-from power_lab.discover.selection import KEEPS, Option, certainty, handicap, options
+from power_lab.discover.selection import KEEPS, Option, handicap, options
 from power_lab.discover.shapes import LearnedShape, learn
 from power_lab.discover.words import effect_name, excitation, in_short, look_alikes
 
@@ -35,6 +38,7 @@ _MOST_SAMPLED = 3.0
 _NEXT_SHARE = 0.1  # in watts, of the first effect, that a further one must explain
 _LEAST_OF_TIME = 0.6  # of what time explains, that the state must explain not to be time
 _WIDER = 3.0  # times the bootstrap's interval, for the bounds of a file
+_LEARNED, _LEARNED_ON_ONE = 8, 2  # families that shapes are learned of
 _FINALISTS, _CLOSE = 3, 0.85  # options that are fitted with all else
 _BOOTSTRAPS = 200
 
@@ -74,7 +78,6 @@ class Discovery:
     floor: Floats  # W [D]
     chance: float  # of the first search
     nothing: str  # reason where nothing was found
-    left: float  # W of structure that shapes still explain and no formula does
 
 
 Show = Callable[[str], None]
@@ -116,18 +119,18 @@ class Discoverer:
         sampled = unseen(self.fitter.prepared, base.fit)
         floor = np.clip(sampled, usual, _MOST_SAMPLED * usual)
         found: list[Found] = []
-        chance, nothing = 1.0, ''
+        of_first, nothing = 1.0, ''
         for number in range(MOST_EFFECTS):
             first = not found
             one, why, likely = self._next(best, floor, found, number)
             if first:
-                chance = likely
+                of_first = likely
             if one is None:
                 nothing = why
                 break
             best = self._with(one, best)
             found.append(one)
-        return Discovery(tuple(found), base, best, floor, chance, nothing, 0.0)
+        return Discovery(tuple(found), base, best, floor, of_first, nothing)
 
     def _examined(self, structure: Structure, start: Evidence | None = None) -> Evidence:
         whole = structure.with_discrepancies()
@@ -147,29 +150,31 @@ class Discoverer:
         drives = problems(fitter, best, self.examiner.folds, residual)
         point = fitter.builder.point(best.fit.structure, best.fit.coefficients)
         courses = self._courses(drives, floor)
-        explained = self._explained(drives, point, f'effect {number + 1}')
+        self.show(f'effect {number + 1}: what it depends on')
+        screened = [self._screened(problem, point) for problem in drives]
         base_error = {p.drive: max(p.base_error, 1e-9) for p in drives}
-        chance = certainty(explained, base_error)
+        likely = chance(screened, list(base_error.values()))
+        explained = self._explained(drives, point, screened, number)
         least = {d: max(0.3 * float(floor[d]) ** 2, 0.02 * base_error[d]) for d in base_error}
         ranked = options(explained, least)
         in_time_gain = sum(one.gain for one in courses.values())
         state_gain = ranked[0].shape_gain if ranked else 0.0
         if courses and state_gain < _LEAST_OF_TIME * in_time_gain:
-            return self._course(courses, best, floor, found), '', chance
+            return self._course(courses, best, floor, found), '', likely
         if not ranked:
-            return None, 'nothing that is larger than what can be judged', chance
-        if chance > CERTAINTY:
-            return None, f'what is left is as large by chance in {chance:.0%} of cases', chance
+            return None, 'nothing that is larger than what can be judged', likely
+        if likely > CERTAINTY:
+            return None, f'what is left is as large by chance in {likely:.0%} of cases', likely
         gain = np.zeros(len(floor))
         for drive, place in ranked[0].formula.places.items():
             gain[drive] = place.gain
         if not above_floor(gain, floor):
             size = float(np.sqrt(gain.max()))
-            return None, f'{size:.2f} W of structure is less than can be judged', chance
+            return None, f'{size:.2f} W of structure is less than can be judged', likely
         one = self._checked(ranked, best, floor, drives, point, found)
         if one is None:
-            return None, 'no formula stands beside the refitted model', chance
-        return one, '', chance
+            return None, 'no formula stands beside the refitted model', likely
+        return one, '', likely
 
     def _courses(self, drives: Sequence[DriveProblem], floor: Floats) -> dict[int, InTime]:
         prepared = self.fitter.prepared
@@ -180,20 +185,33 @@ class Discoverer:
                 out[problem.drive] = one
         return out
 
+    def _screened(self, problem: DriveProblem, point: Linearisation) -> list[DriverGain]:
+        screen = Screen(problem, point, self.fitter.prepared)
+        found = (screen.screen(family) for family in families(point.signals, problem.drive))
+        return [one for one in found if one is not None]
+
     def _explained(
-        self, drives: Sequence[DriveProblem], point: Linearisation, label: str
+        self,
+        drives: Sequence[DriveProblem],
+        point: Linearisation,
+        screened: Sequence[Sequence[DriverGain]],
+        number: int,
     ) -> dict[int, list[tuple[LearnedShape, list[Expression]]]]:
+        """Shapes and formulas of the families that come into question, by drive."""
         prepared = self.fitter.prepared
-        names = prepared.names
-        order = sorted(drives, key=lambda p: -p.base_error)
+        wanted = _promising(screened)
         out: dict[int, list[tuple[LearnedShape, list[Expression]]]] = {}
-        for count, problem in enumerate(order):
-            self.show(
-                f'{label}: what {names[problem.drive]} depends on ({count + 1}/{len(order)})'
-            )
+        for problem, own in zip(drives, screened, strict=True):
+            name = printable(prepared.names[problem.drive])
+            self.show(f'effect {number + 1}: shapes on {name} ({problem.drive + 1}/{len(drives)})')
+            best: dict[tuple[str, ...], DriverGain] = {}
+            for one in own:
+                known = best.get(one.family.group)
+                if one.family.group in wanted and (known is None or one.gain > known.gain):
+                    best[one.family.group] = one
             rows = []
-            for family in families(point.signals, problem.drive):
-                shape = learn(problem, family, point, prepared)
+            for one in best.values():
+                shape = learn(problem, one.family, point, prepared)
                 if shape is not None:
                     rows.append((shape, express(problem, shape) if shape.gain > 0.0 else []))
             out[problem.drive] = rows
@@ -354,6 +372,21 @@ class Discoverer:
             excitation=excitation(formula),
             places=places,
         )
+
+
+def _promising(screened: Sequence[Sequence[DriverGain]]) -> set[tuple[str, ...]]:
+    """Groups of families that gain most over all drives, or on one of them."""
+    pooled: dict[tuple[str, ...], float] = defaultdict(float)
+    wanted: set[tuple[str, ...]] = set()
+    for own in screened:
+        best: dict[tuple[str, ...], float] = {}
+        for one in own:
+            best[one.family.group] = max(best.get(one.family.group, 0.0), one.gain)
+        for group, gain in best.items():
+            pooled[group] += gain
+        wanted.update(sorted(best, key=lambda g: -best[g])[:_LEARNED_ON_ONE])
+    wanted.update(sorted(pooled, key=lambda g: -pooled[g])[:_LEARNED])
+    return wanted
 
 
 def _root(value: float) -> float:

@@ -1,7 +1,7 @@
 """Drivers that missing power may depend on, and the families of shapes over them."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,6 @@ class Family:
     driver: Driver
     factor: Factor
     acts_on: str
-    excluded: frozenset[str] = field(default=frozenset())  # primitives that are in the base
 
     @property
     def kind(self) -> str:
@@ -71,10 +70,9 @@ class Family:
         return self.driver.kind
 
     @property
-    def key(self) -> tuple[str, ...]:
-        """Identity."""
-        d = self.driver
-        return (d.name, f'{d.given:g}', d.other, self.factor.name, self.acts_on)
+    def group(self) -> tuple[str, ...]:
+        """What it has in common with its variants in memory and with those of other drives."""
+        return (self.driver.name, self.factor.name, self.acts_on)
 
 
 def driver_values(driver: Driver, signals: Signals, drive: int) -> Floats:
@@ -117,8 +115,8 @@ def families(signals: Signals, drive: int) -> Iterator[Family]:
     yield from _of_others(signals, drive)
 
 
-def _family(driver: Driver, acts_on: str, factor: str = 'one', *excluded: str) -> Family:
-    return Family(driver, FACTORS[factor], acts_on, frozenset(excluded))
+def _family(driver: Driver, acts_on: str, factor: str = 'one') -> Family:
+    return Family(driver, FACTORS[factor], acts_on)
 
 
 def _of_state(signals: Signals, drive: int) -> Iterator[Family]:

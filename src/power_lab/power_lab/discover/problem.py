@@ -60,13 +60,6 @@ class DriveProblem:
         return self.columns[rows] * mask[..., None], mask
 
     @cached_property
-    def moved_residual(self) -> Floats:
-        """Residual moved in time [B, L, S]; the rows that do not count are zero."""
-        mask = self.blocks.mask[..., 0]
-        values = np.nan_to_num(self.residual[self.blocks.rows])
-        return moved(values) * mask[..., None]
-
-    @cached_property
     def base_error(self) -> float:
         """Held-out error of the base model, W² by row."""
         moments = self.moments(None)
@@ -140,19 +133,6 @@ def problems(
             )
         )
     return out
-
-
-MOVES = 39
-"""Circular shifts of the residual: the largest of 39 is exceeded by chance in 1 of 40."""
-_LEAST_MOVE = 0.08  # of the recording
-
-
-def moved(residual: Floats) -> Floats:
-    """Residual by block [B, L] → [B, L, S], moved circularly by whole blocks."""
-    count = len(residual)
-    least = max(1, round(_LEAST_MOVE * count))
-    moves = np.linspace(least, count - least, MOVES).round().astype(int)
-    return np.stack([np.roll(residual, int(move), axis=0) for move in moves], axis=-1)
 
 
 def price(point: Linearisation, drive: int) -> Floats:

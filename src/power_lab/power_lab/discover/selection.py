@@ -4,8 +4,6 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from power_lab.discover.drivers import Family
 from power_lab.discover.formula import Formula, Place
 from power_lab.discover.grammar import PRIMITIVES
@@ -50,10 +48,7 @@ def options(explained: Explained, least: Mapping[int, float]) -> list[Option]:
     groups = defaultdict(lambda: defaultdict(list))
     for drive, rows in explained.items():
         for shape, expressions in rows:
-            family = shape.family
-            groups[family.driver.name, family.factor.name, family.acts_on][drive].append(
-                (shape, expressions)
-            )
+            groups[shape.family.group][drive].append((shape, expressions))
     found = [_option(by_drive, least) for by_drive in groups.values()]
     return sorted((one for one in found if one is not None), key=lambda one: -one.score)
 
@@ -96,20 +91,3 @@ def handicap(family: Family) -> float:
 
 def _weight(formula: Formula) -> float:
     return _WAVE_HANDICAP if formula.primitive.terms > 1 else 1.0
-
-
-def certainty(explained: Explained, base_error: Mapping[int, float]) -> float:
-    """
-    Chance that the largest share explained would come out of residuals moved in time.
-
-    The largest over all drives and all drivers is compared with the largest of each move.
-    """
-    shares, by_chance = [], []
-    for drive, rows in explained.items():
-        for shape, _ in rows:
-            shares.append(shape.gain / base_error[drive])
-            by_chance.append(shape.chance / base_error[drive])
-    if not shares:
-        return 1.0
-    highest = np.max(np.stack(by_chance), axis=0)
-    return float((1 + (highest >= max(shares)).sum()) / (1 + len(highest)))

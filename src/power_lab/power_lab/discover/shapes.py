@@ -8,7 +8,6 @@ from power_estimator.effects.fit.design import Linearisation
 from power_estimator.effects.fit.folds import FOLDS
 from power_estimator.effects.signals.prepared import Prepared
 
-from power_lab.discover.chance import by_chance
 from power_lab.discover.drivers import Family, driver_values, factor_values
 from power_lab.discover.problem import DriveProblem, Moments, price
 
@@ -33,7 +32,6 @@ class LearnedShape:
     penalty: Floats  # [K, K]
     moments: Moments
     gain: float  # W² by row, held out
-    chance: Floats  # W² by row [S], the same of the residual moved in time
 
     @property
     def values(self) -> Floats:
@@ -82,8 +80,7 @@ def learn(
     columns[rows, left] = weight * (1.0 - over)
     columns[rows, left + 1] += weight * over
     share = np.bincount(left, minlength=count) / len(z)
-    columns = prepared.reduced(columns)
-    moments = problem.moments(columns)
+    moments = problem.moments(prepared.reduced(columns))
     curvature = np.diff(np.eye(count), n=2, axis=0)
     bend = curvature.T @ curvature
     own = moments.gram[-1][-count:, -count:]
@@ -108,5 +105,4 @@ def learn(
         penalty=best[2],
         moments=moments,
         gain=problem.base_error - best[0] / moments.rows,
-        chance=by_chance(problem, columns, moments, [s * unit for s in _SMOOTHING], bend),
     )

@@ -1,0 +1,173 @@
+"""Quick look at all drivers of a drive, and at what they gain by chance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects.fit.design import Linearisation
+from power_estimator.effects.fit.folds import FOLDS
+from power_estimator.effects.signals.prepared import Prepared
+
+from power_lab.discover.drivers import Factor, Family, driver_values, factor_values
+from power_lab.discover.problem import DriveProblem, price
+
+Floats = NDArray[np.float64]
+
+MOVES = 39
+"""Circular shifts of the residual: the largest of 39 is exceeded by chance in 1 of 40."""
+_LEAST_MOVE = 0.08  # of the recording
+_NODES, _NODES_OF_TURN = 14, 40
+_SMOOTHING = (1e-3, 1e-1, 10.0)
+_TAIL = 0.002
+
+
+@dataclass(frozen=True)
+class DriverGain:
+    """Held-out gains of one family on one drive, W² by row."""
+
+    family: Family
+    gain: float
+    by_chance: Floats  # [S], of residuals that are moved in time
+
+
+class Screen:
+    """
+    Screens the families of one drive on reduced signals.
+
+    Driver and factor are reduced apart here, and the base's coefficients are free of their bounds:
+    this ranks families and says what comes by chance; shapes are learned without either shortcut.
+    """
+
+    def __init__(self, problem: DriveProblem, point: Linearisation, prepared: Prepared) -> None:
+        self.problem, self.point, self.prepared = problem, point, prepared
+        mask = problem.blocks.mask[..., 0]
+        fold = np.broadcast_to(problem.folds.test[:, None], mask.shape)[mask]
+        training = problem.folds.training[:, :, None] * np.ones(mask.shape[1])
+        near = [(training[f][mask] == 0.0) & (fold != f) for f in range(FOLDS)]
+        self.rows = problem.blocks.rows[mask]
+        self._tests = [np.flatnonzero(fold == f) for f in range(FOLDS)]
+        self._near = [np.flatnonzero(one) for one in near]
+        values = np.nan_to_num(problem.residual[problem.blocks.rows])
+        count = len(values)
+        least = max(1, round(_LEAST_MOVE * count))
+        moves = np.linspace(least, count - least, MOVES).round().astype(int)
+        moved = [values, *(np.roll(values, int(move), axis=0) for move in moves)]
+        self._fixed = np.concatenate(
+            [problem.columns[self.rows], np.stack([one[mask] for one in moved], axis=1)], axis=1
+        )
+        self._weights: dict[tuple[str, str], Floats] = {}
+
+    def screen(self, family: Family) -> DriverGain | None:
+        """Gains of one family, None where its driver hardly varies."""
+        z = self._driver(family)[self.rows]
+        low, high = np.quantile(z, (_TAIL, 1.0 - _TAIL))
+        if not np.isfinite(high - low) or high - low < 1e-9 * max(abs(low), abs(high), 1e-6):
+            return None
+        count = _NODES_OF_TURN if family.driver.name == 'angle' else _NODES
+        place = np.clip((z - low) / (high - low) * (count - 1), 0.0, count - 1.000001)
+        left = place.astype(np.intp)
+        weight = self._weight(family.factor, family.acts_on)[self.rows]
+        columns = np.zeros((len(z), count))
+        index = np.arange(len(z))
+        columns[index, left] = weight * (1.0 - (place - left))
+        columns[index, left + 1] += weight * (place - left)
+        gains = self._gains(columns)
+        return DriverGain(family, float(gains[0]), gains[1:])
+
+    def _driver(self, family: Family) -> Floats:
+        values = driver_values(family.driver, self.point.signals, self.problem.drive)
+        if family.driver.name == 'angle':
+            return values[self.prepared.reducer.centres()]
+        return self.prepared.reduced(values)
+
+    def _weight(self, factor: Factor, acts_on: str) -> Floats:
+        key = (factor.name, acts_on)
+        if key not in self._weights:
+            drive = self.problem.drive
+            signals = self.point.signals
+            values = factor_values(factor, signals, drive) * np.ones(len(signals.time))
+            if acts_on == 'torque':
+                values = values * price(self.point, drive)
+            self._weights[key] = self.prepared.reduced(values)
+        return self._weights[key]
+
+    @cached_property
+    def _base(self) -> tuple[Floats, Floats]:
+        """Products [F, m, m + S] of the base's columns with all, in training and in test."""
+        own = self._fixed[:, : len(self.problem.ridge)]
+        return self._sums(own, self._fixed)
+
+    def _sums(self, one: Floats, other: Floats) -> tuple[Floats, Floats]:
+        """Sums of one'·other over the rows of training and of test, by fold."""
+        tests = np.stack([one[rows].T @ other[rows] for rows in self._tests])
+        near = np.stack([one[rows].T @ other[rows] for rows in self._near])
+        return tests.sum(axis=0) - tests - near, tests
+
+    @cached_property
+    def _start(self) -> Floats:
+        """Held-out error of the base less that of the targets, W² [S]."""
+        m = len(self.problem.ridge)
+        train, test = self._base
+        solved = _solved(train[:, :, :m] + np.diag(self.problem.ridge), train[:, :, m:])
+        return _error(test[:, :, :m], test[:, :, m:], solved)
+
+    def _gains(self, columns: Floats) -> Floats:
+        """Gain W² by row of the residual and of the moved ones [1 + S]."""
+        m, k = len(self.problem.ridge), columns.shape[1]
+        base_train, base_test = self._base
+        own_train, own_test = self._sums(columns, np.concatenate([columns, self._fixed], axis=1))
+        train, test = (
+            np.concatenate(
+                [
+                    np.concatenate([base[:, :, :m], own[:, :, k : k + m].swapaxes(1, 2)], axis=2),
+                    np.concatenate([own[:, :, k : k + m], own[:, :, :k]], axis=2),
+                ],
+                axis=1,
+            )
+            for base, own in ((base_train, own_train), (base_test, own_test))
+        )
+        right_train, right_test = (
+            np.concatenate([base[:, :, m:], own[:, :, k + m :]], axis=1)
+            for base, own in ((base_train, own_train), (base_test, own_test))
+        )
+        curvature = np.diff(np.eye(k), n=2, axis=0)
+        bend = curvature.T @ curvature
+        unit = max(float(np.trace(train[:, m:, m:].mean(axis=0))) / k, 1e-12)
+        best = np.full(right_test.shape[2], -np.inf)
+        for smoothing in _SMOOTHING:
+            matrix = train.copy()
+            matrix[:, :m, :m] += np.diag(self.problem.ridge)
+            matrix[:, m:, m:] += unit * (smoothing * bend + 1e-6 * np.eye(k))
+            error = _error(test, right_test, _solved(matrix, right_train))
+            best = np.maximum(best, self._start - error)
+        return best / len(self.rows)
+
+
+def chance(screened: Sequence[Sequence[DriverGain]], errors: Sequence[float]) -> float:
+    """
+    Chance that the largest share explained would come out of residuals moved in time.
+
+    screened: by drive; errors: W² by row of each drive. The largest share over all drives and
+    drivers is compared with the largest of each move.
+    """
+    shares, moved = [], []
+    for own, error in zip(screened, errors, strict=True):
+        shares += [one.gain / error for one in own]
+        moved += [one.by_chance / error for one in own]
+    if not shares:
+        return 1.0
+    highest = np.max(np.stack(moved), axis=0)
+    return float((1 + (highest >= max(shares)).sum()) / (1 + len(highest)))
+
+
+def _error(gram: Floats, moment: Floats, solved: Floats) -> Floats:
+    """Sum of squared errors less that of the targets, W² [S]."""
+    return np.asarray((solved * (gram @ solved - 2.0 * moment)).sum(axis=(0, 1)))
+
+
+def _solved(matrix: Floats, right: Floats) -> Floats:
+    scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=1, axis2=2), 1e-12))
+    unit = matrix / (scale[:, :, None] * scale[:, None, :]) + 1e-9 * np.eye(matrix.shape[1])
+    return np.asarray(np.linalg.solve(unit, right / scale[..., None]) / scale[..., None])
