@@ -102,7 +102,7 @@ def test_nodes_end_by_themselves_when_live_is_killed(node_process, tmp_path):
     live.wait_for_output('policy: trot: (standing up|running)', timeout=SLOW)
     assert {*nodes()} == NODES
     os.kill(live.pid, signal.SIGKILL)
-    assert wait_until(lambda: nodes() == {})
+    assert wait_until(lambda: nodes() == {}, SLOW)
 
 
 @needs_launch
@@ -131,6 +131,18 @@ def test_a_node_that_is_killed_ends_the_launch_with_code_1(node_process, tmp_pat
     assert launch.wait(SLOW) == 1, launch.output
     assert 'daq failed with code -9' in launch.output
     assert nodes() == {}
+
+
+@needs_launch
+def test_nodes_end_by_themselves_when_the_launch_is_killed(node_process, tmp_path):
+    launch = node_process.ros2(
+        *('launch', 'wattwalk_bringup', 'sim.launch.py', f'channel:={tmp_path}/bus'),
+        f'model:={NETWORK}',
+    )
+    launch.wait_for_output('daq.*reading', timeout=SLOW)
+    assert {*nodes()} == NODES
+    os.kill(launch.pid, signal.SIGKILL)
+    assert wait_until(lambda: nodes() == {}, SLOW)
 
 
 @needs_launch
