@@ -31,7 +31,8 @@ ifdef ROS_DISTRO
 test: test-ros
 else
 test: setup
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -q
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -q -m 'not alone'
+	$(BIN)/python -m pytest -q -m alone tests
 endif
 
 # The Python that colcon runs with is the one that `ros2 run` will start nodes with.
@@ -50,7 +51,8 @@ build-ros: $(ROS_STAMP)
 	printf '. %s\n' $(abspath $(ROS_VENV))/bin/activate $(ROS_BUILD)/install/setup.sh > $(ROS)/setup.sh
 
 test-ros: build-ros
-	. $(ROS)/setup.sh && python -m pytest -n $(WORKERS) --dist loadgroup -q
+	. $(ROS)/setup.sh && python -m pytest -n $(WORKERS) --dist loadgroup -q -m 'not alone'
+	. $(ROS)/setup.sh && python -m pytest -q -m alone tests
 
 lint: setup
 	$(BIN)/ruff check .

@@ -18,7 +18,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -184,6 +185,9 @@ def main() -> int:
     options = parser.parse_args()
     if options.feed:
         return feed()
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # Started in the background of a shell; the nodes would inherit deafness to Ctrl-C.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     turns = [
         (options.nodes[i % len(options.nodes)], options.seed + i) for i in range(options.count)
     ]
@@ -193,9 +197,22 @@ def main() -> int:
         command = [sys.executable, __file__, '--feed']
         with ChildProcess(command, Path(folder) / 'feed.log') as feeder:
             with ThreadPoolExecutor(options.jobs) as pool:
-                endings = list(pool.map(lambda turn: interrupted(*turn, options.latest), turns))
+                running = [pool.submit(interrupted, *turn, options.latest) for turn in turns]
+                endings = _collected(running)
+                pool.shutdown(cancel_futures=True)
             feeder.check()
     return _print(options.nodes, endings)
+
+
+def _collected(running: list[Future[Ending]]) -> list[Ending]:
+    """Return how the turns ended; those of until Ctrl-C, where that comes before the last."""
+    endings = []
+    with suppress(KeyboardInterrupt):
+        for turn in as_completed(running):
+            endings.append(turn.result())
+            if len(endings) % 50 == 0:
+                print(f'{len(endings)} turns', file=sys.stderr, flush=True)
+    return endings
 
 
 def _print(nodes: list[str], endings: list[Ending]) -> int:

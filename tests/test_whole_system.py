@@ -1,7 +1,10 @@
 """The nodes together, each in a process of its own, as a user runs them."""
 
+import os
 import re
+import time
 import xml.etree.ElementTree as ElementTree
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +15,9 @@ from soak_bags import told_lost
 
 ROOT = Path(__file__).resolve().parents[1]
 NETWORK = ROOT / 'bags' / 'ppn_small'
+ATTEMPTS = 5
+OTHERS = 0.3
+"""Share of the machine, the recorder's included, from which on other work excuses a bad pace."""
 CONTRACT = {
     'drive_supply': 'drive_power_msgs/msg/DriveSupply',
     'joint_states': 'sensor_msgs/msg/JointState',
@@ -57,31 +63,66 @@ def cut_out(recording):
     return sum(int(found[1]) for told in recording.problems if (found := re.search(words, told)))
 
 
-def test_a_walk_is_measured_estimated_and_recorded_whole(walking, node_process, tmp_path):
-    bag = tmp_path / 'bag'
-    recorder = node_process('power_daq', 'record', '-o', str(bag), '--duration', '10')
-    assert recorder.wait(90) == 0, recorder.output
-    for name, node in walking.items():
-        assert node.returncode is None, f'{name} ended:\n{node.output}'
+def prefer(node):
+    """Put a node before other work of the machine, where the system allows it."""
+    with suppress(PermissionError, ProcessLookupError):
+        os.setpriority(os.PRIO_PGRP, node.pid, -15)
 
-    recording = Recording.open(bag)
+
+def busy():
+    """CPU time that all processes of the machine have used [s], over its number of cores."""
+    user, nice, system = map(int, Path('/proc/stat').read_text().split()[1:4])
+    return (user + nice + system) / os.sysconf('SC_CLK_TCK') / os.cpu_count()
+
+
+@pytest.fixture
+def measured(walking, node_process, tmp_path):
+    """
+    A recording of the walk at the robot's pace, and what its recorder said.
+
+    Other work of the machine can keep joint states from the policy, which then damps the robot
+    and starts anew, and can slow the walk down: then another recording is made, ATTEMPTS in all.
+    """
+    found, others = [], []
+    for attempt in range(ATTEMPTS):
+        bag, seen = tmp_path / f'bag{attempt}', len(walking['policy'].lines)
+        recorder = node_process('power_daq', 'record', '-o', str(bag), '--duration', '10')
+        for node in (*walking.values(), recorder):
+            prefer(node)
+        began, used = time.monotonic(), busy()
+        own = sum(node.cpu_seconds() for node in walking.values()) / os.cpu_count()
+        assert recorder.wait(90) == 0, recorder.output
+        own = sum(node.cpu_seconds() for node in walking.values()) / os.cpu_count() - own
+        others.append((busy() - used - own) / (time.monotonic() - began))
+        for name, node in walking.items():
+            assert node.returncode is None, f'{name} ended:\n{node.output}'
+        recording = Recording.open(bag)
+        damped = any('damping' in line for line in walking['policy'].lines[seen:])
+        if not damped and pace(recording) >= 0.9:
+            return recording, recorder.output
+        found.append(f'damped: {damped}, pace {pace(recording):.2f}')
+    said = f'{ATTEMPTS} attempts: {"; ".join(found)}'
+    if max(others) > OTHERS:
+        pytest.skip(f'other work took {max(others):.0%} of this machine; {said}')
+    return pytest.fail(f'nothing was measured in {said}')
+
+
+@pytest.mark.alone
+def test_a_walk_is_measured_estimated_and_recorded_whole(measured):
+    recording, said = measured
     types = {name.lstrip('/'): topic.type_name for name, topic in recording.topics.items()}
     assert {name: types.get(name) for name in CONTRACT} == CONTRACT
 
     drives = recording.drive_supply()
     steps = np.diff(drives.sequence.astype(np.int64))
     assert np.all(steps >= 1)
-    missing, lost = int((steps - 1).sum()), told_lost(recorder.output)
-    assert lost is not None, recorder.output
+    missing, lost = int((steps - 1).sum()), told_lost(said)
+    assert lost is not None, said
     assert lost <= missing <= lost + cut_out(recording), 'what is missing was counted'
     assert np.all(np.diff(drives.stamp_ns) > 0)
-
-    if any('damping' in line for line in walking['policy'].lines):
-        pytest.skip('this busy machine kept joint states from the policy, which damped the robot')
-    if pace(recording) < 0.9:
-        pytest.skip(f'this busy machine walks at {pace(recording):.2f} of real time, in jumps')
     assert lost <= 0.05 * len(drives.stamp_ns)
-    data = load_aligned([bag], rate=50.0)
+
+    data = load_aligned([recording.path], rate=50.0)
     assert data.measured_drives() == data.names
     drawn = data.power.sum(axis=1)
     assert 100.0 < np.nanmean(drawn) < 1500.0
