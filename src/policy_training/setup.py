@@ -20,7 +20,7 @@ setup(
         'torch',
         'rsl-rl-lib',
         'tensorboard',
-        'safetensors',
+        'tensordict',
         'pyyaml',
         'plotly',
         'rich',

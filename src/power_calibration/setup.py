@@ -17,7 +17,6 @@ setup(
         'numpy',
         'scipy',
         'matplotlib',
-        'pyarrow',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,

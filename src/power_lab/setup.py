@@ -30,6 +30,8 @@ setup(
         'arch',
         'plotly',
         'rich',
+        'pyyaml',
+        'threadpoolctl',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,

@@ -12,7 +12,7 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=['setuptools', 'numpy', 'scipy', 'mujoco', 'pyyaml', 'rich'],
+    install_requires=['setuptools', 'numpy', 'scipy', 'mujoco', 'python-can', 'pyyaml', 'rich'],
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='wattwalk maintainers',

@@ -21,7 +21,7 @@ setup(
         'plotly',
         'rich',
     ],
-    extras_require={'test': ['pytest']},
+    extras_require={'tensors': ['torch', 'safetensors'], 'test': ['pytest']},
     zip_safe=False,
     maintainer='wattwalk maintainers',
     maintainer_email='wattwalk@example.org',
