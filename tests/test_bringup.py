@@ -23,6 +23,12 @@ needs_launch = pytest.mark.skipif(
 )
 
 
+@pytest.fixture(autouse=True)
+def logs_of_the_test(tmp_path, monkeypatch):
+    """Logs that `live` keeps after a failure go with the test's folder."""
+    monkeypatch.setenv('TMPDIR', str(tmp_path))
+
+
 def in_domain():
     """Command lines of the running processes of this test's ROS domain, by id."""
     mark = f'ROS_DOMAIN_ID={os.environ["ROS_DOMAIN_ID"]}'.encode()
