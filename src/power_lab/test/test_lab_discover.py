@@ -1,0 +1,189 @@
+"""Discovery of effects that no catalogue has, on circuits that do not share its formulas."""
+
+import json
+
+import numpy as np
+import pytest
+from discover_truth import recorded
+from power_estimator.effects import builtin_catalogue, load_catalogue
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.fitter import measurement_terms
+from power_estimator.effects.fit.training import material
+from power_lab.commands import add as add_command
+from power_lab.commands import compare as compare_command
+from power_lab.commands import discover as discover_command
+from power_lab.commands import fit as fit_command
+from power_lab.discover.discovery import Discoverer, bounds_of
+from power_lab.discover.drivers import FACTORS, Driver, Family
+from power_lab.discover.effect_file import Written, effect_source
+from power_lab.discover.formula import Formula, Place
+from power_lab.discover.grammar import PRIMITIVES
+from power_lab.discover.memory import play
+from power_lab.discover.outcome import split
+from synthetic_walk import Walk
+
+KNOWN = ('shaft', 'copper_loss', 'viscous_friction', 'coulomb_friction', 'rotor_inertia', 'idle')
+CATALOGUE = builtin_catalogue()
+
+
+def write(folder, data):
+    """A recording of the same signals; its electrical samples are at 1 kHz."""
+    walk = Walk(seconds=len(data.time) / data.rate, names=data.names, drive_names=data.names)
+    slow = data.time - data.time[0]
+    fast = np.arange(len(walk.current)) / 1000.0
+    joint = np.arange(len(walk.position)) / 400.0
+    for name in ('position', 'velocity'):
+        given = getattr(data, name)
+        getattr(walk, name)[:] = np.stack([np.interp(joint, slow, g) for g in given.T], axis=1)
+    walk.effort[:] = np.stack([np.interp(joint, slow, g) for g in data.torque.T], axis=1)
+    walk.voltage[:] = np.stack([np.interp(fast, slow, g) for g in data.voltage.T], axis=1)
+    watts = np.stack([np.interp(fast, slow, g) for g in data.power.T], axis=1)
+    walk.current[:] = watts / walk.voltage
+    return walk.write(folder)
+
+
+def discovered(data):
+    structure = Structure(tuple(Active.of(CATALOGUE[name]) for name in KNOWN))
+    terms = measurement_terms(CATALOGUE, shaft=True)
+    fitter = material(data).fitter(per_drive=True)
+    return Discoverer(fitter, structure.plus(*terms), CATALOGUE).run()
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory):
+    """Two walks of a robot with a rub in a window of position, and a model of what is known."""
+    folder = tmp_path_factory.mktemp('discover')
+    found = [
+        write(
+            folder / f'walk{seed}',
+            recorded('window of position', 'walk', seed=seed, unit=3, seconds=60.0),
+        )
+        for seed in (1, 2)
+    ]
+    base = folder / 'base.yaml'
+    assert fit_command.main([str(found[0]), '--effects', ','.join(KNOWN), '-o', str(base)]) == 0
+    return (*found, base)
+
+
+def test_a_rub_in_a_window_is_written_added_and_halves_the_error_of_another_walk(
+    bags, tmp_path, capsys
+):
+    walk, other, base = bags
+    effect, told, page = (tmp_path / name for name in ('effect.py', 'd.json', 'd.html'))
+    outputs = ['-o', str(effect), '--json', str(told), '--report', str(page)]
+    arguments = [str(walk), '--test', str(other), '--model', str(base), *outputs]
+    assert discover_command.main(arguments) == 0
+    content = json.loads(told.read_text())
+    (found,) = content['found']
+    assert found['kind'] == 'position'
+    assert found['transfers'] is True
+    assert found['interval'][0] < found['explains_w'] < 1.2 * found['interval'][1]
+    assert found['formula'].startswith('motor torque = c·[low < q < high]')
+    for drive in found['drives']:
+        assert found['bounds'][drive]['low'] < found['bounds'][drive]['high']
+    assert 'hypothesis' in found['physics']
+    assert 'learned shape' in page.read_text()
+    assert f'add {found["name"]}' in capsys.readouterr().out.replace('\n', ' ')
+
+    better, compared = tmp_path / 'better.yaml', tmp_path / 'c.json'
+    own = ['--effects-path', str(effect)]
+    added = [found['name'], '--to', str(base), '--bag', str(walk), '-o', str(better), *own]
+    assert add_command.main(added) == 0
+    models = ['--models', str(base), str(better), '--json', str(compared), *own]
+    assert compare_command.main([str(other), *models]) == 0
+    before, after = json.loads(compared.read_text())['models']
+    for drive in found['drives']:
+        assert after['drives'][drive]['rmse_w'] < 0.5 * before['drives'][drive]['rmse_w']
+
+
+def test_where_nothing_is_missing_nothing_is_written_and_the_verdict_says_so(tmp_path, capsys):
+    walk = write(tmp_path / 'walk', recorded('', 'walk', seed=4, unit=4, seconds=60.0))
+    base, effect, told = (tmp_path / name for name in ('base.yaml', 'effect.py', 'd.json'))
+    assert fit_command.main([str(walk), '--effects', ','.join(KNOWN), '-o', str(base)]) == 0
+    outputs = ['-o', str(effect), '--json', str(told)]
+    assert discover_command.main([str(walk), '--model', str(base), *outputs]) == 0
+    content = json.loads(told.read_text())
+    assert content['found'] == []
+    assert content['nothing']
+    assert not effect.exists()
+    assert 'Nothing is proposed' in capsys.readouterr().out
+
+
+def test_an_effect_that_the_other_recording_lacks_does_not_transfer(bags, tmp_path):
+    walk, _, base = bags
+    other = write(tmp_path / 'other', recorded('', 'walk', seed=2, unit=3, seconds=60.0))
+    told = tmp_path / 'd.json'
+    arguments = [str(walk), str(other), '--model', str(base), '-o', str(tmp_path / 'effect.py')]
+    assert discover_command.main([*arguments, '--json', str(told)]) == 0
+    content = json.loads(told.read_text())
+    assert content['tested_on'] == ['other']
+    assert [one['transfers'] for one in content['found']] == [False]
+
+
+def test_a_fan_is_told_as_a_cycle_in_time_and_never_written_as_an_effect():
+    found = discovered(recorded('fan', 'walk', seed=5, unit=5, seconds=100.0)).found
+    assert {one.kind for one in found} == {'time'}
+    assert all(one.written is None for one in found)
+    assert found[0].course.period > 0.0
+
+
+def test_what_another_drive_puts_into_the_meter_is_told_as_the_other_drive():
+    found = discovered(recorded('cross-talk', 'walk', seed=6, unit=6, seconds=60.0)).found
+    assert found[0].kind == 'other_drive'
+    for drive, place in found[0].formula.places.items():
+        neighbour = ('LF_HAA', 'LF_HFE', 'LF_KFE')[(drive - 1) % 3]
+        assert place.family.driver.other == neighbour
+
+
+@pytest.mark.parametrize('name', ["');import os#", 'a\nb', 'x"""y', '{0}', "it's"])
+def test_a_hostile_name_of_a_drive_is_only_text_in_the_file(tmp_path, name):
+    driver = Driver(
+        'power_of', 'other_drive', f'P of {name}', 'W', 'signals.drawn[:, other]', other=name
+    )
+    family = Family(driver, FACTORS['one'], 'power')
+    formula = Formula(PRIMITIVES['line'], {0: Place(family, {}, 1.0)}, 1.0)
+    written = Written(
+        name='cross_talk',
+        formula=formula,
+        drives=(name,),
+        physics=f'hypothesis: {name}',
+        bounds=[(0.0, 1.0)],
+        near=(),
+        excitation={'text': name},
+        places={name: {'other': name}},
+    )
+    path = tmp_path / 'effect.py'
+    path.write_text(effect_source([written], [name]), encoding='utf-8')
+    effect = load_catalogue([path])['cross_talk']
+    assert effect.physics == f'hypothesis: {name}'
+
+
+def test_a_play_sticks_at_its_edges_and_follows_in_between():
+    values = np.cumsum(np.random.default_rng(0).normal(0, 0.1, 500))
+    state, expected = values[0], []
+    for value in values:
+        state = min(max(state, value - 0.15), value + 0.15)
+        expected.append((value - state) / 0.15)
+    assert play(values, 0.3) == pytest.approx(np.array(expected), abs=1e-9)
+
+
+def test_bounds_of_a_file_keep_the_sign_that_the_bootstrap_is_sure_of():
+    between = np.array([[[2.0, 3.0]], [[2.5, 4.0]]])
+    ((low, high),) = bounds_of(between, np.ones((2, 1)))
+    assert low == 0.0
+    assert high > 4.0
+    ((low, high),) = bounds_of(-between[..., ::-1], np.ones((2, 1)))
+    assert high == 0.0
+    assert low < -4.0
+
+
+def test_the_last_of_several_recordings_tests_what_the_others_show():
+    assert split(['a', 'b', 'c'], []) == (['a', 'b'], ['c'])
+    assert split(['a', 'b'], ['c']) == (['a', 'b'], ['c'])
+    assert split(['a'], []) == (['a'], [])
+
+
+def test_a_file_that_is_not_python_is_refused_before_anything_is_read(tmp_path, capsys):
+    arguments = ['nowhere', '--model', 'base.yaml', '-o', str(tmp_path / 'effect.txt')]
+    assert discover_command.main(arguments) == 2
+    assert '.py' in capsys.readouterr().err
