@@ -28,7 +28,7 @@ def runner_period(ros_domain):
 
     def period(name):
         nodes.append(PolicyRunner(Options(policy=name)))
-        return round(nodes[-1]._timer.timer_period_ns * 1e-9 / STEP)
+        return round(nodes[-1].period / STEP)
 
     yield period
     for node in nodes:

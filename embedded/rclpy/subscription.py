@@ -2,8 +2,9 @@
 
 import inspect
 import time
+from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 from rosidl_embedded import codec, definitions
 
@@ -14,6 +15,59 @@ from rclpy.impl.transport import Sample, unread
 from rclpy.qos import HistoryPolicy, QoSProfile, to_dds
 
 BATCH = 32
+
+
+class SubscriptionHandle:
+    """Takes the messages of a subscription that no executor serves."""
+
+    def __init__(self, reader: Any, batch: int, topic: str, logger: Any):
+        self._reader, self._batch = reader, batch
+        self._topic, self._logger = topic, logger
+        self._taken: deque[Sample] = deque()
+
+    def __enter__(self) -> Self:
+        if self._reader is None:
+            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def take_message(self, pymsg_type: Any, raw: bool) -> tuple[Any, dict[str, int]] | None:
+        """Return the oldest message that waits, with its times; None where none does."""
+        while True:
+            if not self._taken:
+                samples = self._reader.take(self._batch)
+                if not samples:
+                    return None
+                self._taken.extend(s for s in samples if s.__class__ is Sample)
+                continue
+            sample = self._taken.popleft()
+            message = decoded(sample, pymsg_type, raw, self._topic, self._logger)
+            if message is not None:
+                return message, message_info(sample)
+
+    def destroy(self) -> None:
+        """Let go of the reader."""
+        self._reader = None
+        self._taken.clear()
+
+
+def decoded(sample: Sample, msg_type: Any, raw: bool, topic: str, logger: Any) -> Any:
+    """Return the message of a sample, or its bytes; None, with a line, where it is none."""
+    if raw:
+        return bytes(sample)
+    try:
+        return codec.deserialize(sample, msg_type)
+    except ValueError as error:
+        logger.error(f"message on '{topic}' dropped: {error}")
+        return None
+
+
+def message_info(sample: Sample) -> dict[str, int]:
+    """Return the system times of a sample's publication and arrival, ns."""
+    source = sample.sample_info.source_timestamp
+    return {'source_timestamp': source, 'received_timestamp': time.time_ns()}
 
 
 def takes_info(callback: Callable[..., Any]) -> bool:
@@ -62,6 +116,7 @@ class Subscription:
         self._unread: Any = unread(self._reader)
         keeps_all = qos_profile.history == HistoryPolicy.KEEP_ALL
         self._batch = BATCH if keeps_all else max(1, min(BATCH, qos_profile.depth))
+        self.handle = SubscriptionHandle(self._reader, self._batch, topic, self._logger)
         self._event: IncompatibleQos | None = IncompatibleQos(
             self._reader, True, given_name, event_callbacks, self._logger
         )
@@ -83,7 +138,9 @@ class Subscription:
         return len(self._reader.get_matched_publications())
 
     def _conditions(self) -> list[tuple[Any, Any]]:
-        return [] if self._reader is None else [(self._unread, self._take)]
+        if self._reader is None or not self.callback_group.can_execute(self):
+            return []
+        return [(self._unread, self._take)]
 
     def _events(self) -> list[tuple[Any, Any]]:
         return [] if self._event is None else [(self._event.entity, self._event.check)]
@@ -98,21 +155,15 @@ class Subscription:
     def _execute(self, sample: Sample) -> None:
         if self._reader is None:
             return
-        if self.raw:
-            message: Any = bytes(sample)
-        else:
-            try:
-                message = codec.deserialize(sample, self.msg_type)
-            except ValueError as error:
-                self._logger.error(f"message on '{self._topic}' dropped: {error}")
-                return
+        message = decoded(sample, self.msg_type, self.raw, self._topic, self._logger)
+        if message is None:
+            return
         if self._with_info:
-            source = sample.sample_info.source_timestamp
-            info = {'source_timestamp': source, 'received_timestamp': time.time_ns()}
-            self.callback(message, info)
+            self.callback(message, message_info(sample))
         else:
             self.callback(message)
 
     def destroy(self) -> None:
         """Leave the topic."""
         self._reader = self._unread = self._event = None
+        self.handle.destroy()

@@ -1,6 +1,7 @@
 """Node that runs a policy on the robot: joint states and IMU in, joint commands out."""
 
 from collections.abc import Sequence
+from typing import Final
 
 from geometry_msgs.msg import TwistStamped
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -8,7 +9,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from wattwalk_core.anymal import JOINT_NAMES
@@ -17,12 +17,13 @@ from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 
 from policy_runner.nodes.run_options import Options
-from policy_runner.nodes.topic_inputs import Listener
+from policy_runner.nodes.topic_inputs import TopicInputs
 from policy_runner.policies.by_name import Policy, load_policy
 from policy_runner.supervisor.loop_timing import LoopTiming
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig
 from policy_runner.supervisor.supervisor import State, Supervisor, SupervisorOutput
 
+_LOOK: Final = 0.005  # s between looks at the inputs: the resolution of their age
 _COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -62,7 +63,7 @@ class PolicyRunner(Node):
         self._time = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
         self._told: tuple[State, str] | None = None
 
-        Listener(self, self._supervisor.inputs, self._now)
+        self._inputs = TopicInputs(self, self._supervisor.inputs, self._now)
         self._commands = self.create_publisher(JointState, 'joint_commands', _COMMANDS)
         self._reporter = Reporter(self)
         if source is not None:
@@ -73,13 +74,27 @@ class PolicyRunner(Node):
         self.create_service(
             Trigger, 'estop', lambda q, a: self._serve(a, self._supervisor.emergency_stop)
         )
-        self._timing = LoopTiming(1.0 / (self._rate or policy.rate))
-        self._timer = self._make_timer(policy)
+        self.period = self._period_of(policy)
+        self._timing = LoopTiming(self.period)
+        self._due = self._now() + self.period
         self.add_on_set_parameters_callback(self._on_parameters)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _make_timer(self, policy: Policy) -> Timer:
-        return self.create_timer(1.0 / (self._rate or policy.rate), self._step, clock=self._time)
+    def _period_of(self, policy: Policy) -> float:
+        return 1.0 / (self._rate or policy.rate)
+
+    def poll(self) -> float:
+        """Take what has come and run the step that is due; return the s until the next look."""
+        self._inputs.take()
+        now = self._now()
+        if now == 0.0:
+            return _LOOK  # ROS time that has not begun
+        if self._due - now > 2.0 * self.period:
+            self._due = now  # ROS time was set back
+        if now >= self._due:
+            self._due += self.period * (1 + (now - self._due) // self.period)
+            self._step()
+        return min(_LOOK, self._due - self._now())
 
     def _on_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         for parameter in parameters:
@@ -94,9 +109,9 @@ class PolicyRunner(Node):
                 return SetParametersResult(successful=False, reason=message)
             self._policy = str(parameter.value)
             self.get_logger().info(f'{self._policy}: {message}')
-            self.destroy_timer(self._timer)
-            self._timing.change(1.0 / (self._rate or policy.rate))
-            self._timer = self._make_timer(policy)
+            self.period = self._period_of(policy)
+            self._timing.change(self.period)
+            self._due = self._now() + self.period
         return SetParametersResult(successful=True)
 
     def stop(self) -> None:

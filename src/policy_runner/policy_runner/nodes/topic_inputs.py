@@ -7,21 +7,34 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
+from wattwalk_core.nodes.topic_buffer import TopicBuffer
 
 from policy_runner.policies.inputs import Inputs
 
 _SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class Listener:
-    """Subscriptions to joint_states, imu, odom and cmd_vel; now gives the node's time in s."""
+class TopicInputs:
+    """Newest joint_states, imu, odom and cmd_vel; now gives the node's time in s."""
 
     def __init__(self, node: Node, inputs: Inputs, now: Callable[[], float]) -> None:
         self._inputs, self._now = inputs, now
-        node.create_subscription(JointState, 'joint_states', self._on_joints, _SENSORS)
-        node.create_subscription(Imu, 'imu', self._on_imu, _SENSORS)
-        node.create_subscription(Odometry, 'odom', self._on_odom, _SENSORS)
-        node.create_subscription(TwistStamped, 'cmd_vel', self._on_command, _SENSORS)
+        self._joints = TopicBuffer[JointState](node, JointState, 'joint_states', _SENSORS)
+        self._imu = TopicBuffer[Imu](node, Imu, 'imu', _SENSORS)
+        self._odom = TopicBuffer[Odometry](node, Odometry, 'odom', _SENSORS)
+        self._command = TopicBuffer[TwistStamped](node, TwistStamped, 'cmd_vel', _SENSORS)
+
+    def take(self) -> None:
+        """Take what has come; its time of arrival is now."""
+        for buffer, take in (
+            (self._joints, self._on_joints),
+            (self._imu, self._on_imu),
+            (self._odom, self._on_odom),
+            (self._command, self._on_command),
+        ):
+            message = buffer.newest()
+            if message is not None:
+                take(message)
 
     def _on_joints(self, message: JointState) -> None:
         m = message

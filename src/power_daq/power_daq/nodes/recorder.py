@@ -4,9 +4,8 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Final
 
 from diagnostic_msgs.msg import DiagnosticArray
 from power_recordings.card import Card
@@ -18,11 +17,13 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
+from wattwalk_core.nodes.topic_buffer import TopicBuffer
 
 from power_daq.acquisition.torque import TORQUE_AT, TORQUE_UNIT, VELOCITY
 
-_DEPTH = 2000
-_HOUSEKEEPING = 0.2  # s
+_DEPTH: Final = 2000
+_LOOK: Final = 0.01  # s between looks at the topics
+_HOUSEKEEPING: Final = 0.2  # s
 
 
 class RecorderNode(Node):
@@ -47,9 +48,10 @@ class RecorderNode(Node):
         self._card, self._bag, self._duration = card, bag, duration
         self._best_effort: set[str] = set()
         self._types = {self.resolve_topic_name(name): topics[name] for name in topics}
-        self._subscriptions_by_topic = {
+        self._buffers = {
             name: self._subscribe(name, ReliabilityPolicy.RELIABLE) for name in self._types
         }
+        self._taken = time.time_ns()
         self._calibrations: dict[str, None] = {}
         self._torque: dict[str, dict[str, str]] = {TORQUE_AT: {}, TORQUE_UNIT: {}, VELOCITY: {}}
         self.create_subscription(DiagnosticArray, 'diagnostics', self._note_conditions, 10)
@@ -59,24 +61,32 @@ class RecorderNode(Node):
         self.create_timer(_HOUSEKEEPING, self._keep_house, clock=steady)
         self.create_timer(1.0, self._report, clock=steady)
 
-    def _subscribe(self, name: str, reliability: ReliabilityPolicy) -> Any:
+    def poll(self) -> float:
+        """Put what has come into the recorder; return the s until the next look."""
+        since, now = self._taken, time.time_ns()
+        for name, buffer in self._buffers.items():
+            for cdr, published in buffer.take_with_source_time():
+                # A publisher's clock may be another machine's.
+                self._recorder.put(name, min(max(published, since), now), cdr)
+        self._taken = now
+        return _LOOK
+
+    def _subscribe(self, name: str, reliability: ReliabilityPolicy) -> TopicBuffer[bytes]:
         self._recorder.declare(name, self._types[name], reliability.name.lower())
         events = SubscriptionEventCallbacks(
             incompatible_qos=lambda _: self._best_effort.add(name), use_default_callbacks=False
         )
-        return self.create_subscription(
+        kind, qos = (
             message_class(self._types[name]),
-            name,
-            partial(_take, self._recorder.put, name),
             QoSProfile(depth=_DEPTH, reliability=reliability),
-            raw=True,
-            event_callbacks=events,
         )
+        return TopicBuffer[bytes](self, kind, name, qos, raw=True, events=events)
 
     def stop(self) -> int:
         """Close the bag, complete its card and print a summary; 1 for a bag without messages."""
         if sys.stdout.isatty():
             print()
+        self.poll()
         recorder = self._recorder
         recorder.close()
         applied = ', '.join(self._calibrations)
@@ -99,10 +109,8 @@ class RecorderNode(Node):
     def _keep_house(self) -> None:
         for name in sorted(self._best_effort):
             self.get_logger().warning(f'{name} is published best-effort: samples may be lost')
-            self.destroy_subscription(self._subscriptions_by_topic[name])
-            self._subscriptions_by_topic[name] = self._subscribe(
-                name, ReliabilityPolicy.BEST_EFFORT
-            )
+            self._buffers[name].destroy()
+            self._buffers[name] = self._subscribe(name, ReliabilityPolicy.BEST_EFFORT)
         self._best_effort.clear()
         over = self._duration and self._recorder.progress().seconds >= self._duration
         if (over or self._recorder.failed is not None) and not self.done.done():
@@ -126,10 +134,6 @@ class RecorderNode(Node):
         values |= {'size [B]': str(now.size), 'waiting [B]': str(now.waiting)}
         values['samples lost'] = str(self._recorder.sequence.lost)
         self._reporter.publish(Report(level, sentence, values))
-
-
-def _take(put: Callable[[str, int, bytes], None], name: str, cdr: bytes) -> None:
-    put(name, time.time_ns(), cdr)
 
 
 def _show(now: RecordingProgress, rates: dict[str, float], log: Callable[..., None]) -> None:

@@ -1,7 +1,9 @@
 """The live estimate: joint states and commands in, power of every drive out at 50 Hz."""
 
+import math
 import time
 from array import array
+from typing import Final
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -12,6 +14,7 @@ from sensor_msgs.msg import JointState
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
+from wattwalk_core.nodes.topic_buffer import TopicBuffer
 
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
 from power_estimator.live.estimator import Estimate, LiveConfig
@@ -20,6 +23,10 @@ from power_estimator.live.session import LiveSession, Vector
 from power_estimator.loader import load_model
 
 _RELIABLE = ReliabilityPolicy.RELIABLE
+_PERIOD: Final = 0.02  # s between estimates
+_QUIET: Final = 0.017  # s after an estimate in which the next cannot be due
+_AWAITED: Final = 0.001  # s between looks for its last joint state
+_IDLE: Final = 0.005  # s between looks when estimates have stopped
 
 
 class PowerEstimator(Node):
@@ -47,14 +54,33 @@ class PowerEstimator(Node):
             PowerEstimate, 'power_estimate', QoSProfile(depth=10, reliability=_RELIABLE)
         )
         self._reporter = Reporter(self, 'estimate')
-        self.create_subscription(JointState, 'joint_commands', self._on_command, qos)
-        self.create_subscription(JointState, 'joint_states', self._on_state, qos)
-        if compare:
-            self.create_subscription(DriveSupply, 'drive_supply', self._on_supply, qos)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(0.02, self._watch, clock=steady)
-        self.create_timer(1.0, self._diagnose, clock=steady)
+        self._targets = TopicBuffer[JointState](self, JointState, 'joint_commands', qos)
+        self._states = TopicBuffer[JointState](self, JointState, 'joint_states', qos)
+        self._measured = (
+            TopicBuffer[DriveSupply](self, DriveSupply, 'drive_supply', qos) if compare else None
+        )
+        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._said = ''
+        self._sent = -math.inf
+
+    def poll(self) -> float:
+        """Take what has come, publish the estimate that is due; return the s until the next."""
+        # Commands first: they hold from their stamps on, whenever they came.
+        for message in self._targets.take():
+            self._on_command(message)
+        for message in self._states.take():
+            self._on_state(message)
+        if self._measured is not None:
+            for message in self._measured.take():
+                self._on_supply(message)
+        now = time.monotonic()
+        stale = self._session.stale(now) if now >= self._sent + _PERIOD else None
+        if stale is not None:
+            self._publish(stale)
+        since = now - self._sent
+        if since < _QUIET:
+            return _QUIET - since
+        return _AWAITED if since < 2 * _PERIOD else _IDLE
 
     def _on_command(self, message: JointState) -> None:
         targets = message.position if len(message.position) else [np.nan] * len(message.name)
@@ -89,6 +115,7 @@ class PowerEstimator(Node):
         self._session.supply(Vector(_ns(message.header.stamp), tuple(message.name), power))
 
     def _publish(self, estimate: Estimate) -> None:
+        self._sent = time.monotonic()
         message = PowerEstimate(
             model=self._model,
             name=list(self._session.drives),
@@ -100,11 +127,6 @@ class PowerEstimator(Node):
             sec=estimate.stamp // 1_000_000_000, nanosec=estimate.stamp % 1_000_000_000
         )
         self._estimates.publish(message)
-
-    def _watch(self) -> None:
-        estimate = self._session.stale(time.monotonic())
-        if estimate is not None:
-            self._publish(estimate)
 
     def _diagnose(self) -> None:
         well, sentence, figures = self._session.report(time.monotonic())

@@ -3,6 +3,7 @@
 import signal
 import socket
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from types import FrameType
@@ -16,6 +17,7 @@ from rclpy.task import Future
 
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 PATIENCE: Final = 4.0  # s for a callback, or the making of a node, to return after a signal
+SERVED: Final = 0.02  # s between turns of the executor of a node that polls
 
 
 class EndSignals:
@@ -75,6 +77,10 @@ def spin(node: Node, *until: Future) -> None:
     """
     Run a node's callbacks until a future is done or the context is shut down.
 
+    A node may have a method `poll`, which takes what its topic buffers hold and returns the time
+    in s until it wants to be called again. The executor, whose turns are dear on rclpy, then
+    serves parameters, services and timers at most 50 times a second; on ROS time it serves the
+    clock in between, too.
     Errors of a callback are raised, but for a RuntimeError of a context that was shut down
     while the callback was at work.
     """
@@ -82,6 +88,7 @@ def spin(node: Node, *until: Future) -> None:
     # turn, which is a leak of some GB a day at 1 kHz.
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
+    poll: Callable[[], float] | None = getattr(node, 'poll', None)
     over = threading.Lock()
 
     def wake(_: Future) -> None:
@@ -90,11 +97,12 @@ def spin(node: Node, *until: Future) -> None:
                 executor.create_task(lambda: None)
 
     spinning = True
+    turn = executor.spin_once if poll is None else _PollingTurn(node, poll, executor)
     try:
         for future in until:
             future.add_done_callback(wake)
         while node.context.ok() and not any(future.done() for future in until):
-            executor.spin_once()
+            turn()
     except ExternalShutdownException:
         return
     except RuntimeError:
@@ -105,6 +113,28 @@ def spin(node: Node, *until: Future) -> None:
             spinning = False
         executor.remove_node(node)
         executor.shutdown()
+
+
+class _PollingTurn:
+    """Polls a node and serves its executor, or sleeps until the node wants to be polled."""
+
+    def __init__(
+        self, node: Node, poll: Callable[[], float], executor: SingleThreadedExecutor
+    ) -> None:
+        self._poll, self._executor = poll, executor
+        self._always = bool(node.get_parameter('use_sim_time').value)
+        self._due = time.monotonic()
+
+    def __call__(self) -> None:
+        wait = max(self._poll(), 0.0)
+        now = time.monotonic()
+        if self._always:
+            self._executor.spin_once(timeout_sec=wait)
+        elif now >= self._due:
+            self._due = now + SERVED
+            self._executor.spin_once(timeout_sec=0.0)
+        else:
+            time.sleep(min(wait, self._due - now))
 
 
 def run_node(make: Callable[[], Any], arguments: Sequence[str]) -> int:
