@@ -14,6 +14,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
+from wattwalk_core.nodes.topic_buffer import TopicBuffer
 
 from sim_bridge.live.frames import FrameEncoder, SimulatedBus
 from sim_bridge.live.joint_commands import joint_command
@@ -22,11 +23,11 @@ from sim_bridge.live.publishing import SamplePublisher
 from sim_bridge.live.real_time import LivePlant
 from sim_bridge.offline.session import random_push
 from sim_bridge.plant.simulation import Simulation
-from sim_bridge.sensors.blocks import Instruments
+from sim_bridge.sensors.blocks import InstrumentReadings, Instruments
 
 
 class SimNode(Node):
-    """Node with the plant in a thread; the executor serves commands and services."""
+    """Node with the plant in a thread, which takes the commands; the executor serves services."""
 
     def __init__(self) -> None:
         super().__init__('sim_bridge')
@@ -43,12 +44,12 @@ class SimNode(Node):
         self._publisher = SamplePublisher(self, instruments.clock, settings.publish_clock)
         self._reporter = Reporter(self, hardware_id='simulation')
         self._bus = SimulatedBus(settings.interface, settings.channel)
-        self.plant = LivePlant(
-            simulation, instruments, encoder, self._bus.send, self._publisher.publish
-        )
+        self.plant = LivePlant(simulation, instruments, encoder, self._bus.send, self._hand_on)
         self.done: Future = Future()
         self._reported = self._down_seconds = 0
-        self.create_subscription(JointState, 'joint_commands', self._command, QoSProfile(depth=1))
+        self._commands = TopicBuffer[JointState](
+            self, JointState, 'joint_commands', QoSProfile(depth=1)
+        )
         self.create_service(Trigger, 'push', self._push)
         self.create_service(Trigger, 'reset', self._reset)
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -80,6 +81,13 @@ class SimNode(Node):
     def _follow_ros_time(self) -> None:
         elapsed = time.monotonic_ns() - self._steady_start
         self._publisher.start_ns = self.get_clock().now().nanoseconds - elapsed
+
+    def _hand_on(self, samples: InstrumentReadings) -> None:
+        """Publish a block of samples and take the command that came during it."""
+        self._publisher.publish(samples)
+        command = self._commands.newest()
+        if command is not None:
+            self._command(command)
 
     def _command(self, message: JointState) -> None:
         try:
