@@ -89,6 +89,14 @@ def test_the_page_of_effects_has_every_effect_of_the_catalogue_with_its_formula(
         assert all(f'{term.symbol} [{term.unit}]' in page for term in catalogue[name].terms)
 
 
+def test_no_page_shows_the_marks_of_a_table_or_a_list_as_text(site):
+    for page in site.rglob('*.html'):
+        body = re.sub(r'(?s)<(pre|code|script)\b.*?</\1>', '', page.read_text(encoding='utf-8'))
+        for paragraph in re.findall(r'(?s)<p>(.*?)</p>', body):
+            assert '|--' not in paragraph, page
+            assert not re.search(r'^- ', paragraph, re.MULTILINE), page
+
+
 def loaded_from_elsewhere(text):
     """Addresses that a browser would fetch from another machine."""
     found = (next(filter(None, groups)).strip('\'"') for groups in LOADED.findall(text))

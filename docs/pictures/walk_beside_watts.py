@@ -78,6 +78,8 @@ def robot_images(qpos: NDArray[np.float64]) -> Iterator[Image]:
     camera = mujoco.MjvCamera()
     camera.distance, camera.azimuth, camera.elevation = 1.75, 128.0, -14.0
     with mujoco.Renderer(model, *ROBOT) as renderer:
+        # The map of shadows is centred on the origin, which the robot leaves.
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
         for pose in qpos:
             data.qpos[:] = pose
             mujoco.mj_forward(model, data)

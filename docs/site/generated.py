@@ -128,6 +128,27 @@ def filled(markdown: str) -> str:
     return MARKER.sub(part, markdown)
 
 
+BLOCK = re.compile(r'\||[-*] |\d+\. ')
+FENCE = re.compile(r' *(```|~~~)')
+
+
+def separated(markdown: str) -> str:
+    """Return a page with an empty line before tables and lists, which GitHub does without."""
+    lines: list[str] = []
+    fenced = False
+    for line in markdown.split('\n'):
+        start = None if fenced else BLOCK.match(line)
+        before = lines[-1] if lines else ''
+        same = BLOCK.match(before)
+        begins = same is None or (start and (same[0] == '|') != (start[0] == '|'))
+        if start and begins and before.strip() and not before.startswith(' '):
+            lines.append('')
+        if FENCE.match(line):
+            fenced = not fenced
+        lines.append(line)
+    return '\n'.join(lines)
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fill in the page, as MkDocs reads it."""
-    return filled(markdown)
+    """Complete the page, as MkDocs reads it."""
+    return filled(separated(markdown))
