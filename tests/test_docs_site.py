@@ -5,6 +5,7 @@ import importlib
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -17,6 +18,9 @@ from commands_start import entry_points
 ROOT = Path(__file__).resolve().parents[1]
 COMMANDS = ROOT / 'docs' / 'reference' / 'commands'
 COLUMNS = '88'
+BROWSER = next(
+    filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None
+)
 LOADED = re.compile(
     r'<(?:script|img|iframe|source|video|audio|embed)\b[^>]*\bsrc="([^"]+)"'
     r'|<link\b(?=[^>]*\brel="(?:stylesheet|icon|preload|modulepreload|preconnect)")'
@@ -95,6 +99,17 @@ def test_no_page_shows_the_marks_of_a_table_or_a_list_as_text(site):
         for paragraph in re.findall(r'(?s)<p>(.*?)</p>', body):
             assert '|--' not in paragraph, page
             assert not re.search(r'^- ', paragraph, re.MULTILINE), page
+
+
+@pytest.mark.skipif(BROWSER is None, reason='no Chromium')
+def test_the_search_finds_pages_where_the_site_is_opened_from_a_folder(site, tmp_path):
+    done = subprocess.run(
+        [BROWSER, '--headless=new', '--no-sandbox', '--disable-gpu', '--dump-dom',
+         '--virtual-time-budget=15000', f'--user-data-dir={tmp_path}',
+         f'{(site / "index.html").as_uri()}?q=coulomb_friction'],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert 'reference/effects.html' in done.stdout.split('md-search-result__list')[1]
 
 
 def loaded_from_elsewhere(text):
