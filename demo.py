@@ -1,9 +1,9 @@
 """
-The whole loop in about six minutes, from walking to a hidden effect that is found.
+The whole loop in about nine minutes, from walking to hidden effects that are found.
 
 The robot walks and is measured, a network learns and estimates live while a policy that was
-trained to save power walks, both policies are compared, and a model of effects is completed by
-the one that it misses.
+trained to save power walks, both policies are compared, a model of effects is completed by
+the one that it misses, and an effect that no catalogue has is learned and written down.
 
 Everything runs as a user would run it: by `ros2 run`, each node in a process of its own.
 """
@@ -158,19 +158,19 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
     """Record live, add offline recordings, train, then estimate live and compare."""
     live, seed = options.live, options.seed
     demo.title(
-        f'1/6  ANYmal walks for {live:.0f} s, simulated; its 12 drives are metered at 1 kHz'
+        f'1/7  ANYmal walks for {live:.0f} s, simulated; its 12 drives are metered at 1 kHz'
     )
     first = demo.live('live_1', 'baseline', live, seed)
 
-    demo.title('2/6  More walking, faster than real time')
+    demo.title('2/7  More walking, faster than real time')
     offline = demo.offline(['trot', 'baseline'], options.offline, seed)
 
-    demo.title('3/6  A network per drive type learns watts from position error, torque and speed')
+    demo.title('3/7  A network per drive type learns watts from position error, torque and speed')
     network = demo.output / 'ppn'
     demo.run('power_estimator', 'train', first, *offline, '-o', network, '--folds', '1')
 
     demo.title(
-        f'4/6  The network estimates live; a policy with power in its reward walks {live:.0f} s'
+        f'4/7  The network estimates live; a policy with power in its reward walks {live:.0f} s'
     )
     second = demo.live('live_2', 'pmp', live, seed + 1, network)
     picture = demo.output / 'live.png'
@@ -186,7 +186,7 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
         ),
         *('--picture', picture),
     )
-    demo.title('5/6  Both policies at the same speeds: what do they draw, and where?')
+    demo.title('5/7  Both policies at the same speeds: what do they draw, and where?')
     page = demo.output / 'policies.html'
     demo.run(
         *('policy_training', 'evaluate', '--policies', 'baseline', 'pmp'),
@@ -194,6 +194,7 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
         *('--report', page),
     )
     better = hidden_effect(demo, options.challenge)
+    unnamed = unnamed_effect(demo, options.unnamed)
     demo.title('Done')
     demo.console.print(f'recordings  {_short(str(first))}, {_short(str(second))}')
     demo.console.print(f'network     {_short(str(network))}')
@@ -201,6 +202,8 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
     demo.console.print(f'reports     {_short(str(page))}; why.html and compare.html beside it')
     if better is not None:
         demo.console.print(f'model       {_short(str(better))}')
+    if unnamed is not None:
+        demo.console.print(f'new effect  {_short(str(unnamed))}; unnamed.html beside it')
     demo.console.print(
         'next, play the recording through the live estimator, or judge another model:'
     )
@@ -213,7 +216,7 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
 
 def hidden_effect(demo: Demo, seed: int) -> Path | None:
     """Hide an effect in the drives, find it, add it, and judge both models on another walk."""
-    demo.title('6/6  An effect is hidden in the drives of another robot: which one?')
+    demo.title('6/7  An effect is hidden in the drives of another robot: which one?')
     riddle, other = demo.output / 'riddle', demo.output / 'riddle_again'
     base, why = demo.output / 'base.yaml', demo.output / 'why.json'
     may_know = demo.output / 'riddle.json'
@@ -236,6 +239,30 @@ def hidden_effect(demo: Demo, seed: int) -> Path | None:
     return better if better is not base else None
 
 
+def unnamed_effect(demo: Demo, seed: int) -> Path | None:
+    """Learn an effect that no catalogue has, write it down, add it, and judge another walk."""
+    demo.title('7/7  Something that no catalogue has is hidden in a third robot: what is it?')
+    strange, other = demo.output / 'strange', demo.output / 'strange_again'
+    base, effect = demo.output / 'strange_base.yaml', demo.output / 'effect.py'
+    may_know, told = demo.output / 'strange.json', demo.output / 'unnamed.json'
+    demo.run('power_lab', 'challenge', '--seed', str(seed), '-o', strange, '--json', may_know)
+    demo.run('power_lab', 'challenge', '--seed', str(seed), '--walk', '1', '-o', other)
+    known = ','.join(json.loads(may_know.read_text(encoding='utf-8'))['known'])
+    demo.run('power_lab', 'fit', strange, '--effects', known, '-o', base)
+    pages = ('--json', told, '--report', demo.output / 'unnamed.html')
+    learned = ('discover', strange, '--test', other, '--model', base, '-o', effect)
+    demo.run('power_lab', *learned, *pages)
+    found = json.loads(told.read_text(encoding='utf-8'))['found']
+    names = [one['name'] for one in found if one['in_file']]
+    if names:
+        own = ('--effects-path', effect)
+        grown = demo.output / 'strange_better.yaml'
+        demo.run('power_lab', 'add', *names, '--to', base, '--bag', strange, '-o', grown, *own)
+        demo.run('power_lab', 'compare', other, '--models', base, grown, *own)
+    demo.run('power_lab', 'reveal', strange)
+    return effect if names else None
+
+
 def parse(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, epilog='example: make demo')
@@ -244,6 +271,7 @@ def parse(args: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--offline', type=float, default=150.0, help='s of each offline run')
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--challenge', type=int, default=66, help='seed of the hidden effect')
+    parser.add_argument('--unnamed', type=int, default=157, help='seed of one in no catalogue')
     return parser.parse_args(args)
 
 

@@ -27,8 +27,9 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.signals.prepared import prepare
-from power_lab.discover.discovery import Discoverer, Discovery
+from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
+from power_lab.discover.found import Discovery
 from power_recordings.alignment.dataset import AlignedDataset
 from rich.console import Console
 from rich.table import Table

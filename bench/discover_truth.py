@@ -181,7 +181,7 @@ HIDDEN = {
     'window of position': Hidden(frozenset({'position'}), _place),
     'gear eccentricity': Hidden(frozenset({'position'}), _eccentric),
     'backlash': Hidden(frozenset({'position', 'speed'}), _backlash),
-    'cable': Hidden(frozenset({'position'}), _cable),
+    'cable': Hidden(frozenset({'position'}), _cable, ('walk',)),
     'seal': Hidden(frozenset({'temperature'}), _seal),
     'chopper': Hidden(frozenset({'voltage'}), _chopper),
     'cross-talk': Hidden(frozenset({'other_drive'}), _cross_talk),

@@ -13,10 +13,11 @@ from power_lab.commands import add as add_command
 from power_lab.commands import compare as compare_command
 from power_lab.commands import discover as discover_command
 from power_lab.commands import fit as fit_command
-from power_lab.discover.discovery import Discoverer, bounds_of
+from power_lab.discover.discovery import Discoverer
 from power_lab.discover.drivers import FACTORS, Driver, Family
 from power_lab.discover.effect_file import Written, effect_source
 from power_lab.discover.formula import Formula, Place
+from power_lab.discover.found import bounds_of
 from power_lab.discover.grammar import PRIMITIVES
 from power_lab.discover.memory import play
 from power_lab.discover.outcome import split

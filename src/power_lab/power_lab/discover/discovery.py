@@ -1,14 +1,11 @@
 """Procedure that learns what a model misses and no catalogue has."""
 
-import tempfile
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects import Catalogue, Effect, load_catalogue
+from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, Linearisation, Structure
 from power_estimator.effects.fit.fitter import Fitter
@@ -16,14 +13,15 @@ from wattwalk_core.quoting import printable
 
 from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.diagnose.floors import above_floor, floors, unseen
-from power_lab.discover.drivers import families
-from power_lab.discover.effect_file import Written, effect_source
+from power_lab.discover.drivers import driver_values, families
+from power_lab.discover.effect_file import Written
 from power_lab.discover.formula import Formula, refined
+from power_lab.discover.found import Discovery, Finalist, Found, bounds_of, load_effect
 from power_lab.discover.in_time import Course, InTime, in_time
 from power_lab.discover.problem import DriveProblem, problems
-from power_lab.discover.screening import DriverGain, Screen, chance
+from power_lab.discover.screening import DriverGain, Screen, chance, promising
 from power_lab.discover.search import Expression, express
-from power_lab.discover.selection import KEEPS, Option, handicap, options
+from power_lab.discover.selection import Option, handicap, options
 from power_lab.discover.shapes import LearnedShape, learn
 from power_lab.discover.words import effect_name, excitation, in_short, look_alikes
 
@@ -37,62 +35,12 @@ FLOOR, FLOOR_SHARE_OF_RMS = 0.15, 0.004
 _MOST_SAMPLED = 3.0
 _NEXT_SHARE = 0.1  # in watts, of the first effect, that a further one must explain
 _LEAST_OF_TIME = 0.6  # of what time explains, that the state must explain not to be time
-_WIDER = 3.0  # times the bootstrap's interval, for the bounds of a file
-_LEARNED, _LEARNED_ON_ONE = 8, 2  # families that shapes are learned of
+_SLOW = 0.9  # of a driver's variance in its means over a second, that time may stand for
 _FINALISTS, _CLOSE = 3, 0.85  # options that are fitted with all else
 _BOOTSTRAPS = 200
 
 
-@dataclass(frozen=True)
-class Found:
-    """One effect: its formula, what it explains, and where."""
-
-    name: str
-    kind: str
-    drives: tuple[int, ...]
-    gain: Floats  # W² [D], held out, in the judgement of the lab
-    interval: tuple[float, float]  # W, of what it explains
-    formula: Formula | None = None  # None for what lives in time alone
-    effect: Effect | None = None
-    written: Written | None = None
-    shapes: Mapping[int, LearnedShape] | None = None
-    course: InTime | None = None
-    kept: float = 1.0  # share of the free shape's gain
-    coefficients: Mapping[int, tuple[float, ...]] | None = None
-    coefficient_intervals: Mapping[int, tuple[tuple[float, float], ...]] | None = None
-    rivals: tuple[tuple[str, float], ...] = ()  # other explanations, W that they leave more
-
-    @property
-    def explains(self) -> float:
-        """W rms over its drives."""
-        return float(np.sqrt(np.maximum(self.gain[list(self.drives)], 0.0).mean()))
-
-
-@dataclass(frozen=True)
-class Discovery:
-    """What was found, and what the search rests on."""
-
-    found: tuple[Found, ...]
-    base: Evidence
-    best: Evidence
-    floor: Floats  # W [D]
-    chance: float  # of the first search
-    nothing: str  # reason where nothing was found
-
-
 Show = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Finalist:
-    """An option as the lab judges it."""
-
-    option: Option
-    name: str
-    formula: Formula
-    effect: Effect
-    after: Evidence
-    gain: Floats  # W² [D]
 
 
 class Discoverer:
@@ -159,7 +107,8 @@ class Discoverer:
         ranked = options(explained, least)
         in_time_gain = sum(one.gain for one in courses.values())
         state_gain = ranked[0].shape_gain if ranked else 0.0
-        if courses and state_gain < _LEAST_OF_TIME * in_time_gain:
+        slow = bool(ranked) and self._is_slow(ranked[0], point)
+        if courses and state_gain < (1.0 if slow else _LEAST_OF_TIME) * in_time_gain:
             return self._course(courses, best, floor, found), '', likely
         if not ranked:
             return None, 'nothing that is larger than what can be judged', likely
@@ -175,6 +124,16 @@ class Discoverer:
         if one is None:
             return None, 'no formula stands beside the refitted model', likely
         return one, '', likely
+
+    def _is_slow(self, option: Option, point: Linearisation) -> bool:
+        """Return whether it is a power over a driver that hardly changes within a second."""
+        family = option.formula.family
+        if family.acts_on != 'power' or family.factor.code:
+            return False
+        drive = max(option.formula.places, key=lambda d: option.formula.places[d].gain)
+        z = self.fitter.prepared.reduced(driver_values(family.driver, point.signals, drive))
+        within = z[self.fitter.blocks.rows].mean(axis=1)
+        return bool(within.var() > _SLOW * z.var())
 
     def _courses(self, drives: Sequence[DriveProblem], floor: Floats) -> dict[int, InTime]:
         prepared = self.fitter.prepared
@@ -199,7 +158,7 @@ class Discoverer:
     ) -> dict[int, list[tuple[LearnedShape, list[Expression]]]]:
         """Shapes and formulas of the families that come into question, by drive."""
         prepared = self.fitter.prepared
-        wanted = _promising(screened)
+        wanted = promising(screened)
         out: dict[int, list[tuple[LearnedShape, list[Expression]]]] = {}
         for problem, own in zip(drives, screened, strict=True):
             name = printable(prepared.names[problem.drive])
@@ -374,52 +333,5 @@ class Discoverer:
         )
 
 
-def _promising(screened: Sequence[Sequence[DriverGain]]) -> set[tuple[str, ...]]:
-    """Groups of families that gain most over all drives, or on one of them."""
-    pooled: dict[tuple[str, ...], float] = defaultdict(float)
-    wanted: set[tuple[str, ...]] = set()
-    for own in screened:
-        best: dict[tuple[str, ...], float] = {}
-        for one in own:
-            best[one.family.group] = max(best.get(one.family.group, 0.0), one.gain)
-        for group, gain in best.items():
-            pooled[group] += gain
-        wanted.update(sorted(best, key=lambda g: -best[g])[:_LEARNED_ON_ONE])
-    wanted.update(sorted(pooled, key=lambda g: -pooled[g])[:_LEARNED])
-    return wanted
-
-
 def _root(value: float) -> float:
     return float(np.sqrt(max(value, 0.0)))
-
-
-def bounds_of(between: Floats, factors: Floats) -> list[tuple[float, float]]:
-    """
-    Bounds of each coefficient from intervals [d, n, 2], for the reference drive (factors [d, n]).
-
-    Wider than the bootstrap's interval, so that another recording may differ; they keep the sign
-    where the interval does.
-    """
-    out = []
-    for term in range(between.shape[1]):
-        low = float((between[:, term, 0] / factors[:, term]).min())
-        high = float((between[:, term, 1] / factors[:, term]).max())
-        room = max(_WIDER * (high - low), 0.5 * max(abs(low), abs(high)))
-        wide_low, wide_high = low - room, high + room
-        if low > 0.0:
-            wide_low = max(wide_low, 0.0)
-        if high < 0.0:
-            wide_high = min(wide_high, 0.0)
-        out.append((float(f'{wide_low:.4g}'), float(f'{wide_high:.4g}')))
-    return out
-
-
-def load_effect(written: Written) -> Effect:
-    """The effect as its own file defines it, checked as any file of a user."""
-    with tempfile.TemporaryDirectory(prefix='discover') as folder:
-        path = Path(folder) / 'effect.py'
-        path.write_text(effect_source([written], ()), encoding='utf-8')
-        return load_catalogue([path])[written.name]
-
-
-__all__ = ['KEEPS', 'Discoverer', 'Discovery', 'Found', 'bounds_of', 'load_effect']

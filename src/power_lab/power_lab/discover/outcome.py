@@ -16,8 +16,10 @@ from power_estimator.model import PowerModel
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
-from power_lab.discover.discovery import Discoverer, Discovery, Found
+from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
+from power_lab.discover.found import Discovery, Found
+from power_lab.discover.selection import KEEPS
 from power_lab.discover.transfer import OtherRecording, Transfer
 from power_lab.recordings import Loaded, base_power
 
@@ -75,6 +77,8 @@ class DiscoveryOutcome:
             )
         assert one.written is not None
         text = f'{one.name}: {printable(one.written.physics)}; it explains {watts} on {names}'
+        if one.kept < KEEPS:
+            text += f'; the formula keeps only {one.kept:.0%} of the shape that was learned'
         if transfer is None:
             return f'{text}; no other recording has borne it out yet.'
         return f'{text}; {printable(transfer.reason)}.'

@@ -1,5 +1,6 @@
 """Quick look at all drivers of a drive, and at what they gain by chance."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +19,8 @@ Floats = NDArray[np.float64]
 MOVES = 39
 """Circular shifts of the residual: the largest of 39 is exceeded by chance in 1 of 40."""
 _LEAST_MOVE = 0.08  # of the recording
+LEARNED, LEARNED_ON_ONE = 8, 2
+"""Families that shapes are learned of: over all drives, and on each."""
 _NODES, _NODES_OF_TURN = 14, 40
 _SMOOTHING = (1e-3, 1e-1, 10.0)
 _TAIL = 0.002
@@ -160,6 +163,21 @@ def chance(screened: Sequence[Sequence[DriverGain]], errors: Sequence[float]) ->
         return 1.0
     highest = np.max(np.stack(moved), axis=0)
     return float((1 + (highest >= max(shares)).sum()) / (1 + len(highest)))
+
+
+def promising(screened: Sequence[Sequence[DriverGain]]) -> set[tuple[str, ...]]:
+    """Groups of families that gain most over all drives, or on one of them."""
+    pooled: dict[tuple[str, ...], float] = defaultdict(float)
+    wanted: set[tuple[str, ...]] = set()
+    for own in screened:
+        best: dict[tuple[str, ...], float] = {}
+        for one in own:
+            best[one.family.group] = max(best.get(one.family.group, 0.0), one.gain)
+        for group, gain in best.items():
+            pooled[group] += gain
+        wanted.update(sorted(best, key=lambda g: -best[g])[:LEARNED_ON_ONE])
+    wanted.update(sorted(pooled, key=lambda g: -pooled[g])[:LEARNED])
+    return wanted
 
 
 def _error(gram: Floats, moment: Floats, solved: Floats) -> Floats:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.pages.page import Page, escape
 
-from power_lab.discover.discovery import Found
+from power_lab.discover.found import Found
 from power_lab.discover.outcome import DiscoveryOutcome
 from power_lab.discover.shapes import LearnedShape
 from power_lab.discover.transfer import Transfer

@@ -1,0 +1,99 @@
+"""What a discovery consists of: effects, finalists, bounds and the check of a file."""
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Effect, load_catalogue
+
+from power_lab.compare.evidence import Evidence
+from power_lab.discover.effect_file import Written, effect_source
+from power_lab.discover.formula import Formula
+from power_lab.discover.in_time import InTime
+from power_lab.discover.selection import Option
+from power_lab.discover.shapes import LearnedShape
+
+Floats = NDArray[np.float64]
+
+_WIDER = 3.0  # times the bootstrap's interval, for the bounds of a file
+
+
+@dataclass(frozen=True)
+class Found:
+    """One effect: its formula, what it explains, and where."""
+
+    name: str
+    kind: str
+    drives: tuple[int, ...]
+    gain: Floats  # W² [D], held out, in the judgement of the lab
+    interval: tuple[float, float]  # W, of what it explains
+    formula: Formula | None = None  # None for what lives in time alone
+    effect: Effect | None = None
+    written: Written | None = None
+    shapes: Mapping[int, LearnedShape] | None = None
+    course: InTime | None = None
+    kept: float = 1.0  # share of the free shape's gain
+    coefficients: Mapping[int, tuple[float, ...]] | None = None
+    coefficient_intervals: Mapping[int, tuple[tuple[float, float], ...]] | None = None
+    rivals: tuple[tuple[str, float], ...] = ()  # other explanations, W that they leave more
+
+    @property
+    def explains(self) -> float:
+        """W rms over its drives."""
+        return float(np.sqrt(np.maximum(self.gain[list(self.drives)], 0.0).mean()))
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """What was found, and what the search rests on."""
+
+    found: tuple[Found, ...]
+    base: Evidence
+    best: Evidence
+    floor: Floats  # W [D]
+    chance: float  # of the first search
+    nothing: str  # reason where nothing was found
+
+
+@dataclass(frozen=True)
+class Finalist:
+    """An option as the lab judges it."""
+
+    option: Option
+    name: str
+    formula: Formula
+    effect: Effect
+    after: Evidence
+    gain: Floats  # W² [D]
+
+
+def bounds_of(between: Floats, factors: Floats) -> list[tuple[float, float]]:
+    """
+    Bounds of each coefficient from intervals [d, n, 2], for the reference drive (factors [d, n]).
+
+    Wider than the bootstrap's interval, so that another recording may differ; they keep the sign
+    where the interval does.
+    """
+    out = []
+    for term in range(between.shape[1]):
+        low = float((between[:, term, 0] / factors[:, term]).min())
+        high = float((between[:, term, 1] / factors[:, term]).max())
+        room = max(_WIDER * (high - low), 0.5 * max(abs(low), abs(high)))
+        wide_low, wide_high = low - room, high + room
+        if low > 0.0:
+            wide_low = max(wide_low, 0.0)
+        if high < 0.0:
+            wide_high = min(wide_high, 0.0)
+        out.append((float(f'{wide_low:.4g}'), float(f'{wide_high:.4g}')))
+    return out
+
+
+def load_effect(written: Written) -> Effect:
+    """The effect as its own file defines it, checked as any file of a user."""
+    with tempfile.TemporaryDirectory(prefix='discover') as folder:
+        path = Path(folder) / 'effect.py'
+        path.write_text(effect_source([written], ()), encoding='utf-8')
+        return load_catalogue([path])[written.name]
