@@ -167,7 +167,7 @@ def keys_of(content):
 
 
 WALK = str(ROOT / 'bags' / 'walk_small')
-KNEE = ('--drives', 'LF_KFE', 'RF_KFE')
+KNEE = ('--drives', 'LF_KFE')
 
 
 FIT = (WALK, *KNEE, '--effects', 'shaft,copper_loss,idle', '-o')
@@ -175,7 +175,7 @@ FIT = (WALK, *KNEE, '--effects', 'shaft,copper_loss,idle', '-o')
 
 @pytest.fixture(scope='module')
 def base(tmp_path_factory):
-    """Model file of two knees."""
+    """Model file of a knee."""
     from power_lab.commands import fit
 
     file = tmp_path_factory.mktemp('model') / 'base.yaml'
