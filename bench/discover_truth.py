@@ -39,7 +39,7 @@ class Change:
 
     drag: Floats | float = 0.0
     watts: Floats | float = 0.0
-    current: Floats | float = 1.0
+    current: Floats | float = 1.0  # at the same torque
 
 
 @dataclass(frozen=True)
@@ -224,9 +224,10 @@ def recorded(
 
     def power(change: Change) -> tuple[Floats, Floats]:
         motor = tau + drag + change.drag
-        current = motor / (constant / (1 + 0.03 * (motor / 80) ** 2)) * change.current
+        weak = constant / (1 + 0.03 * (motor / 80) ** 2) / change.current
+        current = motor / weak
         heat = 0.45 * scale[3] * current**2
-        return constant * w * current + heat + idle + change.watts, heat
+        return weak * w * current + heat + idle + change.watts, heat
 
     usual, heat = power(Change())
     winding = 25.0 + own.uniform(0, 5) + _first_order(heat * 4.0 + 3.0, 70.0)

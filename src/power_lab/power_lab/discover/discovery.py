@@ -104,7 +104,7 @@ class Discoverer:
         likely = chance(screened, list(base_error.values()))
         explained = self._explained(drives, point, screened, number)
         least = {d: max(0.3 * float(floor[d]) ** 2, 0.02 * base_error[d]) for d in base_error}
-        ranked = options(explained, least)
+        ranked = options(explained, least, {d: float(floor[d]) ** 2 for d in least})
         in_time_gain = sum(one.gain for one in courses.values())
         state_gain = ranked[0].shape_gain if ranked else 0.0
         slow = bool(ranked) and self._is_slow(ranked[0], point)

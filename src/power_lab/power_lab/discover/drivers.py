@@ -132,17 +132,18 @@ def _of_state(signals: Signals, drive: int) -> Iterator[Family]:
         yield _family(position, 'torque', 'velocity')
         yield _family(position, 'torque', 'load_sign')
         yield _family(position, 'power')
-    speed = Driver('speed', 'speed', 'w', 'rad/s', 'signals.motor_velocity[:, column]')
-    yield _family(speed, 'torque')
-    yield _family(speed, 'power')
-    torque = Driver('torque', 'torque', 'torque', 'N·m', 'signals.torque[:, column]')
-    yield _family(torque, 'power')
-    yield _family(torque, 'torque', 'sign')
-    yield _family(torque, 'power', 'velocity')
-    yield _family(torque, 'power', 'torque_square')
-    rate = Driver('acceleration', 'acceleration', 'a', 'rad/s²', 'signals.acceleration[:, column]')
-    yield _family(rate, 'torque')
-    yield _family(rate, 'power')
+    for size in (False, True):
+        speed, torque, rate = (_signed_or_size(*quantity, size=size) for quantity in _SIGNED)
+        yield _family(speed, 'torque', 'sign' if size else 'one')
+        yield _family(speed, 'power')
+        yield _family(torque, 'power')
+        yield _family(torque, 'power', 'velocity')
+        if size:
+            yield _family(torque, 'torque', 'sign')
+            yield _family(torque, 'power', 'torque_square')
+            yield _family(rate, 'power')
+        else:
+            yield _family(rate, 'torque')
     if float(np.ptp(signals.voltage[:, drive])) > 0.05:
         volts = Driver('voltage', 'voltage', 'V', 'V', 'signals.voltage[:, column]')
         yield _family(volts, 'power')
@@ -155,6 +156,20 @@ def _of_state(signals: Signals, drive: int) -> Iterator[Family]:
         yield _family(warm, 'torque', 'velocity')
         yield _family(warm, 'power')
         yield _family(warm, 'power', 'torque_square')
+
+
+_SIGNED = (
+    ('speed', 'w', 'rad/s', 'signals.motor_velocity[:, column]'),
+    ('torque', 'torque', 'N·m', 'signals.torque[:, column]'),
+    ('acceleration', 'a', 'rad/s²', 'signals.acceleration[:, column]'),
+)
+
+
+def _signed_or_size(kind: str, symbol: str, unit: str, code: str, *, size: bool) -> Driver:
+    """A quantity, or its magnitude for shapes that are even in it."""
+    if size:
+        return Driver(f'{kind}_size', kind, f'|{symbol}|', unit, f'np.abs({code})')
+    return Driver(kind, kind, symbol, unit, code)
 
 
 def _with_memory(signals: Signals, drive: int) -> Iterator[Family]:

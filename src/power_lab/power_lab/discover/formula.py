@@ -15,8 +15,8 @@ from power_lab.discover.shapes import instant
 
 Floats = NDArray[np.float64]
 _EVALUATIONS = 60
-_OF_DRIVER = {'line': 1, 'size': 1, 'above': 1, 'below': 1, 'beyond': 1}
-_OF_SQUARE = ('square', 'odd_square', 'beyond_square')
+_OF_DRIVER = ('line', 'above', 'below')
+_OF_SQUARE = ('square', 'odd_square', 'above_square')
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Formula:
     def unit(self) -> str:
         """Unit of its coefficients."""
         family = self.family
-        power = _OF_DRIVER.get(self.primitive.name, 0)
+        power = 1 if self.primitive.name in _OF_DRIVER else 0
         power = 2 if self.primitive.name in _OF_SQUARE else power
         parts = []
         if power and family.driver.unit:

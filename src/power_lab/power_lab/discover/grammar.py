@@ -27,11 +27,6 @@ def line(z: Floats) -> Floats:
     return z
 
 
-def size(z: Floats) -> Floats:
-    """Its magnitude."""
-    return np.abs(z)
-
-
 def square(z: Floats) -> Floats:
     """Its square."""
     return np.square(z)
@@ -52,24 +47,14 @@ def below(z: Floats, limit: float) -> Floats:
     return np.maximum(0.0, limit - z)
 
 
-def beyond(z: Floats, limit: float) -> Floats:
-    """What the magnitude exceeds a limit by."""
-    return np.maximum(0.0, np.abs(z) - limit)
-
-
-def beyond_square(z: Floats, limit: float) -> Floats:
-    """The square of what the magnitude exceeds a limit by."""
-    return np.square(np.maximum(0.0, np.abs(z) - limit))
+def above_square(z: Floats, limit: float) -> Floats:
+    """The square of what exceeds a limit."""
+    return np.square(np.maximum(0.0, z - limit))
 
 
 def saturated(z: Floats, scale: float) -> Floats:
     """Proportional to a small driver, constant at a large one."""
     return np.tanh(z / scale)
-
-
-def saturated_size(z: Floats, scale: float) -> Floats:
-    """Proportional to a small magnitude, constant at a large one."""
-    return np.tanh(np.abs(z) / scale)
 
 
 def fading(z: Floats, scale: float) -> Floats:
@@ -129,12 +114,9 @@ class Primitive:
                     if high - low <= _WIDEST * span:
                         for edge in (0.12, 0.45):
                             yield {'low': low, 'high': high, 'edge': edge * (high - low)}
-            case ('limit',) if self.name in ('above', 'below'):
+            case ('limit',):
                 for limit in nodes[1:-1].tolist():
                     yield {'limit': limit}
-            case ('limit',):
-                for share in np.linspace(0.05, 0.9, 18):
-                    yield {'limit': float(share * top)}
             case ('scale',):
                 for share in np.geomspace(0.02, 1.5, 16):
                     yield {'scale': float(share * top)}
@@ -163,15 +145,12 @@ PRIMITIVES = {
     one.name: one
     for one in (
         Primitive('line', line, (), '{z}'),
-        Primitive('size', size, (), '|{z}|'),
         Primitive('square', square, (), '{z}²'),
         Primitive('odd_square', odd_square, (), '{z}·|{z}|'),
         Primitive('above', above, ('limit',), 'max(0, {z} − {limit})'),
         Primitive('below', below, ('limit',), 'max(0, {limit} − {z})'),
-        Primitive('beyond', beyond, ('limit',), 'max(0, |{z}| − {limit})'),
-        Primitive('beyond_square', beyond_square, ('limit',), 'max(0, |{z}| − {limit})²'),
+        Primitive('above_square', above_square, ('limit',), 'max(0, {z} − {limit})²'),
         Primitive('saturated', saturated, ('scale',), 'tanh({z}/{scale})'),
-        Primitive('saturated_size', saturated_size, ('scale',), 'tanh(|{z}|/{scale})'),
         Primitive('fading', fading, ('scale',), 'exp(−|{z}|/{scale})'),
         Primitive('step', step, ('at', 'edge'), '[{z} > {at}]'),
         Primitive('window', window, ('low', 'high', 'edge'), '[{low} < {z} < {high}]'),

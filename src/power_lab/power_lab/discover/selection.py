@@ -12,12 +12,13 @@ from power_lab.discover.shapes import LearnedShape
 
 KEEPS = 0.9
 """Share of the shape's gain that a formula must keep to be called one."""
-_NEAR_BEST = 0.99
+_NEAR_BEST = 0.995
 """Share of the best formula's gain that a smaller one must keep, or all but what is too small."""
 _HANDICAP = {'other_drive': 0.85}
 """What another drive explains must be more than what the own state explains."""
 _MEMORY_HANDICAP = 0.93
 _WAVE_HANDICAP = 0.97
+_ASYMMETRIC, _ASYMMETRY_HANDICAP = ('speed', 'torque', 'acceleration'), 0.995
 
 Explained = Mapping[int, Sequence[tuple[LearnedShape, Sequence[Expression]]]]
 """By drive: shapes with their formulas."""
@@ -38,24 +39,27 @@ class Option:
         return self.formula.gain / max(self.shape_gain, 1e-12)
 
 
-def options(explained: Explained, least: Mapping[int, float]) -> list[Option]:
+def options(
+    explained: Explained, least: Mapping[int, float], floor: Mapping[int, float]
+) -> list[Option]:
     """
     Families in the order of what they explain, each with its formula.
 
-    least: W² by drive that counts as explained at all.
+    least: W² by drive that counts as explained at all; floor: W² that can be judged.
     """
     groups: dict[tuple[str, ...], dict[int, list[tuple[LearnedShape, Sequence[Expression]]]]]
     groups = defaultdict(lambda: defaultdict(list))
     for drive, rows in explained.items():
         for shape, expressions in rows:
             groups[shape.family.group][drive].append((shape, expressions))
-    found = [_option(by_drive, least) for by_drive in groups.values()]
+    found = [_option(by_drive, least, floor) for by_drive in groups.values()]
     return sorted((one for one in found if one is not None), key=lambda one: -one.score)
 
 
 def _option(
     by_drive: Mapping[int, Sequence[tuple[LearnedShape, Sequence[Expression]]]],
     least: Mapping[int, float],
+    floor: Mapping[int, float],
 ) -> Option | None:
     shapes = {d: max((s for s, _ in rows), key=lambda s: s.gain) for d, rows in by_drive.items()}
     candidates: dict[str, dict[int, Place]] = defaultdict(dict)
@@ -72,7 +76,7 @@ def _option(
     if not formulas:
         return None
     best = max(formula.gain * _weight(formula) for formula in formulas)
-    judged = sum(least[drive] for drive in shapes)
+    judged = sum(floor[drive] for drive in shapes)
     enough = min(_NEAR_BEST * best, best - judged)
     near = [f for f in formulas if f.gain * _weight(f) >= enough]
     chosen = min(near, key=lambda f: (f.primitive.complexity, -f.gain))
@@ -86,6 +90,8 @@ def _option(
 def handicap(family: Family) -> float:
     """Factor on what a family explains: simpler causes come first."""
     own = _MEMORY_HANDICAP if family.driver.memory else 1.0
+    if family.driver.name in _ASYMMETRIC:
+        own *= _ASYMMETRY_HANDICAP
     return own * _HANDICAP.get(family.kind, 1.0)
 
 

@@ -13,6 +13,7 @@ _NAMES = {
     ('position', 'one', 'torque'): 'position_pull',
     ('position', 'one', 'power'): 'position_loss',
     ('speed', 'one', 'torque'): 'speed_friction',
+    ('speed', 'sign', 'torque'): 'speed_friction',
     ('speed', 'one', 'power'): 'speed_loss',
     ('torque', 'one', 'power'): 'torque_loss',
     ('torque', 'sign', 'torque'): 'torque_friction',
@@ -40,6 +41,7 @@ def effect_name(formula: Formula, taken: Collection[str]) -> str:
     """A free name that says what the effect depends on."""
     family = formula.family
     driver = 'position' if family.driver.name == 'angle' else family.driver.name
+    driver = driver.removesuffix('_size')
     key = (driver, family.factor.name, family.acts_on)
     name = _NAMES.get(key)
     if name is None and family.kind == 'other_drive':
@@ -100,13 +102,11 @@ def _where(formula: Formula, drive: int) -> str:
     match formula.primitive.name:
         case 'window':
             return f'between {given["low"]} and {given["high"]} {unit} of {place.family.kind}'
-        case 'step' | 'above':
+        case 'step' | 'above' | 'above_square':
             limit = given.get('at', given.get('limit', ''))
             return f'above {limit} {unit} of {place.family.kind}'
         case 'below':
             return f'below {given["limit"]} {unit} of {place.family.kind}'
-        case 'beyond' | 'beyond_square':
-            return f'beyond {given["limit"]} {unit} of {place.family.kind}'
         case 'wave':
             return f'{given["order"]} times per {unit}·2π of {place.family.kind}'
         case _:
