@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, Linearisation, Structure
-from power_estimator.effects.fit.fitter import Fitter
+from power_estimator.effects.fit.fitter import Fit, Fitter
 from wattwalk_core.quoting import printable
 
 from power_lab.compare.evidence import Evidence, Examiner
@@ -57,6 +57,7 @@ class Discoverer:
         self.fitter, self.structure, self.catalogue = fitter, base, catalogue
         self.examiner = Examiner(fitter)
         self.show, self.seed = show, seed
+        self._trials = 0
 
     def run(self) -> Discovery:
         """All of it."""
@@ -82,7 +83,7 @@ class Discoverer:
 
     def _examined(self, structure: Structure, start: Evidence | None = None) -> Evidence:
         whole = structure.with_discrepancies()
-        begin = None if start is None else start.fit
+        begin = None if start is None else _unweighted(start.fit)
         return self.examiner.examine(self.fitter.fit(whole, begin, iterations=4))
 
     def _with(self, one: Found, best: Evidence) -> Evidence:
@@ -112,6 +113,8 @@ class Discoverer:
             return self._course(courses, best, floor, found), '', likely
         if not ranked:
             return None, 'nothing that is larger than what can be judged', likely
+        if likely > CERTAINTY and courses:
+            return self._course(courses, best, floor, found), '', likely
         if likely > CERTAINTY:
             return None, f'what is left is as large by chance in {likely:.0%} of cases', likely
         gain = np.zeros(len(floor))
@@ -237,7 +240,9 @@ class Discoverer:
         name = effect_name(formula, taken)
         wide = [(-1e6, 1e6)] * primitive.terms
         ones = {d: (1.0,) * primitive.terms for d in places}
-        effect = load_effect(self._written(name, formula, ones, wide))
+        self._trials += 1
+        trial = f'{name}_trial_{self._trials}'  # the fitter keeps columns by name
+        effect = load_effect(self._written(trial, formula, ones, wide))
         after = self._examined(self.structure.plus(Active.of(effect)), best)
         return Finalist(option, name, formula, effect, after, best.mean_mse - after.mean_mse)
 
@@ -272,7 +277,7 @@ class Discoverer:
         if interval[0] <= 0.0:
             return None
         formula = replace(formula, places={d: places[d] for d in own})
-        columns = after.fit.structure.columns_of(name)
+        columns = after.fit.structure.columns_of(one.effect.name)
         values = {d: tuple(after.fit.coefficients[d, columns].tolist()) for d in own}
         between = self.fitter.intervals(after.fit, self.seed)[:, columns]
         factors = effect.factors(self.fitter.scale)
@@ -317,7 +322,7 @@ class Discoverer:
                 key: float(f'{value:.6g}') for key, value in place.parameters.items()
             }
             if place.family.driver.memory:
-                given['given'] = float(f'{place.family.driver.given:.6g}')
+                given['given'] = tuple(float(f'{v:.6g}') for v in place.family.driver.given)
             if place.family.driver.other:
                 given['other'] = place.family.driver.other
             places[names[drive]] = given
@@ -331,6 +336,11 @@ class Discoverer:
             excitation=excitation(formula),
             places=places,
         )
+
+
+def _unweighted(fit: Fit) -> Fit:
+    """Return the fit with all blocks alike: those that an effect acts in fitted badly so far."""
+    return replace(fit, weights=np.ones_like(fit.weights))
 
 
 def _root(value: float) -> float:

@@ -22,7 +22,7 @@ class Driver:
     symbol: str
     unit: str
     code: str  # of a file of effects; signals and column are known there
-    given: float = 0.0  # parameter of a state with memory
+    given: tuple[float, ...] = ()  # parameters of a state with memory
     other: str = ''  # drive that it is of
     memory: str = ''  # 'lag', 'rest' or 'play'
 
@@ -158,6 +158,16 @@ def _of_state(signals: Signals, drive: int) -> Iterator[Family]:
         yield _family(warm, 'power', 'torque_square')
 
 
+_AFTER_REST = (
+    (0.15, 0.0),
+    (0.5, 0.0),
+    (1.5, 0.0),
+    (5.0, 0.0),
+    (0.0, 0.05),
+    (0.0, 0.2),
+    (0.0, 0.8),
+)
+"""Seconds, or else rad of travel, over which a rest is forgotten."""
 _SIGNED = (
     ('speed', 'w', 'rad/s', 'signals.motor_velocity[:, column]'),
     ('torque', 'torque', 'N·m', 'signals.torque[:, column]'),
@@ -176,23 +186,23 @@ def _with_memory(signals: Signals, drive: int) -> Iterator[Family]:
     stroke = np.quantile(signals.position[:, drive], (0.05, 0.95))
     width = float(np.clip(stroke[1] - stroke[0], 1e-3, 2.0))
     for share in (0.02, 0.06, 0.2):
-        code = 'by_stretch(stretches, signals.position[:, column], play, given)'
-        lost = Driver('play', 'position', 'h', '', code, share * width, memory='play')
+        code = 'by_stretch(stretches, signals.position[:, column], play, *given)'
+        lost = Driver('play', 'position', 'h', '', code, (share * width,), memory='play')
         yield _family(lost, 'torque')
         yield _family(lost, 'torque', 'sign')
     still = np.abs(signals.velocity[:, drive]) < signals.scale.standstill[drive]
     if 0.02 < still.mean() < 0.98:
-        for seconds in (0.3, 1.0, 3.0):
+        for fades in _AFTER_REST:
             code = (
                 'by_stretch(stretches, signals.velocity[:, column], after_rest, '
-                'rate, standstill, given)'
+                'rate, standstill, *given)'
             )
-            rest = Driver('rest', 'speed', 'rest', '', code, seconds, memory='rest')
+            rest = Driver('rest', 'speed', 'rest', '', code, fades, memory='rest')
             yield _family(rest, 'torque', 'sign')
             yield _family(rest, 'power')
     for seconds in (20.0, 90.0, 300.0):
-        code = 'by_stretch(stretches, np.square(signals.torque[:, column]), lagged, rate, given)'
-        warm = Driver('heat', 'temperature', 'heat', '(N·m)²', code, seconds, memory='lag')
+        code = 'by_stretch(stretches, np.square(signals.torque[:, column]), lagged, rate, *given)'
+        warm = Driver('heat', 'temperature', 'heat', '(N·m)²', code, (seconds,), memory='lag')
         yield _family(warm, 'torque', 'sign')
         yield _family(warm, 'torque', 'velocity')
 

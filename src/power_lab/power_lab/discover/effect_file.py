@@ -37,7 +37,7 @@ def effect_source(effects: Sequence[Written], source: Sequence[str]) -> str:
     drivers = [place.family.driver for one in effects for place in one.formula.places.values()]
     for name in _HELPERS:
         wanted = any(name in driver.code for driver in drivers)
-        if wanted or (name == 'lagged' and any('after_rest' in d.code for d in drivers)):
+        if wanted:
             helpers.append(inspect.getsource(getattr(memory, name)).replace(_IGNORE, ''))
     parts = [
         '"""Effects found by `power_lab discover`: hypotheses, to be confirmed by experiment."""',

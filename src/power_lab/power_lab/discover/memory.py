@@ -15,9 +15,26 @@ def lagged(values: Floats, rate: float, seconds: float) -> Floats:
     return np.asarray(out)
 
 
-def after_rest(velocity: Floats, rate: float, standstill: float, seconds: float) -> Floats:
-    """How long the joint has stood, 0 to 1 [T]; it fades over seconds once it turns again."""
-    return lagged((np.abs(velocity) < standstill).astype(float), rate, seconds)
+def after_rest(
+    velocity: Floats, rate: float, standstill: float, seconds: float, travel: float
+) -> Floats:
+    """
+    How long the joint has stood, 0 to 1 [T].
+
+    It grows within 0.3 s of rest, and fades over seconds of motion, or over rad of travel where
+    seconds are 0. All steps are composed by doubling, so that no loop runs over the samples.
+    """
+    speed = np.abs(velocity)
+    rests = speed < standstill
+    fading = 1.0 / (rate * seconds) if seconds > 0.0 else speed / (rate * travel)
+    keep = np.where(rests, np.exp(-1.0 / (0.3 * rate)), np.exp(-fading))
+    added = np.where(rests, 1.0 - keep, 0.0)
+    step = 1
+    while step < len(velocity):
+        added[step:] = added[step:] + keep[step:] * added[:-step]
+        keep[step:] = keep[step:] * keep[:-step]
+        step *= 2
+    return added
 
 
 def play(values: Floats, width: float) -> Floats:

@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 NODES, OF_TURN, OF_POSITION = 33, 97, 49
 """Nodes of a shape: over most drivers, over a turn, over a position."""
 _SMOOTHING = tuple(10.0**k for k in range(-5, 3))
+_AT_ONCE = 17  # columns
 _TAIL = 0.002  # of the samples, beyond the outermost nodes
 
 
@@ -75,12 +76,9 @@ def learn(
     if nodes is None:
         return None
     left, over = hats(z, nodes)
-    rows = np.arange(len(z))
-    columns = np.zeros((len(z), count))
-    columns[rows, left] = weight * (1.0 - over)
-    columns[rows, left + 1] += weight * over
     share = np.bincount(left, minlength=count) / len(z)
-    moments = problem.moments(prepared.reduced(columns))
+    columns = _reduced_hats(left, over, weight, count, prepared)
+    moments = problem.moments(columns)
     curvature = np.diff(np.eye(count), n=2, axis=0)
     bend = curvature.T @ curvature
     own = moments.gram[-1][-count:, -count:]
@@ -106,3 +104,18 @@ def learn(
         moments=moments,
         gain=problem.base_error - best[0] / moments.rows,
     )
+
+
+def _reduced_hats(
+    left: NDArray[np.intp], over: Floats, weight: Floats, count: int, prepared: Prepared
+) -> Floats:
+    """Reduced columns [N, count] of hats times a weight [T], a few at a time to spare memory."""
+    parts = []
+    for start in range(0, count, _AT_ONCE):
+        width = min(_AT_ONCE, count - start)
+        columns = np.zeros((len(left), width))
+        for place, share in ((left, 1.0 - over), (left + 1, over)):
+            rows = np.flatnonzero((place >= start) & (place < start + width))
+            columns[rows, place[rows] - start] += weight[rows] * share[rows]
+        parts.append(prepared.reduced(columns))
+    return np.concatenate(parts, axis=1)

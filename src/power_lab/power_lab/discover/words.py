@@ -80,10 +80,12 @@ def in_short(
     if formula.family.driver.other:
         text = f'takes a part of what {place.family.driver.other} does: {size}'
     elif name == 'play':
-        width = f'{place.family.driver.given:.2g} rad'
+        width = f'{place.family.driver.given[0]:.2g} rad'
         text = f'{verb} {where}, while a play of {width} turns round: {size}'
     elif name == 'rest':
-        text = f'{verb} after it stood, fading over {place.family.driver.given:.2g} s: {size}'
+        seconds, travel = place.family.driver.given
+        over = f'{seconds:.2g} s' if seconds else f'{travel:.2g} rad'
+        text = f'{verb} after it stood, fading over {over}: {size}'
     else:
         text = f'{verb} {where}: {size}'
     watts = f' ({strength:.3g} W per rad/s)' if _is_friction(formula) else ''
