@@ -2,7 +2,7 @@
 
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -19,8 +19,11 @@ class LiveSystem:
     The nodes are alone in a ROS domain, which is reserved from entering the context to its end.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(
+        self, folder: Path, ros2: Callable[..., list[str]] = lambda *words: ['ros2', *words]
+    ) -> None:
+        """ros2: gives the command line of a `ros2` command; that of the path by default."""
+        self._folder, self._ros2 = folder, ros2
         self._environment: dict[str, str] = {}
         self._domain = ExitStack()
         self._processes: dict[str, ChildProcess] = {}
@@ -28,7 +31,8 @@ class LiveSystem:
 
     def start(self, package: str, executable: str, *arguments: str) -> None:
         """Run an executable of a package; its output goes to a log in the folder."""
-        command = [find_program('ros2'), 'run', package, executable, *arguments]
+        program, *rest = self._ros2('run', package, executable, *arguments)
+        command = [find_program(program), *rest]
         self._processes[executable] = ChildProcess(
             command, self._folder / f'{executable}.log', self._environment
         )

@@ -7,7 +7,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
-from wattwalk_core.nodes.topic_buffer import TopicBuffer
+from wattwalk_core.nodes.polled_topic import PolledTopic
 
 from policy_runner.policies.inputs import Inputs
 
@@ -19,10 +19,10 @@ class TopicInputs:
 
     def __init__(self, node: Node, inputs: Inputs, now: Callable[[], float]) -> None:
         self._inputs, self._now = inputs, now
-        self._joints = TopicBuffer[JointState](node, JointState, 'joint_states', _SENSORS)
-        self._imu = TopicBuffer[Imu](node, Imu, 'imu', _SENSORS)
-        self._odom = TopicBuffer[Odometry](node, Odometry, 'odom', _SENSORS)
-        self._command = TopicBuffer[TwistStamped](node, TwistStamped, 'cmd_vel', _SENSORS)
+        self._joints = PolledTopic[JointState](node, JointState, 'joint_states', _SENSORS)
+        self._imu = PolledTopic[Imu](node, Imu, 'imu', _SENSORS)
+        self._odom = PolledTopic[Odometry](node, Odometry, 'odom', _SENSORS)
+        self._command = PolledTopic[TwistStamped](node, TwistStamped, 'cmd_vel', _SENSORS)
 
     def take(self) -> None:
         """Take what has come; its time of arrival is now."""

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
-from wattwalk_core.nodes.topic_buffer import TopicBuffer
+from wattwalk_core.nodes.polled_topic import PolledTopic
 
 from power_daq.acquisition.torque import TORQUE_AT, TORQUE_UNIT, VELOCITY
 
@@ -71,7 +71,7 @@ class RecorderNode(Node):
         self._taken = now
         return _LOOK
 
-    def _subscribe(self, name: str, reliability: ReliabilityPolicy) -> TopicBuffer[bytes]:
+    def _subscribe(self, name: str, reliability: ReliabilityPolicy) -> PolledTopic[bytes]:
         self._recorder.declare(name, self._types[name], reliability.name.lower())
         events = SubscriptionEventCallbacks(
             incompatible_qos=lambda _: self._best_effort.add(name), use_default_callbacks=False
@@ -80,7 +80,7 @@ class RecorderNode(Node):
             message_class(self._types[name]),
             QoSProfile(depth=_DEPTH, reliability=reliability),
         )
-        return TopicBuffer[bytes](self, kind, name, qos, raw=True, events=events)
+        return PolledTopic[bytes](self, kind, name, qos, raw=True, events=events)
 
     def stop(self) -> int:
         """Close the bag, complete its card and print a summary; 1 for a bag without messages."""

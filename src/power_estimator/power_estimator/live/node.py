@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
-from wattwalk_core.nodes.topic_buffer import TopicBuffer
+from wattwalk_core.nodes.polled_topic import PolledTopic
 
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
 from power_estimator.live.estimator import Estimate, LiveConfig
@@ -54,10 +54,10 @@ class PowerEstimator(Node):
             PowerEstimate, 'power_estimate', QoSProfile(depth=10, reliability=_RELIABLE)
         )
         self._reporter = Reporter(self, 'estimate')
-        self._targets = TopicBuffer[JointState](self, JointState, 'joint_commands', qos)
-        self._states = TopicBuffer[JointState](self, JointState, 'joint_states', qos)
+        self._targets = PolledTopic[JointState](self, JointState, 'joint_commands', qos)
+        self._states = PolledTopic[JointState](self, JointState, 'joint_states', qos)
         self._measured = (
-            TopicBuffer[DriveSupply](self, DriveSupply, 'drive_supply', qos) if compare else None
+            PolledTopic[DriveSupply](self, DriveSupply, 'drive_supply', qos) if compare else None
         )
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._said = ''

@@ -14,7 +14,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
-from wattwalk_core.nodes.topic_buffer import TopicBuffer
+from wattwalk_core.nodes.polled_topic import PolledTopic
 
 from sim_bridge.live.frames import FrameEncoder, SimulatedBus
 from sim_bridge.live.joint_commands import joint_command
@@ -47,7 +47,7 @@ class SimNode(Node):
         self.plant = LivePlant(simulation, instruments, encoder, self._bus.send, self._hand_on)
         self.done: Future = Future()
         self._reported = self._down_seconds = 0
-        self._commands = TopicBuffer[JointState](
+        self._commands = PolledTopic[JointState](
             self, JointState, 'joint_commands', QoSProfile(depth=1)
         )
         self.create_service(Trigger, 'push', self._push)

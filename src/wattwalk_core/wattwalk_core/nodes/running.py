@@ -77,8 +77,8 @@ def spin(node: Node, *until: Future) -> None:
     """
     Run a node's callbacks until a future is done or the context is shut down.
 
-    A node may have a method `poll`, which takes what its topic buffers hold and returns the time
-    in s until it wants to be called again. The executor, whose turns are dear on rclpy, then
+    A node may have a method `poll`, which takes what waits at its polled topics and returns the
+    time in s until it wants to be called again. The executor, whose turns are dear on rclpy, then
     serves parameters, services and timers at most 50 times a second; on ROS time it serves the
     clock in between, too.
     Errors of a callback are raised, but for a RuntimeError of a context that was shut down

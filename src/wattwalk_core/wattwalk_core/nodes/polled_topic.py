@@ -20,7 +20,7 @@ class _Unserved(ReentrantCallbackGroup):
         return not isinstance(entity, Subscription)
 
 
-class TopicBuffer(Generic[Message]):
+class PolledTopic(Generic[Message]):
     """
     Messages of a topic that wait in the middleware until they are taken.
 

@@ -11,8 +11,8 @@ from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_msgs.msg import String
+from wattwalk_core.nodes.polled_topic import PolledTopic
 from wattwalk_core.nodes.running import spin
-from wattwalk_core.nodes.topic_buffer import TopicBuffer
 
 PATIENCE = 60.0  # s
 
@@ -58,38 +58,38 @@ def gather(take, count):
 
 
 def test_a_burst_is_taken_whole_and_in_order_and_nothing_is_left(node, writer):
-    buffer = TopicBuffer(node, String, 'words', qos(1000))
-    assert list(buffer.take()) == []
+    topic = PolledTopic(node, String, 'words', qos(1000))
+    assert list(topic.take()) == []
     publisher = connected(writer)
     for number in range(700):
         publisher.publish(String(data=str(number)))
-    assert [m.data for m in gather(buffer.take, 700)] == [str(n) for n in range(700)]
-    assert list(buffer.take()) == []
-    assert buffer.newest() is None
+    assert [m.data for m in gather(topic.take, 700)] == [str(n) for n in range(700)]
+    assert list(topic.take()) == []
+    assert topic.newest() is None
 
 
 def test_the_depth_bounds_what_waits_and_the_newest_is_kept(node, writer):
-    buffer = TopicBuffer(node, String, 'words', qos(1))
+    topic = PolledTopic(node, String, 'words', qos(1))
     publisher = connected(writer)
     for number in range(20):
         publisher.publish(String(data=str(number)))
     heard = []
-    until(lambda: heard.append(buffer.newest()) or (heard[-1] and heard[-1].data == '19'))
+    until(lambda: heard.append(topic.newest()) or (heard[-1] and heard[-1].data == '19'))
 
 
 def test_raw_messages_are_the_cdr_bytes_with_the_time_of_their_publication(node, writer):
-    buffer = TopicBuffer(node, String, 'words', qos(10), raw=True)
+    topic = PolledTopic(node, String, 'words', qos(10), raw=True)
     publisher = connected(writer)
     before = time.time_ns()
     publisher.publish(String(data='watt'))
-    ((cdr, published),) = gather(buffer.take_with_source_time, 1)
+    ((cdr, published),) = gather(topic.take_with_source_time, 1)
     assert isinstance(cdr, bytes)
     assert deserialize_message(cdr, String).data == 'watt'
     assert before <= published <= time.time_ns()
 
 
-def test_an_executor_serves_what_is_beside_a_buffer_and_leaves_its_messages(node, writer):
-    buffer, heard = TopicBuffer(node, String, 'words', qos(10)), []
+def test_an_executor_serves_what_is_beside_a_topic_and_leaves_its_messages(node, writer):
+    topic, heard = PolledTopic(node, String, 'words', qos(10)), []
     node.create_subscription(String, 'words', heard.append, 10)
     publisher = writer.create_publisher(String, 'words', qos(10))
     until(lambda: publisher.get_subscription_count() == 2)
@@ -100,13 +100,13 @@ def test_an_executor_serves_what_is_beside_a_buffer_and_leaves_its_messages(node
     for _ in range(5):
         executor.spin_once(timeout_sec=0.01)
     executor.shutdown()
-    assert [m.data for m in buffer.take()] == ['watt']
+    assert [m.data for m in topic.take()] == ['watt']
 
 
-def test_events_of_a_buffer_are_served(node, writer):
+def test_events_of_a_topic_are_served(node, writer):
     told = []
     events = SubscriptionEventCallbacks(incompatible_qos=told.append, use_default_callbacks=False)
-    TopicBuffer(node, String, 'words', qos(10), events=events)
+    PolledTopic(node, String, 'words', qos(10), events=events)
     writer.create_publisher(String, 'words', qos(10, ReliabilityPolicy.BEST_EFFORT))
     executor = SingleThreadedExecutor()
     executor.add_node(node)
@@ -114,10 +114,10 @@ def test_events_of_a_buffer_are_served(node, writer):
     executor.shutdown()
 
 
-def test_a_destroyed_buffer_leaves_its_topic(node, writer):
-    buffer = TopicBuffer(node, String, 'words', qos(10))
+def test_a_destroyed_topic_leaves_its_topic(node, writer):
+    topic = PolledTopic(node, String, 'words', qos(10))
     publisher = connected(writer)
-    buffer.destroy()
+    topic.destroy()
     until(lambda: publisher.get_subscription_count() == 0)
 
 
@@ -128,7 +128,7 @@ class Polled(rclpy.node.Node):
         super().__init__('polled')
         self.heard, self.ticks = [], 0
         self.all_heard, self.ticked = Future(), Future()
-        self._words = TopicBuffer(self, String, 'words', qos(10))
+        self._words = PolledTopic(self, String, 'words', qos(10))
         self.create_timer(0.05, self.tick)
 
     def tick(self):
