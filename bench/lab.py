@@ -149,11 +149,18 @@ def score(row: dict[str, Any]) -> str:
     Named, in the set, part, missed, none of the above, FALSE ALARM or WRONG.
 
     A set of effects that may be missing counts as right if it is just what was hidden, as part if
-    all of it was hidden; one untrue name in every possible set is WRONG.
+    all of it was hidden; one untrue name in every possible set is WRONG. What a constant torque
+    imitates may be in a set with it, or be none of the above.
     """
     truth = {name for name in row['hidden'] if name not in UNMODELLED}
     unmodelled = any(name in UNMODELLED for name in row['hidden'])
     verdict = row['verdict']
+    if row['group'] == 'constant':
+        beside = any('torque_bias' in member for member in row['possible'])
+        named = 'in the set' if verdict == 'ambiguous' and beside else 'WRONG'
+        return {'none_of_the_above': 'none of the above', 'no_evidence': 'missed'}.get(
+            verdict, named
+        )
     if verdict in ('named', 'ambiguous'):
         possible = [set(member) for member in row['possible']]
         if truth in possible:
@@ -311,6 +318,12 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
             unmodelled,
             ('none of the above',),
             '≥ 90 %',
+        ),
+        _gate(
+            'constant torques in a set or none of the above',
+            [s for r, s in scored if r['group'] == 'constant'],
+            ('in the set', 'none of the above'),
+            'all',
         ),
         _gate('both of two named or in the set', pairs, right, '–'),
         _gate('  of these both named', pairs, ('named',), 'all'),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
-from truth_circuit import UNMODELLED, Faults, Truth, record
+from truth_circuit import CONSTANT, UNMODELLED, Faults, Truth, record
 
 BASES: Mapping[str, tuple[str, ...]] = {
     'lean': ('copper_loss', 'idle'),
@@ -91,7 +91,7 @@ class Scenario:
     @property
     def truth(self) -> frozenset[str]:
         """Effects that a perfect diagnosis names."""
-        return frozenset(name for name in self.hidden if name not in UNMODELLED)
+        return frozenset(name for name in self.hidden if name not in (*UNMODELLED, *CONSTANT))
 
     def content(self) -> dict[str, Any]:
         """For a file of results."""
@@ -172,6 +172,12 @@ def _circuit(seed: int, strengths: Sequence[float], quick: bool) -> list[Scenari
             Scenario('unmodelled', 'circuit', motion, 'mid', {name: strength}, seed=seed)
             for name in UNMODELLED
             for strength in ((1.0,) if quick else (0.5, 1.0))
+        ]
+        out += [
+            Scenario('constant', 'circuit', motion, base, {name: strength}, seed=seed)
+            for name in CONSTANT
+            for base in ('mid', 'lean')
+            for strength in ((1.0,) if quick else STRENGTHS)
         ]
         out += [Scenario('fault', 'circuit', motion, 'mid', {}, fault, seed) for fault in FAULTS]
     out += [

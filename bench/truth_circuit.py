@@ -40,6 +40,11 @@ TYPICAL: dict[str, float] = {
     'fan': 5.0,  # W
     'cross_talk': 0.06,
 }
+CONSTANT: dict[str, float] = {
+    'one_way_friction': 3.0,  # N·m while the motor turns forwards
+    'offset_torque': 2.0,  # N·m
+}
+"""What a constant torque imitates."""
 UNMODELLED = ('position_rub', 'fan', 'cross_talk')
 
 
@@ -150,6 +155,7 @@ def _friction(truth: Truth, s: dict[str, Floats], q: Floats, w: Floats, tau: Flo
         bump = 1 / (1 + ((q - middle) / width) ** 4)
     drag = drag + s['position_rub'] * bump * sign
     ripple = np.sin(24 * q + 0.7) + 0.2 * np.sin(48 * q)
+    drag = drag + s['one_way_friction'] * np.clip(sign, 0.0, None) + s['offset_torque']
     return drag + s['cogging'] * ripple
 
 
@@ -161,6 +167,7 @@ def _circuit(
         name: TYPICAL[name] * truth.effects.get(name, 0.0) * np.exp(unit.normal(0, 0.08, 3))
         for name in TYPICAL
     }
+    scale |= {name: size * truth.effects.get(name, 0.0) for name, size in CONSTANT.items()}
     constant = 5.0 * np.exp(unit.normal(0, 0.02, 3))
     stretch = scale['spring'] * np.gradient(tau, 1 / RATE, axis=0)
     motor_speed = w + stretch

@@ -82,6 +82,25 @@ def test_a_fault_of_the_measurement_is_not_taken_for_physics(faults):
     assert found.verdict == 'no_evidence', found.steps
 
 
+def test_a_constant_torque_on_the_motor_is_given_no_name():
+    found = diagnose({'offset_torque': 1.0})
+    assert found.verdict == 'none_of_the_above'
+    assert found.chosen == ('torque_bias',)
+    column = found.best.fit.structure.columns_of('torque_bias')
+    assert found.best.fit.coefficients[:, column] == pytest.approx(2.0, rel=0.1)  # N·m, as hidden
+    assert 'constant torque' in sentence(found)
+
+
+def test_friction_in_one_direction_is_not_told_from_a_constant_torque_beside_coulomb_friction():
+    found = diagnose({'one_way_friction': 1.0}, base=('copper_loss', 'idle'))
+    assert found.verdict == 'ambiguous'
+    assert set(found.effects) == {'coulomb_friction', 'torque_bias'}
+    assert ('torque_bias',) in found.possible
+    column = found.best.fit.structure.columns_of('torque_bias')
+    assert found.best.fit.coefficients[:, column] == pytest.approx(1.5, rel=0.1)  # half of 3 N·m
+    assert 'Coulomb friction beside it or not' in sentence(found)
+
+
 def test_the_same_recording_gives_the_same_diagnosis():
     first, second = (diagnose({'load_friction': 1.0}, seconds=40.0) for _ in range(2))
     assert first.best.mean_mse.tolist() == second.best.mean_mse.tolist()

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from power_recordings.commands.import_logs import main
 from power_recordings.commands.info import main as info
+from power_recordings.messages.samples import DriveSamples, JointSamples
 from power_recordings.quality.check import check_recording
+from power_recordings.quality.refusal import refuse_wrong_units
 from power_recordings.reading.reader import Recording
 from table_log import MAP, csv, run, table
+from wattwalk_core.errors import InputError
 
 
 def test_wrong_units_are_found_by_physics_with_the_line_that_mends_them(tmp_path):
@@ -168,3 +171,28 @@ def test_the_robots_power_is_set_against_the_sum_of_its_drives(tmp_path):
     line = check_recording(Recording.open(tmp_path / 'bag')).supply
     assert (line.slope, line.offset) == pytest.approx((1.1, 7.0), rel=1e-2)
     assert line.r2 == pytest.approx(1.0, abs=1e-4)
+
+
+def test_wrong_units_of_a_long_recording_are_refused_by_the_stretch_that_moves_most():
+    time = np.arange(0, 400.0, 0.01)
+    stamps = (time * 1e9).astype(np.int64)
+    moves = (time > 250) & (time < 350)
+    velocity = np.where(moves, 2.0 * np.cos(3 * time), 0.0)[:, None]
+    position = np.cumsum(velocity, axis=0) * 0.01
+    torque = 5.0 * np.sin(1.7 * time)[:, None]
+    size = len(time)
+
+    def recording(scale):
+        joints = JointSamples(stamps, ('KNEE',), *np.float32([position * scale, velocity, torque]))
+        voltage = np.full((size, 1), 48.0, np.float32)
+        power = torque * velocity + 0.05 * torque**2 + 8.0
+        index = np.arange(size, dtype=np.uint64)
+        still = np.full((size, 1), np.nan, np.float32)
+        flags = np.zeros((size, 1), np.uint8)
+        current = (power / 48.0).astype(np.float32)
+        electric = DriveSamples(stamps, ('KNEE',), index, index, voltage, current, still, flags)
+        return Recording.in_memory('log', {'joint_states': joints, 'drive_supply': electric})
+
+    refuse_wrong_units(recording(1.0))
+    with pytest.raises(InputError, match='KNEE'):
+        refuse_wrong_units(recording(1.0 / (2 * np.pi)))

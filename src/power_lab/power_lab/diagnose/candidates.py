@@ -7,6 +7,7 @@ from power_estimator.effects.fit.candidate_screener import CandidateScreener, Sc
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter
 from power_estimator.effects.fit.whole_robot import shared_by_size
+from power_estimator.effects.library.measurement import TorqueBias
 
 Floats = NDArray[np.float64]
 
@@ -27,8 +28,25 @@ class Freed(Effect):
         return self._of.regressors(signals, **shape)
 
 
+class ConstantTorque(TorqueBias):
+    """
+    A torque on the motor that never changes its sign, of any size.
+
+    A zero error of the torque sensor larger than usual, or friction in one direction only (half of
+    that is a constant torque): no recording of power tells them apart. It competes with the
+    effects so that none is named for what it can imitate, and takes the place of the bias that
+    every model has.
+    """
+
+    terms = (Term('b', 'N·m', -80.0, 80.0),)
+
+
+CONSTANT_TORQUE = ConstantTorque.name
+"""In the effects that a diagnosis asks for, it is the constant torque and no name."""
+
+
 def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Active]:
-    """Physical effects that the base has not, in every usable shape."""
+    """Physical effects that the base has not, in every usable shape, and a constant torque."""
     signals, whole = fitter.prepared.signals, fitter.prepared.whole
     known = {name.partition('@')[0] for name in base.names}
     effects = [
@@ -36,12 +54,13 @@ def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Ac
         for effect in catalogue.physics()
         if effect.name not in known and (effect.fixed is None or fitter.builder.base is None)
     ]
+    constant = [Active.of(ConstantTorque())] if CONSTANT_TORQUE in known else []
     return [
         Active.of(shared_by_size(effect, signals) if whole else effect, shape)
         for effect in effects
         for shape in effect.shapes_of(signals.scale)
         if effect.usable(signals, **shape)
-    ]
+    ] + constant
 
 
 def best_shapes(screener: CandidateScreener) -> dict[str, Screened]:

@@ -13,7 +13,7 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
 
 from power_lab.compare.evidence import Evidence, Examiner
-from power_lab.diagnose.candidates import best_shapes, candidates
+from power_lab.diagnose.candidates import CONSTANT_TORQUE, best_shapes, candidates
 from power_lab.diagnose.confidence_set import confidence_set
 from power_lab.diagnose.floors import (
     above_floor,
@@ -203,7 +203,10 @@ class Diagnoser:
 
     def added(self, start: Fit, actives: Sequence[Active], iterations: int = 3) -> Evidence:
         """The base with effects added, all fitted anew from a start."""
-        structure = self.base.plus(*actives)
+        structure = self.base
+        for active in actives:
+            structure = structure.without(active.name)
+        structure = structure.plus(*actives)
         fit = self.fitter.fit(structure.with_discrepancies(), start, iterations=iterations)
         return self.examiner.examine(fit, [active.name for active in actives])
 
@@ -274,10 +277,9 @@ class Diagnoser:
     def _without_redundant(self, evidence: Evidence) -> Evidence:
         """Drop effects that later ones have made superfluous."""
         for name in evidence.names[:-1]:
-            rest = tuple(active for active in evidence.actives if active.name != name)
-            less = self.added(evidence.fit, rest)
+            less = self._without(evidence, name)
             gain = less.mean_mse - evidence.mean_mse
-            if len(rest) > 1 and not above_floor(gain, self.floor):
+            if len(less.names) > 1 and not above_floor(gain, self.floor):
                 return self._without_redundant(less)
         return evidence
 
@@ -324,11 +326,15 @@ class Diagnoser:
         explainable = explained + unexplained.explained
         share = float(explained.sum() / max(explainable.sum(), 1e-12))
         possible = steps[len(ladder) - 2].members if chosen else ()
+        possible = self._beside_constant(best, possible)
         effects = tuple(dict.fromkeys((*chosen, *itertools.chain(*possible))))
         certain = frozenset.intersection(*(frozenset(m) for m in possible)) if possible else ()
         verdict: Verdict
+        constant = chosen == (CONSTANT_TORQUE,) and len(possible) == 1
         unmodelled = above_floor(unexplained.explained, self.structure_floor)
-        if not chosen:
+        if constant:
+            verdict, effects = 'none_of_the_above', ()
+        elif not chosen:
             verdict, effects = ('none_of_the_above' if unmodelled else 'no_evidence'), ()
         elif share < (NAMED_SHARE if unmodelled else NAMED_SHARE_QUIET):
             verdict = 'none_of_the_above' if unmodelled else 'no_evidence'
@@ -336,7 +342,8 @@ class Diagnoser:
         elif len(possible) > 1:
             verdict = 'ambiguous'
         else:
-            verdict, effects = 'named', chosen
+            verdict, effects = 'named', tuple(n for n in chosen if n != CONSTANT_TORQUE)
+            possible = (effects,)
         named = verdict in ('named', 'ambiguous')
         return Diagnosis(
             verdict=verdict,
@@ -357,6 +364,26 @@ class Diagnoser:
             steps=tuple(steps),
             beyond=beyond,
         )
+
+    def _beside_constant(
+        self, best: Evidence, possible: tuple[tuple[str, ...], ...]
+    ) -> tuple[tuple[str, ...], ...]:
+        """
+        Sets that may be missing; beside a constant torque an effect must explain twice its watts.
+
+        Friction in one direction is a constant torque and Coulomb friction of one size.
+        """
+        if CONSTANT_TORQUE not in best.names or len(best.names) < 2:
+            return possible
+        alone = {name: self._without(best, name).mean_mse for name in best.names}
+        gains = {name: float((mse - best.mean_mse).sum()) for name, mse in alone.items()}
+        least = 4.0 * gains[CONSTANT_TORQUE]
+        open_ = [n for n in best.names if n != CONSTANT_TORQUE and gains[n] < least]
+        rest = [tuple(n for n in best.names if n != name) for name in open_]
+        return tuple(dict.fromkeys((*possible, *rest)))
+
+    def _without(self, evidence: Evidence, name: str) -> Evidence:
+        return self.added(evidence.fit, tuple(a for a in evidence.actives if a.name != name))
 
     def _unexplained(self, evidence: Evidence) -> ResidualStructure:
         residual = self.examiner.residual(evidence)

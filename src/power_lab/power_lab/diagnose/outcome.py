@@ -16,6 +16,7 @@ from power_estimator.model import PowerModel
 from power_lab.compare.comparison import by_drive, describe_state
 from power_lab.compare.evidence import Evidence
 from power_lab.compare.regimes import Regime, worst_regimes
+from power_lab.diagnose.candidates import CONSTANT_TORQUE
 from power_lab.diagnose.diagnosis import Candidate, Diagnoser, Diagnosis
 from power_lab.diagnose.measurement_check import MeasurementTerm, check_measurement
 from power_lab.diagnose.next_recording import Motion, separating_motion
@@ -285,6 +286,8 @@ def _motion(
         open_ = [name for name in diagnosis.effects if name not in diagnosis.certain]
         reason = f'to tell {" from ".join(open_)}'
         return motion(open_, reason)
+    if diagnosis.verdict == 'none_of_the_above' and diagnosis.chosen == (CONSTANT_TORQUE,):
+        return motion(diagnosis.chosen, 'to see the constant torque in both directions')
     if diagnosis.verdict == 'none_of_the_above':
         reason = 'to see the unknown at rest, over position at slow speed, and over speed and load'
         return motion(['idle', 'cogging', 'viscous_friction', 'inverter_loss'], reason)
@@ -300,7 +303,7 @@ def _motion(
 def _could_be_there(diagnosis: Diagnosis, rows: Sequence[Row]) -> list[Row]:
     """Effects that other terms may have swallowed, the largest first."""
     least = _HIDES * float(np.max(diagnosis.floor))
-    hidden = [row for row in rows if row.could_hide_w >= least]
+    hidden = [r for r in rows if r.could_hide_w >= least and r.name != CONSTANT_TORQUE]
     return sorted(hidden, key=lambda row: -row.could_hide_w)[:_MOST_ASKED]
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from power_lab.diagnose.candidates import CONSTANT_TORQUE
 from power_lab.diagnose.diagnosis import MOST_RIVALS, Diagnosis
 from power_lab.diagnose.floors import above_floor
 
@@ -25,6 +26,7 @@ IN_WORDS = {
     'spring': 'the series spring',
     'cogging': 'cogging',
     'line_resistance': 'line resistance',
+    'torque_bias': "a constant torque (the torque sensor's zero, or friction in one direction)",
 }
 
 
@@ -35,9 +37,8 @@ def sentence(diagnosis: Diagnosis) -> str:
     before, after = float(np.sqrt(np.mean(base))), float(np.sqrt(np.mean(best)))
     unexplained = float(np.sqrt(np.mean(diagnosis.unexplained.explained)))
     if diagnosis.verdict == 'named':
-        are = 'is' if len(diagnosis.effects) == 1 else 'are'
         told = (
-            f'{_joined(diagnosis.effects).capitalize()} {are} missing from the model: with '
+            f'{_begun(diagnosis.effects)} {_are(diagnosis.effects)} missing from the model: with '
             f'{"it" if len(diagnosis.effects) == 1 else "them"} the error on held-out data falls '
             f'from {before:.2f} to {after:.2f} W.'
         )
@@ -55,17 +56,32 @@ def sentence(diagnosis: Diagnosis) -> str:
         sure = [name for name in diagnosis.effects if name in diagnosis.certain]
         open_ = [name for name in diagnosis.effects if name not in diagnosis.certain]
         start = (
-            f'{_joined(sure).capitalize()} is missing, and beside it ' if sure else 'Missing is '
+            f'{_begun(sure)} {_are(sure)} missing, and beside '
+            f'{"it" if len(sure) == 1 else "them"} '
+            if sure
+            else 'Missing is '
         )
+        if sure == [CONSTANT_TORQUE]:
+            return (
+                f'The power shows {in_words(CONSTANT_TORQUE)} that is not in the model, and '
+                f'{_joined(open_, "or")} beside it or not; this recording cannot tell them apart '
+                f'(the error falls from {before:.2f} to {after:.2f} W with all of them).'
+            )
         return (
             f'{start}one of {_joined(open_, "or")}; this recording cannot tell them apart (the '
             f'error falls from {before:.2f} to {after:.2f} W with the best of them).'
+        )
+    if diagnosis.verdict == 'none_of_the_above' and diagnosis.chosen == (CONSTANT_TORQUE,):
+        return (
+            f'The power shows {in_words(CONSTANT_TORQUE)} that is not in the model: with it the '
+            f'error on held-out data falls from {before:.2f} to {after:.2f} W. None of the known '
+            'effects is needed beside it.'
         )
     if diagnosis.verdict == 'none_of_the_above':
         tail = ''
         if diagnosis.chosen:
             verb = 'explains' if len(diagnosis.chosen) == 1 else 'explain'
-            tail = f' {_joined(diagnosis.chosen).capitalize()} {verb} a part of the error.'
+            tail = f' {_begun(diagnosis.chosen)} {verb} a part of the error.'
         where = f' It shows most in: {_unexplained_kind(diagnosis)}.'
         return (
             'The model misses something that none of the known effects explains '
@@ -84,11 +100,20 @@ def sentence(diagnosis: Diagnosis) -> str:
     )
 
 
+def _begun(names: Sequence[str]) -> str:
+    words = _joined(names)
+    return words[:1].upper() + words[1:]
+
+
+def _are(names: Sequence[str]) -> str:
+    return 'is' if len(names) == 1 else 'are'
+
+
 def _beyond(diagnosis: Diagnosis) -> str:
     if not diagnosis.beyond:
         return ''
     return (
-        f' {_joined(diagnosis.beyond).capitalize()} would lower the error only with a coefficient '
+        f' {_begun(diagnosis.beyond)} would lower the error only with a coefficient '
         'at the bound of what is physical, so it is not named.'
     )
 

@@ -11,6 +11,7 @@ from power_estimator.effects.signals.prepared import WHOLE, Prepared
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.compare.comparison import Comparison, by_drive, compare
+from power_lab.diagnose.candidates import CONSTANT_TORQUE
 from power_lab.diagnose.measurement_check import UNITS as TERM_UNITS
 from power_lab.diagnose.outcome import Outcome
 from power_lab.diagnose.verdict import in_words
@@ -307,10 +308,11 @@ def _section_staircase(
     )
     if high:
         page.text(f'Above the picture: {", ".join(high)}.')
-    if diagnosis.chosen:
+    added = [name for name in diagnosis.chosen if name != CONSTANT_TORQUE]
+    if added:
         page.text(
             'To keep it: ros2 run power_lab add '
-            f'{" ".join(diagnosis.chosen)} --to {outcome.model.name}.yaml --bag … -o better.yaml',
+            f'{" ".join(added)} --to {outcome.model.name}.yaml --bag … -o better.yaml',
             faint=True,
         )
 

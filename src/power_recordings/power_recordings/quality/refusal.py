@@ -9,6 +9,8 @@ from power_recordings.quality.check import check_recording
 from power_recordings.quality.streams import LEAST_UPDATES, updates
 from power_recordings.reading.reader import Recording
 
+_STRETCH = 120  # s, that units and signs are checked on
+
 
 def slowest_power(recording: Recording, drives: Collection[str] = ()) -> tuple[str, float]:
     """
@@ -27,11 +29,30 @@ def slowest_power(recording: Recording, drives: Collection[str] = ()) -> tuple[s
     return 'supply', float(updates(supply.stamp_ns, supply.power[:, None])[0])
 
 
+def _liveliest(recording: Recording) -> Recording:
+    """
+    Return the stretch of a long recording in which the joints move most.
+
+    A unit or a sign is wrong throughout, and shows in motion.
+    """
+    if recording.duration <= 2 * _STRETCH or not recording.has('joint_states'):
+        return recording
+    joints = recording.joint_states()
+    seconds = (joints.stamp_ns - joints.stamp_ns[0]) // 1_000_000_000
+    speed = np.nan_to_num(np.square(joints.velocity)).sum(axis=1)
+    moved = np.cumsum(np.bincount(seconds, weights=speed))
+    if len(moved) <= _STRETCH:
+        return recording
+    start = int(np.argmax(moved[_STRETCH:] - moved[:-_STRETCH]))
+    begin = int(joints.stamp_ns[0]) + start * 1_000_000_000
+    return recording.between(begin, begin + _STRETCH * 1_000_000_000)
+
+
 def refuse_wrong_units(recording: Recording, drives: Collection[str] = ()) -> None:
     """InputError for drives whose signals contradict each other, with what would mend it."""
     wrong = [
         finding
-        for finding in check_recording(recording).findings
+        for finding in check_recording(_liveliest(recording)).findings
         if finding.severity == 'error' and finding.code != 'slow_power'
         if not drives or not finding.drive or finding.drive in drives
     ]

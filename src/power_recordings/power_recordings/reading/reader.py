@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Self, TypeVar, cast
@@ -142,6 +142,14 @@ class Recording:
     def card(self) -> Card:
         """The card of the recording; an empty one if it has none."""
         return Card.load(self.folder) if (self.folder / FILE).exists() else Card()
+
+    def between(self, start_ns: int, end_ns: int) -> Self:
+        """Return the recording with the samples of a time alone; its span stays what it is."""
+        samples = {
+            name: part.rows(slice(*np.searchsorted(part.stamp_ns, [start_ns, end_ns])))
+            for name, part in self._samples.items()
+        }
+        return replace(self, _samples={name: part for name, part in samples.items() if len(part)})
 
     def has(self, name: str) -> bool:
         """Return whether there are messages of a topic."""

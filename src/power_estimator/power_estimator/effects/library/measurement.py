@@ -54,7 +54,9 @@ class TorqueBias(Effect):
     terms = (Term('b', 'N·m', -0.5, 0.5, prior=0.25),)
     kind = 'measurement'
     acts_on = 'torque'
-    excitation = Excitation('the same slow motion in both directions without load')
+    excitation = Excitation(
+        'the same slow motion in both directions without load', speeds=(0.3, -0.3, 1.0, -1.0)
+    )
 
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """One."""
