@@ -10,7 +10,6 @@ from power_estimator.effects import Signals, smooth_sign
 from power_lab.discover.memory import after_rest, by_stretch, lagged, play
 
 Floats = NDArray[np.float64]
-_TURNS_ON = 4 * np.pi  # rad, of travel: the position repeats with the turn
 
 
 @dataclass(frozen=True)
@@ -123,15 +122,16 @@ def _of_state(signals: Signals, drive: int) -> Iterator[Family]:
     travel = float(np.ptp(signals.position[:, drive]))
     if np.isfinite(travel) and travel > 1e-3:
         place = 'signals.position[:, column]'
-        position = Driver('position', 'position', 'q', 'rad', place)
-        if travel > _TURNS_ON:
+        places = [Driver('position', 'position', 'q', 'rad', place)]
+        if travel > 2.0 * np.pi:
             place = f'np.mod({place}, 2.0 * np.pi)'
-            position = Driver('angle', 'position', 'q within its turn', 'rad', place)
-        yield _family(position, 'torque')
-        yield _family(position, 'torque', 'sign')
-        yield _family(position, 'torque', 'velocity')
-        yield _family(position, 'torque', 'load_sign')
-        yield _family(position, 'power')
+            places.append(Driver('angle', 'position', 'q within its turn', 'rad', place))
+        for position in places:
+            yield _family(position, 'torque')
+            yield _family(position, 'torque', 'sign')
+            yield _family(position, 'torque', 'velocity')
+            yield _family(position, 'torque', 'load_sign')
+            yield _family(position, 'power')
     for size in (False, True):
         speed, torque, rate = (_signed_or_size(*quantity, size=size) for quantity in _SIGNED)
         yield _family(speed, 'torque', 'sign' if size else 'one')

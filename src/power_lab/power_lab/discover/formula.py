@@ -103,12 +103,14 @@ def refined(
     start = np.array([place.parameters[name] for name in names])
     low, high = np.quantile(z, (0.001, 0.999))
     span = float(high - low)
-    widths = (
-        np.array([place.parameters['high'] - place.parameters['low']] * 3)
-        if (primitive.name == 'window')
-        else np.full(len(start), span)
-    )
-    steps = 0.1 * widths
+    given = place.parameters
+    if primitive.name == 'window':
+        span_of = given['high'] - given['low']
+    elif primitive.name == 'turn_window':
+        span_of = 2.0 * given['half']
+    else:
+        span_of = span
+    steps = np.full(len(start), 0.1 * span_of)
     if names[0] in ('scale', 'order'):
         steps = 0.15 * start if names[0] == 'scale' else np.array([0.3])
     if names[-1] == 'edge':
@@ -121,6 +123,8 @@ def refined(
         if 'low' in given and not low - span < given['low'] < given['high'] < high + span:
             return np.inf
         if 'low' in given and given['edge'] > 0.6 * (given['high'] - given['low']):
+            return np.inf
+        if 'half' in given and not 0.0 < given['edge'] < 1.2 * given['half'] < 6.0:
             return np.inf
         column = primitive.columns(z, given) * weight[:, None]
         moments = problem.moments(prepared.reduced(column))

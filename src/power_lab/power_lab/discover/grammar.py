@@ -22,6 +22,13 @@ def window(z: Floats, low: float, high: float, edge: float) -> Floats:
     return 0.5 * inside / np.tanh(0.5 * (high - low) / edge)
 
 
+def turn_window(z: Floats, middle: float, half: float, edge: float) -> Floats:
+    """1 around a place in the turn, half at a distance from it, 0 elsewhere."""
+    away = np.abs(np.mod(z - middle + np.pi, 2.0 * np.pi) - np.pi)
+    inside = np.tanh((half - away) / edge) + np.tanh((half + away) / edge)
+    return 0.5 * inside / np.tanh(half / edge)
+
+
 def line(z: Floats) -> Floats:
     """The driver itself."""
     return z
@@ -114,6 +121,11 @@ class Primitive:
                     if high - low <= _WIDEST * span:
                         for edge in (0.12, 0.45):
                             yield {'low': low, 'high': high, 'edge': edge * (high - low)}
+            case ('middle', 'half', 'edge'):
+                if abs(span - 2.0 * np.pi) < _NEARLY_A_TURN:
+                    for middle, half in itertools.product(nodes, np.geomspace(0.04, 1.6, 16)):
+                        for edge in (0.24, 0.9):
+                            yield {'middle': float(middle), 'half': half, 'edge': edge * half}
             case ('limit',):
                 for limit in nodes[1:-1].tolist():
                     yield {'limit': limit}
@@ -129,6 +141,7 @@ class Primitive:
                 yield {}
 
 
+_NEARLY_A_TURN = 0.1  # rad
 _WIDEST = 0.75
 """Share of the driver's range that a window may fill."""
 
@@ -154,6 +167,12 @@ PRIMITIVES = {
         Primitive('fading', fading, ('scale',), 'exp(−|{z}|/{scale})'),
         Primitive('step', step, ('at', 'edge'), '[{z} > {at}]'),
         Primitive('window', window, ('low', 'high', 'edge'), '[{low} < {z} < {high}]'),
+        Primitive(
+            'turn_window',
+            turn_window,
+            ('middle', 'half', 'edge'),
+            '[{middle} − {half} < {z} < {middle} + {half}]',
+        ),
         Primitive('wave', wave, ('order',), 'sin({order}·{z} + phase)', terms=2),
     )
 }

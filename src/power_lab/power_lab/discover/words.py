@@ -104,6 +104,8 @@ def _where(formula: Formula, drive: int) -> str:
     match formula.primitive.name:
         case 'window':
             return f'between {given["low"]} and {given["high"]} {unit} of {place.family.kind}'
+        case 'turn_window':
+            return f'within {given["half"]} rad of {given["middle"]} rad in the turn'
         case 'step' | 'above' | 'above_square':
             limit = given.get('at', given.get('limit', ''))
             return f'above {limit} {unit} of {place.family.kind}'
