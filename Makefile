@@ -57,8 +57,9 @@ test-ros: build-ros
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-# mypy does not follow editable installs: without the path, other packages are Any.
-	export MYPYPATH=$$(echo src/* | tr ' ' :); \
+# mypy does not follow editable installs: without the path, other packages are Any. The folder
+# launch/ of the bring-up would hide ROS 2's package of that name.
+	export MYPYPATH=$$(echo $(filter-out src/wattwalk_bringup,$(wildcard src/*)) | tr ' ' :); \
 	for package in $(PACKAGES); do $(BIN)/mypy src/$$package/$$package || exit 1; done
 	$(BIN)/mypy embedded/rclpy
 
