@@ -35,6 +35,7 @@ FLOOR, FLOOR_SHARE_OF_RMS = 0.15, 0.004
 _MOST_SAMPLED = 3.0
 _NEXT_SHARE = 0.1  # in watts, of the first effect, that a further one must explain
 _LEAST_OF_TIME = 0.6  # of what time explains, that the state must explain not to be time
+_LEAST_OF_TIME_SLOW = {'voltage': 0.8, 'temperature': 1.15}
 _SLOW = 0.9  # of a driver's variance in its means over a second, that time may stand for
 _FINALISTS, _CLOSE = 3, 0.85  # options that are fitted with all else
 _BOOTSTRAPS = 200
@@ -108,8 +109,8 @@ class Discoverer:
         ranked = options(explained, least, {d: float(floor[d]) ** 2 for d in least})
         in_time_gain = sum(one.gain for one in courses.values())
         state_gain = ranked[0].shape_gain if ranked else 0.0
-        slow = bool(ranked) and self._is_slow(ranked[0], point)
-        if courses and state_gain < (1.0 if slow else _LEAST_OF_TIME) * in_time_gain:
+        least_share = self._least_of_time(ranked[0], point) if ranked else _LEAST_OF_TIME
+        if courses and state_gain < least_share * in_time_gain:
             return self._course(courses, best, floor, found), '', likely
         if not ranked:
             return None, 'nothing that is larger than what can be judged', likely
@@ -128,15 +129,22 @@ class Discoverer:
             return None, 'no formula stands beside the refitted model', likely
         return one, '', likely
 
-    def _is_slow(self, option: Option, point: Linearisation) -> bool:
-        """Return whether it is a power over a driver that hardly changes within a second."""
+    def _least_of_time(self, option: Option, point: Linearisation) -> float:
+        """
+        Share of what time explains that an option must explain not to be time.
+
+        A power over a driver that hardly changes within a second is hard to tell from a course in
+        time. A voltage that goes with it is a cause; a temperature rises in most recordings.
+        """
         family = option.formula.family
         if family.acts_on != 'power' or family.factor.code:
-            return False
+            return _LEAST_OF_TIME
         drive = max(option.formula.places, key=lambda d: option.formula.places[d].gain)
         z = self.fitter.prepared.reduced(driver_values(family.driver, point.signals, drive))
         within = z[self.fitter.blocks.rows].mean(axis=1)
-        return bool(within.var() > _SLOW * z.var())
+        if within.var() < _SLOW * z.var():
+            return _LEAST_OF_TIME
+        return _LEAST_OF_TIME_SLOW.get(family.kind, _LEAST_OF_TIME_SLOW['temperature'])
 
     def _courses(self, drives: Sequence[DriveProblem], floor: Floats) -> dict[int, InTime]:
         prepared = self.fitter.prepared

@@ -83,7 +83,12 @@ class Formula:
             unit = family.factor.unit
             parts.append(f'({unit})' if '/' in unit else unit)
         base = 'N·m' if family.acts_on == 'torque' else 'W'
-        return f'{base}/({"·".join(parts)})' if parts else base
+        if parts == [base]:
+            return '1'
+        below = '·'.join(parts)
+        if not below:
+            return base
+        return f'{base}/{below}' if len(parts) == 1 and '·' not in below else f'{base}/({below})'
 
 
 def refined(

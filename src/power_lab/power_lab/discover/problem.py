@@ -60,11 +60,27 @@ class DriveProblem:
         return self.columns[rows] * mask[..., None], mask
 
     @cached_property
+    def _alone(self) -> tuple[Moments, Floats]:
+        """Moments and coefficients [F + 1, m] of the base model alone."""
+        moments = self.moments(None)
+        return moments, self.solve(moments, np.zeros((0, 0)))
+
+    @cached_property
     def base_error(self) -> float:
         """Held-out error of the base model, W² by row."""
-        moments = self.moments(None)
-        solved = self.solve(moments, np.zeros((0, 0)))
+        moments, solved = self._alone
         return float(moments.error(solved[:FOLDS]).sum() / moments.rows)
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Mark the base's columns [m] whose coefficients stand at no bound."""
+        return ~self.held(self._alone[1][-1])
+
+    def held(self, coefficients: Floats) -> NDArray[np.bool_]:
+        """Mark the base's coefficients [m] that stand at a bound."""
+        reach = 1e-7 * (1.0 + np.abs(coefficients))
+        low, high = self.lower + reach, self.upper - reach
+        return np.asarray((coefficients <= low) | (coefficients >= high))
 
     def block_moments(self, extra: Floats | None) -> tuple[Floats, Floats, Floats]:
         """Gram [B, m, m], moment [B, m], square [B] of the base columns and extra [N, K]."""

@@ -39,8 +39,9 @@ class Screen:
     """
     Screens the families of one drive on reduced signals.
 
-    Driver and factor are reduced apart here, and the base's coefficients are free of their bounds:
-    this ranks families and says what comes by chance; shapes are learned without either shortcut.
+    Driver and factor are reduced apart here, and the base's coefficients keep to their bounds only
+    where they stand at one: this ranks families and says what comes by chance; shapes are learned
+    without either shortcut.
     """
 
     def __init__(self, problem: DriveProblem, point: Linearisation, prepared: Prepared) -> None:
@@ -57,9 +58,10 @@ class Screen:
         least = max(1, round(_LEAST_MOVE * count))
         moves = np.linspace(least, count - least, MOVES).round().astype(int)
         moved = [values, *(np.roll(values, int(move), axis=0) for move in moves)]
-        self._fixed = np.concatenate(
-            [problem.columns[self.rows], np.stack([one[mask] for one in moved], axis=1)], axis=1
-        )
+        base = problem.columns[self.rows][:, problem.free]
+        targets = np.stack([one[mask] for one in moved], axis=1)
+        self._fixed = np.concatenate([base, targets], axis=1)
+        self._ridge = problem.ridge[problem.free]
         self._weights: dict[tuple[str, str], Floats] = {}
 
     def screen(self, family: Family) -> DriverGain | None:
@@ -99,7 +101,7 @@ class Screen:
     @cached_property
     def _base(self) -> tuple[Floats, Floats]:
         """Products [F, m, m + S] of the base's columns with all, in training and in test."""
-        own = self._fixed[:, : len(self.problem.ridge)]
+        own = self._fixed[:, : len(self._ridge)]
         return self._sums(own, self._fixed)
 
     def _sums(self, one: Floats, other: Floats) -> tuple[Floats, Floats]:
@@ -111,14 +113,14 @@ class Screen:
     @cached_property
     def _start(self) -> Floats:
         """Held-out error of the base less that of the targets, W² [S]."""
-        m = len(self.problem.ridge)
+        m = len(self._ridge)
         train, test = self._base
-        solved = _solved(train[:, :, :m] + np.diag(self.problem.ridge), train[:, :, m:])
+        solved = _solved(train[:, :, :m] + np.diag(self._ridge), train[:, :, m:])
         return _error(test[:, :, :m], test[:, :, m:], solved)
 
     def _gains(self, columns: Floats) -> Floats:
         """Gain W² by row of the residual and of the moved ones [1 + S]."""
-        m, k = len(self.problem.ridge), columns.shape[1]
+        m, k = len(self._ridge), columns.shape[1]
         base_train, base_test = self._base
         own_train, own_test = self._sums(columns, np.concatenate([columns, self._fixed], axis=1))
         train, test = (
@@ -141,7 +143,7 @@ class Screen:
         best = np.full(right_test.shape[2], -np.inf)
         for smoothing in _SMOOTHING:
             matrix = train.copy()
-            matrix[:, :m, :m] += np.diag(self.problem.ridge)
+            matrix[:, :m, :m] += np.diag(self._ridge)
             matrix[:, m:, m:] += unit * (smoothing * bend + 1e-6 * np.eye(k))
             error = _error(test, right_test, _solved(matrix, right_train))
             best = np.maximum(best, self._start - error)

@@ -54,8 +54,7 @@ def _partial(problem: DriveProblem, shape: LearnedShape, fold: int) -> _Partial:
     m = len(problem.ridge)
     gram, moment = shape.moments.gram[fold], shape.moments.moment[fold]
     solved = shape.by_fold[fold][:m]
-    reach = 1e-7 * (1.0 + np.abs(solved))
-    held = (solved <= problem.lower + reach) | (solved >= problem.upper - reach)
+    held = problem.held(solved)
     free = ~held
     own, slope = np.where(held, solved, 0.0), np.zeros((m, len(shape.nodes)))
     matrix = gram[:m, :m] + np.diag(problem.ridge)

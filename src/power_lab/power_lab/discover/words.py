@@ -69,7 +69,7 @@ def in_short(
     place = formula.places[drive]
     strength = float(np.linalg.norm(coefficients[drive]))
     unit = 'N·m' if formula.family.acts_on == 'torque' else 'W'
-    size = f'{strength:.3g} {formula.unit}'
+    size = f'{strength:.3g}' + ('' if formula.unit == '1' else f' {formula.unit}')
     where = _where(formula, drive)
     name = formula.family.driver.name
     verb = {
