@@ -102,12 +102,13 @@ def test_the_table_shows_state_and_last_line_of_each_node(start):
 
 
 def test_without_a_terminal_each_line_is_printed_once_after_the_name(start, capsys):
-    group = start(daq='echo one\necho two\nexit 0\n')
+    group = start(daq='echo one\necho two\nexit 3\n')
     assert wait_until(lambda: group.ended)
+    assert group.failures() == ['daq failed with code 3: two']
     display = PlainDisplay()
     display.show(group.nodes)
     display.show(group.nodes)
-    assert capsys.readouterr().out.splitlines() == ['daq: one', 'daq: two', 'daq: ended, code 0']
+    assert capsys.readouterr().out.splitlines() == ['daq: one', 'daq: two', 'daq: failed, code 3']
 
 
 def test_a_line_is_read_when_it_is_whole_and_the_last_one_at_the_end(tmp_path):

@@ -48,6 +48,11 @@ def test_all_nodes_share_the_bus_and_the_card_tells_what_walked(here):
     assert {'controller=pmp', 'robot=anymal_c', 'unit=A', 'policy=b c'} < {*recorder}
 
 
+def test_a_recorder_that_is_told_nothing_for_its_card_can_be_started():
+    found = by_name(BringupSettings.load('robot').changed({'policy': '', 'record': 'bag'}))
+    assert found['recorder'].arguments == ('-o', 'bag')
+
+
 def test_parameters_and_arguments_of_a_file_are_added_to_those_of_the_settings(here):
     path = here / 'own.yaml'
     path.write_text(

@@ -35,9 +35,15 @@ class RunningNode:
         self.state = 'running'
         self.cpu_share = 0.0
         self._measured = (self.since, 0.0)
+        self._unread: list[str] = []
 
     def update(self) -> list[str]:
-        """Look at the process; return the new lines of its log."""
+        """Look at the process; return the lines of its log since the last update."""
+        self._look()
+        lines, self._unread = self._unread, []
+        return lines
+
+    def _look(self) -> None:
         now = time.monotonic()
         code = self.process.returncode
         if code is None:
@@ -45,11 +51,12 @@ class RunningNode:
             if now - before >= _CPU_PERIOD:
                 self._measured = (now, self.process.cpu_seconds())
                 self.cpu_share = (self._measured[1] - used) / (now - before)
-            return self.log.new_lines()
+            self._unread += self.log.new_lines()
+            return
         if self.state in ('running', 'ending'):
             self.since, self.cpu_share = now, 0.0
             self.state = f'ended, code {code}' if code in SOUND_ENDS else f'failed, code {code}'
-        return self.log.rest()
+        self._unread += self.log.rest()
 
     def begin_end(self) -> None:
         """Ask the node to end."""
@@ -62,7 +69,7 @@ class RunningNode:
         code = self.process.returncode
         if code is None or code in SOUND_ENDS:
             return None
-        self.update()
+        self._look()
         return f'{self.name} failed with code {code}: {self.log.last or "no output"}'
 
 

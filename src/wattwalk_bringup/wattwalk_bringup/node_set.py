@@ -162,7 +162,8 @@ def _recorder(settings: BringupSettings) -> NodeCommand:
     own = ('-o', settings.record)
     if settings.duration:
         own += ('--duration', f'{settings.duration:g}')
-    own += ('--card', *_card(settings))
+    if card := _card(settings):
+        own += ('--card', *card)
     return _command(settings, 'recorder', 'power_daq record', own=own)
 
 

@@ -75,7 +75,8 @@ class LivePlant:
     @property
     def stale(self) -> bool:
         """True once commands have stopped coming."""
-        return self._commanded is not None and self._now() - self._commanded[0] > STALE_AFTER
+        commanded = self._commanded  # a reset by the plant's thread may take it away meanwhile
+        return commanded is not None and self._now() - commanded[0] > STALE_AFTER
 
     def command(self, command: JointCommand) -> None:
         """Hold a command from the next block on."""
