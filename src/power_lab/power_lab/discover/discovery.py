@@ -173,7 +173,7 @@ class Discoverer:
         out: dict[int, list[tuple[LearnedShape, list[Expression]]]] = {}
         for problem, own in zip(drives, screened, strict=True):
             name = printable(prepared.names[problem.drive])
-            self.show(f'effect {number + 1}: shapes on {name} ({problem.drive + 1}/{len(drives)})')
+            self.show(f'effect {number + 1}: shapes on {name} (of {len(drives)} drives)')
             best: dict[tuple[str, ...], DriverGain] = {}
             for one in own:
                 known = best.get(one.family.group)
@@ -239,8 +239,9 @@ class Discoverer:
         """An option with its parameters refined, fitted by the lab with all else."""
         prepared = self.fitter.prepared
         primitive = option.formula.primitive
+        of_drive = {problem.drive: problem for problem in drives}
         places = {
-            d: refined(drives[d], primitive, place, point, prepared)
+            d: refined(of_drive[d], primitive, place, point, prepared)
             for d, place in option.formula.places.items()
         }
         formula = replace(option.formula, places=places)

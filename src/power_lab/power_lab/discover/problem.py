@@ -123,12 +123,14 @@ class DriveProblem:
 def problems(
     fitter: Fitter, evidence: Evidence, folds: Folds, residual: Floats
 ) -> list[DriveProblem]:
-    """One problem for each drive, from the fit of a base model."""
+    """One problem for each drive that was measured for long enough, from a base model's fit."""
     fit = evidence.fit
     prior = fit.structure.priors(fitter.scale)
     blocks = fitter.blocks
     out = []
     for drive in range(len(fitter.prepared.names)):
+        if int(blocks.valid[:, drive].sum()) < 2 * FOLDS:
+            continue
         own = replace(
             blocks,
             valid=blocks.valid[:, drive : drive + 1],
