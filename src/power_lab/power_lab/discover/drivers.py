@@ -138,12 +138,9 @@ def _of_state(signals: Signals, drive: int) -> Iterator[Family]:
         yield _family(speed, 'power')
         yield _family(torque, 'power')
         yield _family(torque, 'power', 'velocity')
-        if size:
-            yield _family(torque, 'torque', 'sign')
-            yield _family(torque, 'power', 'torque_square')
-            yield _family(rate, 'power')
-        else:
-            yield _family(rate, 'torque')
+        yield _family(torque, 'power', 'torque_square')
+        yield _family(torque, 'torque', 'sign')
+        yield _family(rate, 'power' if size else 'torque')
     if float(np.ptp(signals.voltage[:, drive])) > 0.05:
         volts = Driver('voltage', 'voltage', 'V', 'V', 'signals.voltage[:, column]')
         yield _family(volts, 'power')

@@ -7,12 +7,11 @@ Floats = NDArray[np.float64]
 
 
 def lagged(values: Floats, rate: float, seconds: float) -> Floats:
-    """First-order lag of values [T] of one stretch, which starts settled."""
+    """First-order lag of values [T] of one stretch, from zero on: a cold start."""
     from scipy.signal import lfilter
 
     keep = np.exp(-1.0 / (rate * seconds))
-    out, _ = lfilter([1.0 - keep], [1.0, -keep], values, zi=[keep * values[0]])
-    return np.asarray(out)
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values))
 
 
 def after_rest(
