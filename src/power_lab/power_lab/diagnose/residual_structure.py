@@ -103,8 +103,8 @@ def _trees(
         known = np.isfinite(target[trained])
         x, y = features[trained][known][::step], target[trained][known][::step]
         model = HistGradientBoostingRegressor(
-            max_iter=60,
-            learning_rate=0.12,
+            max_iter=30,
+            learning_rate=0.24,
             max_leaf_nodes=15,
             min_samples_leaf=30,
             l2_regularization=1.0,

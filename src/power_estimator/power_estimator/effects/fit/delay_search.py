@@ -100,18 +100,31 @@ class DelaySearch:
     def _profile(self, design: Design, gram: Floats, moment: Floats, square: Floats) -> Floats:
         """Summed log error [S] at S delays; the search begins at the bounds of the middle one."""
         prior = design.structure.priors(self.prepared.scale)
-        total = np.zeros(len(moment))
-        middle = len(moment) // 2
-        for group in map(list, self.groups):
-            ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior[group[0]])
-            lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
-            matrix = gram[group].sum(axis=0)
-            right = moment[:, group].sum(axis=1)
-            first = right[middle : middle + 1]
-            near = bounded_solve(matrix[None], first, lower, upper, ridge)[0]
-            batch = np.broadcast_to(matrix, (len(right), *matrix.shape))
-            x = bounded_solve(batch, right, lower, upper, ridge, near)
-            error = square[:, group].sum(axis=1) - 2 * (x * right).sum(axis=1)
-            error = error + ((x @ matrix) * x).sum(axis=1)
-            total += len(group) * np.log(np.maximum(error, 1e-9))
+        limits = group_limits(design, prior, self.weight, self.groups)
+        groups = [list(group) for group in self.groups]
+        matrix = np.stack([gram[group].sum(axis=0) for group in groups])  # [G, m, m]
+        right = np.stack([moment[:, group].sum(axis=1) for group in groups], axis=1)  # [S, G, m]
+        squares = np.stack([square[:, group].sum(axis=1) for group in groups], axis=1)
+        near = bounded_solve(matrix, right[len(right) // 2], *limits)
+        count, m = len(right), matrix.shape[1]
+        every = [np.tile(values, (count, 1)) for values in (*limits, near)]
+        x = bounded_solve(np.tile(matrix, (count, 1, 1)), right.reshape(-1, m), *every)
+        x = x.reshape(right.shape)
+        error = squares - 2 * (x * right).sum(axis=2)
+        error = error + ((matrix @ x[..., None])[..., 0] * x).sum(axis=2)
+        size = np.array([len(group) for group in groups])
+        total: Floats = (size * np.log(np.maximum(error, 1e-9))).sum(axis=1)
         return total
+
+
+def group_limits(
+    design: Design, prior: Floats, weight: Floats, groups: Sequence[Sequence[int]]
+) -> tuple[Floats, Floats, Floats]:
+    """Return lower and upper bounds and the weight of the prior [D, m] of each group, [G, m]."""
+    own = [list(group) for group in groups]
+    lower = np.stack([design.lower[group].mean(axis=0) for group in own])
+    upper = np.stack([design.upper[group].mean(axis=0) for group in own])
+    ridge = [
+        float(weight[group].mean()) * REDUCED_RATE / np.square(prior[group[0]]) for group in own
+    ]
+    return lower, upper, np.stack(ridge)

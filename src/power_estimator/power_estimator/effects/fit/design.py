@@ -14,7 +14,7 @@ from power_estimator.effects.signals.prepared import Prepared, rate_of
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
-_KEPT = 256_000_000  # bytes, of columns
+_KEPT = 128_000_000  # bytes, of columns
 _SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient
 
 

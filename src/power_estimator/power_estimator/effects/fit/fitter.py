@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks, Normal, drawn_blocks, modelled
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
-from power_estimator.effects.fit.delay_search import FINE_STEP, DelaySearch
+from power_estimator.effects.fit.delay_search import FINE_STEP, DelaySearch, group_limits
 from power_estimator.effects.fit.design import (
     Active,
     BasePower,
@@ -22,7 +22,6 @@ from power_estimator.effects.fit.design import (
 from power_estimator.effects.fit.kept import Kept
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
-from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
@@ -33,7 +32,7 @@ _REWEIGHTINGS = 2
 _AT_BOUND = 1e-6  # of the larger bound
 _SETTLED = 0.1  # of the residual: a smaller step leaves the linearisation as good as exact
 _SETTLED_BOUND = 0.05  # relative change of a discrepancy's bound
-_KEPT = 256_000_000  # bytes, of linearised designs
+_KEPT = 128_000_000  # bytes, of linearised designs
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,7 @@ class Fitter:
         noise = np.where(np.isfinite(prepared.noise), prepared.noise, 0.1 * self.scale.power)
         self.weight = np.maximum(noise, 0.02 * self.scale.power) ** 2
         self.delays = DelaySearch(prepared, self.groups, self.weight)
-        self._kept: Kept[Linear] = Kept(_KEPT, fewest=2)
+        self._kept: Kept[Linear] = Kept(_KEPT)
 
     @property
     def scale(self) -> DriveScale:
@@ -242,19 +241,19 @@ class Fitter:
             own = weights[:, drive] * (np.ones((1, count)) if drawn is None else drawn)
             gram[:, drive] = (own @ normal.gram[:, drive].reshape(count, -1)).reshape(-1, m, m)
             moment[:, drive] = own @ normal.moment[:, drive]
-        out = np.zeros(moment.shape)
         prior = design.structure.priors(self.scale)
-        for group in self.groups:
-            ridge = float(self.weight[group].mean()) * REDUCED_RATE / np.square(prior[group[0]])
-            lower, upper = design.lower[group].mean(axis=0), design.upper[group].mean(axis=0)
-            out[:, group] = bounded_solve(
-                gram[:, group].sum(axis=1),
-                moment[:, group].sum(axis=1),
-                lower,
-                upper,
-                ridge,
-                None if near is None else near[group[0]],
-            )[:, None]
+        limits = group_limits(design, prior, self.weight, self.groups)
+        matrix = np.stack([gram[:, group].sum(axis=1) for group in self.groups], axis=1)
+        right = np.stack([moment[:, group].sum(axis=1) for group in self.groups], axis=1)
+        begin = None if near is None else near[[group[0] for group in self.groups]]
+        every = [
+            None if values is None else np.tile(values, (len(right), 1))
+            for values in (*limits, begin)
+        ]
+        x = bounded_solve(matrix.reshape(-1, m, m), right.reshape(-1, m), *every)
+        out = np.zeros(moment.shape)
+        for index, group in enumerate(self.groups):
+            out[:, group] = x.reshape(right.shape)[:, index, None]
         return out if drawn is not None else out[0]
 
     def intervals(self, fit: Fit, seed: int = 0, level: float = 0.95) -> Floats:
