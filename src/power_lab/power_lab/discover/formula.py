@@ -62,7 +62,7 @@ class Formula:
             name: name if place is None else f'{place.parameters[name]:.3g}'
             for name in self.primitive.parameters
         }
-        core = self.primitive.text.format(z=symbol, **words)
+        core = self.primitive.text.format(z=symbol, **words).replace('− -', '+ ')
         factor = family.factor.symbol
         left = 'motor torque' if family.acts_on == 'torque' else 'P'
         amplitude = 'A' if self.primitive.terms > 1 else 'c'
