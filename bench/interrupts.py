@@ -50,6 +50,8 @@ NODES = {
 """By name: package, the latest moment of a signal [s], arguments."""
 GOOD = ('in order', 'ended by Python')
 CHEAP = ('record', 'daq', 'supply')
+AT_WORK = re.compile(r'^(\[\w+\] \[[\d.]+\] \[|recording to )', re.MULTILINE)
+"""First lines of nodes: of ROS's log, and the recorder's."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,8 @@ def _how(node: str, number: int, code: int | None, output: str) -> str:
     if 'Traceback' in output or 'Fatal Python error' in output:
         own = re.search(r'/wattwalk_core/wattwalk_core/|/site-packages/rclpy/', output)
         return 'traceback' if own else 'ended by Python'
-    allowed = {0, 128 + number, -number}
+    # A node at work ends by itself; by the signal it would lose what it has not written yet.
+    allowed = {0, 128 + number, *(() if AT_WORK.search(output) else (-number,))}
     # A bag without a message is an error of its own.
     empty = node == 'record' and code == 1
     return 'in order' if code in allowed or empty else f'code {code}'

@@ -33,6 +33,17 @@ def test_every_command_that_is_named_exists():
     assert named > 150
 
 
+def test_every_benchmark_that_a_page_has_run_is_a_program():
+    named = {
+        name
+        for path in PAGES
+        for name in re.findall(r'python (bench/\w+\.py)', path.read_text(encoding='utf-8'))
+    }
+    assert len(named) > 5
+    no_program = {name for name in named if '__main__' not in (ROOT / name).read_text('utf-8')}
+    assert no_program == set()
+
+
 def test_every_module_that_a_page_names_exists():
     pattern = re.compile(rf'\b({"|".join(PACKAGES)})((?:\.[a-z_]\w*)+)')
     for path in PAGES:

@@ -28,7 +28,7 @@ _HOUSEKEEPING: Final = 0.2  # s
 
 class RecorderNode(Node):
     """
-    Puts the bytes of each message into the recorder as it arrives.
+    Puts the bytes of each message into the recorder, with the time of its publication.
 
     topics: their types by name. card: the user's entries, completed and saved in the folder `bag`
     at the end. duration: s until the node ends by itself, 0 for never.
@@ -107,6 +107,8 @@ class RecorderNode(Node):
                         noted[pair.key.removeprefix(prefix)] = pair.value
 
     def _keep_house(self) -> None:
+        if self._best_effort:
+            self.poll()  # what waits would be lost with its subscription
         for name in sorted(self._best_effort):
             self.get_logger().warning(f'{name} is published best-effort: samples may be lost')
             self._buffers[name].destroy()
