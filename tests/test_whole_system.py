@@ -6,6 +6,7 @@ import time
 import xml.etree.ElementTree as ElementTree
 from contextlib import suppress
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 import pytest
@@ -102,8 +103,8 @@ def measured(walking, node_process, tmp_path):
             return recording, recorder.output
         found.append(f'damped: {damped}, pace {pace(recording):.2f}')
     said = f'{ATTEMPTS} attempts: {"; ".join(found)}'
-    if max(others) > OTHERS:
-        pytest.skip(f'other work took {max(others):.0%} of this machine; {said}')
+    if median(others) > OTHERS:
+        pytest.skip(f'other work took {median(others):.0%} of this machine; {said}')
     return pytest.fail(f'nothing was measured in {said}')
 
 
