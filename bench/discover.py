@@ -173,7 +173,7 @@ def _goal(name: str, count: int, of: int, goal: str) -> str:
 
 
 def table(rows: Iterable[Mapping[str, Any]]) -> Table:
-    """What was said of each hidden effect."""
+    """Table of the verdicts on each hidden effect."""
     made = Table(title='blind benchmark of discover')
     for column in ('hidden', 'motion', 'runs', 'kind right', 'halved', 'said'):
         made.add_column(column)

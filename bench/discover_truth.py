@@ -19,7 +19,7 @@ Draw = np.random.Generator
 
 @dataclass(frozen=True)
 class Plant:
-    """What a hidden effect may read and change, all [T, 3] at 2 kHz."""
+    """Signals that a hidden effect may read, all [T, 3] at 2 kHz."""
 
     time: Floats  # s [T]
     q: Floats
@@ -35,7 +35,7 @@ class Plant:
 
 @dataclass(frozen=True)
 class Change:
-    """What a hidden effect does: N·m of friction, W at the input, a factor of the current."""
+    """Action of a hidden effect: N·m of friction, W at the input, a factor of the current."""
 
     drag: Floats | float = 0.0
     watts: Floats | float = 0.0

@@ -19,7 +19,7 @@ from power_lab.discover.formula import Formula, refined
 from power_lab.discover.found import Discovery, Finalist, Found, bounds_of, load_effect
 from power_lab.discover.in_time import Course, InTime, in_time
 from power_lab.discover.problem import DriveProblem, problems
-from power_lab.discover.screening import DriverGain, Screen, chance, promising
+from power_lab.discover.screening import DriverGain, DriverScreen, chance, promising
 from power_lab.discover.search import Expression, express
 from power_lab.discover.selection import Option, handicap, options
 from power_lab.discover.shapes import LearnedShape, learn
@@ -156,7 +156,7 @@ class Discoverer:
         return out
 
     def _screened(self, problem: DriveProblem, point: Linearisation) -> list[DriverGain]:
-        screen = Screen(problem, point, self.fitter.prepared)
+        screen = DriverScreen(problem, point, self.fitter.prepared)
         found = (screen.screen(family) for family in families(point.signals, problem.drive))
         return [one for one in found if one is not None]
 
@@ -194,7 +194,7 @@ class Discoverer:
         floor: Floats,
         found: Sequence[Found],
     ) -> Found | None:
-        """What lives in time alone, kept beside all that follows and in no file."""
+        """Return the structure in time alone, kept beside all that follows and in no file."""
         largest = max(courses.values(), key=lambda one: one.gain)
         names = self.fitter.prepared.names
         taken = {one.name for one in found}

@@ -28,7 +28,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class Factor:
-    """What the function of a driver is multiplied by."""
+    """Multiplier of the function of a driver."""
 
     name: str
     symbol: str  # '' for one
@@ -65,12 +65,12 @@ class Family:
 
     @property
     def kind(self) -> str:
-        """What it depends on."""
+        """Quantity that it depends on."""
         return self.driver.kind
 
     @property
     def group(self) -> tuple[str, ...]:
-        """What it has in common with its variants in memory and with those of other drives."""
+        """Name that its variants in memory and those of other drives share."""
         return (self.driver.name, self.factor.name, self.acts_on)
 
 

@@ -13,7 +13,7 @@ _HELPERS = ('lagged', 'after_rest', 'play', 'by_stretch')
 
 @dataclass(frozen=True)
 class Written:
-    """What a file says of one effect."""
+    """Content of a file about one effect."""
 
     name: str
     formula: Formula

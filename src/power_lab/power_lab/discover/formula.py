@@ -48,7 +48,7 @@ class Formula:
 
     @property
     def kind(self) -> str:
-        """What it depends on."""
+        """Quantity that it depends on."""
         return self.family.kind
 
     def text(self, drive: int | None = None) -> str:

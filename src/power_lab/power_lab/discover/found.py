@@ -1,4 +1,4 @@
-"""What a discovery consists of: effects, finalists, bounds and the check of a file."""
+"""Parts of a discovery: effects, finalists, bounds and the check of a file."""
 
 import tempfile
 from collections.abc import Mapping
@@ -48,7 +48,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Discovery:
-    """What was found, and what the search rests on."""
+    """Effects that were found, and the evidence of the search."""
 
     found: tuple[Found, ...]
     base: Evidence

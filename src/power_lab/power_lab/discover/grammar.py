@@ -45,12 +45,12 @@ def odd_square(z: Floats) -> Floats:
 
 
 def above(z: Floats, limit: float) -> Floats:
-    """What exceeds a limit."""
+    """Excess over a limit."""
     return np.maximum(0.0, z - limit)
 
 
 def below(z: Floats, limit: float) -> Floats:
-    """What is missing to a limit."""
+    """Shortfall to a limit."""
     return np.maximum(0.0, limit - z)
 
 

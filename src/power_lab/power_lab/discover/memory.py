@@ -18,7 +18,7 @@ def after_rest(
     velocity: Floats, rate: float, standstill: float, seconds: float, travel: float
 ) -> Floats:
     """
-    How long the joint has stood, 0 to 1 [T].
+    State of rest, 0 in motion to 1 once the joint has stood [T].
 
     It grows within 0.3 s of rest, and fades over seconds of motion, or over rad of travel where
     seconds are 0. All steps are composed by doubling, so that no loop runs over the samples.

@@ -41,7 +41,7 @@ class DiscoveryOutcome:
 
     @property
     def written(self) -> list[Found]:
-        """What goes into the file of effects."""
+        """Effects that go into the file."""
         return [one for one in self.discovery.found if one.written is not None]
 
     def source(self) -> str:
@@ -51,7 +51,7 @@ class DiscoveryOutcome:
 
     @property
     def sentence(self) -> str:
-        """What was found, in words."""
+        """Result in words."""
         found = self.discovery.found
         if not found:
             return f'Nothing is proposed: {self.discovery.nothing}.'

@@ -1,4 +1,4 @@
-"""What a base model leaves of a drive's power, ready for shapes to be fitted beside the model."""
+"""Remainder of a drive's power under a base model, for shapes to be fitted beside it."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -35,7 +35,7 @@ class DriverGain:
     by_chance: Floats  # [S], of residuals that are moved in time
 
 
-class Screen:
+class DriverScreen:
     """
     Screens the families of one drive on reduced signals.
 

@@ -15,7 +15,7 @@ KEEPS = 0.9
 _NEAR_BEST = 0.995
 """Share of the best formula's gain that a smaller one must keep, or all but what is too small."""
 _HANDICAP = {'other_drive': 0.85}
-"""What another drive explains must be more than what the own state explains."""
+"""Factor on the gain of another drive, which must explain more than the own state."""
 _MEMORY_HANDICAP = 0.93
 _WAVE_HANDICAP = 0.97
 _ASYMMETRIC, _ASYMMETRY_HANDICAP = ('speed', 'torque', 'acceleration'), 0.995
