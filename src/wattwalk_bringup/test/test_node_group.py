@@ -62,6 +62,19 @@ def test_a_node_that_does_not_end_is_killed_and_told(start, monkeypatch):
     assert group.failures() == ['daq failed with code -9: ready']
 
 
+def test_a_node_in_a_hurry_may_still_say_its_last_word_and_a_deaf_one_is_killed(
+    start, monkeypatch
+):
+    monkeypatch.setattr(node_group, 'HURRIED', 0.5)
+    last = 'trap "echo damping; exit 0" TERM\necho ready\nwhile :; do sleep 0.05; done\n'
+    group = start(policy=last, daq=DEAF)
+    group.kill()
+    policy, daq = (node.process for node in group.nodes)
+    assert policy.output.split() == ['ready', 'damping']
+    assert policy.returncode == 0
+    assert daq.returncode == -signal.SIGKILL
+
+
 def test_the_node_that_failed_is_named_with_its_last_line(start):
     group = start(sim=WAITS, daq='echo reading\necho "no bus can9" >&2\nexit 2\n', policy=WAITS)
     assert wait_until(lambda: group.ended)

@@ -17,6 +17,7 @@ from wattwalk_bringup.node_set import NodeCommand
 
 PATIENCE: Final = ((signal.SIGINT, 12.0), (signal.SIGTERM, 4.0))
 """Signals at the end, and the s that nodes have after each; then SIGKILL."""
+HURRIED: Final = 2.0  # s between SIGTERM and SIGKILL after a second Ctrl-C
 SOUND_ENDS: Final = (0, 128 + signal.SIGINT, -signal.SIGINT)
 _FIRST: Final = ('policy', 'recorder')
 """Ended before the others: the last damping command is delivered, and is in the recording."""
@@ -129,9 +130,15 @@ class NodeGroup:
             node.process.kill()
 
     def kill(self) -> None:
-        """End what still runs, without asking."""
-        for node in self.nodes:
-            node.process.kill()
+        """End what still runs within HURRIED s: time for a last damping command."""
+        running = [node.process for node in self.nodes if node.process.running]
+        try:
+            for process in running:
+                process.send_signal(signal.SIGTERM)
+            wait_until(lambda: not any(process.running for process in running), HURRIED)
+        finally:
+            for process in running:
+                process.kill()
 
 
 @contextmanager

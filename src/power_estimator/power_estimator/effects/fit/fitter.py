@@ -37,7 +37,7 @@ _KEPT = 128_000_000  # bytes, of linearised designs
 
 @dataclass(frozen=True)
 class Linear:
-    """What a fit was solved from."""
+    """Linear problem that a fit was solved from."""
 
     design: Design
     target: Floats  # W [N, D], power with the delay taken out, less the design's constant
