@@ -70,7 +70,7 @@ def test_a_node_in_a_hurry_may_still_say_its_last_word_and_a_deaf_one_is_killed(
     group = start(policy=last, daq=DEAF)
     group.kill()
     policy, daq = (node.process for node in group.nodes)
-    assert policy.output.split() == ['ready', 'damping']
+    assert policy.output.split()[-1] == 'damping'
     assert policy.returncode == 0
     assert daq.returncode == -signal.SIGKILL
 
