@@ -21,6 +21,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.clock_type import ClockType as ClockTypeOfItsModule
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -37,6 +38,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
@@ -385,3 +387,36 @@ def test_qos_policies_tell_their_names():
     assert (profile.depth, profile.history) == (5, HistoryPolicy.KEEP_LAST)
     assert profile.reliability == ReliabilityPolicy.RELIABLE
     assert profile.durability == DurabilityPolicy.VOLATILE
+
+
+class Unserved(ReentrantCallbackGroup):
+    def can_execute(self, entity):
+        return not isinstance(entity, Subscription)
+
+
+@pytest.mark.parametrize('raw', [False, True])
+def test_a_group_keeps_a_subscription_from_the_executor_and_its_handle_gives_the_messages(
+    node, spin_until, raw
+):
+    served, unserved = [], []
+    subscription = node.create_subscription(
+        JointState,
+        'topic',
+        unserved.append,
+        10,
+        callback_group=Unserved(),
+        raw=raw,
+    )
+    node.create_subscription(JointState, 'topic', served.append, 10)
+    publisher = node.create_publisher(JointState, 'topic', 10)
+    spin_until(lambda: publisher.get_subscription_count() == 2)
+    sent = JointState(name=['knee'], position=[0.5])
+    publisher.publish(sent)
+    spin_until(lambda: served)
+    handle = subscription.handle
+    with handle:
+        message, info = handle.take_message(JointState, raw)
+        assert handle.take_message(JointState, raw) is None
+    assert message == (serialize_message(sent) if raw else sent)
+    assert 0 < info['source_timestamp'] <= node.get_clock().now().nanoseconds
+    assert unserved == []
