@@ -123,7 +123,9 @@ def excitation(formula: Formula) -> dict[str, object]:
     given = {name: float(f'{v:.3g}') for name, v in formula.places[drive].parameters.items()}
     match formula.kind:
         case 'position':
-            text = f'slow sweeps over the whole range in both directions, past {given or "all"}'
+            past = ' and '.join(f'{value:g}' for value in given.values())
+            text = 'slow sweeps over the whole range in both directions'
+            text += f', past {past} rad' if past else ''
             return {'text': text, 'speeds': (0.2, -0.2, 1.0, -1.0), 'seconds': 10.0}
         case 'speed':
             speeds = (0.2, 0.5, 1.0, 2.0, 4.0)

@@ -196,8 +196,8 @@ class CandidateScreener:
         )
         full = np.broadcast_to(gram, (*moment.shape, m)).reshape(-1, m, m)
         begin = np.broadcast_to(near, moment.shape).reshape(-1, m)
-        flat = (values.reshape(-1, m) for values in (moment, lower, upper, ridge))
-        return bounded_solve(full, *flat, near=begin).reshape(moment.shape)
+        b, low, high, soft = (values.reshape(-1, m) for values in (moment, lower, upper, ridge))
+        return bounded_solve(full, b, low, high, soft, begin).reshape(moment.shape)
 
     def _best_delays(self, pick: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
         """Of each subset [n] the place of its best delay, its error there and the solution."""

@@ -246,11 +246,11 @@ class Fitter:
         matrix = np.stack([gram[:, group].sum(axis=1) for group in self.groups], axis=1)
         right = np.stack([moment[:, group].sum(axis=1) for group in self.groups], axis=1)
         begin = None if near is None else near[[group[0] for group in self.groups]]
-        every = [
-            None if values is None else np.tile(values, (len(right), 1))
-            for values in (*limits, begin)
-        ]
-        x = bounded_solve(matrix.reshape(-1, m, m), right.reshape(-1, m), *every)
+        lower, upper, ridge = (np.tile(values, (len(right), 1)) for values in limits)
+        start = None if begin is None else np.tile(begin, (len(right), 1))
+        x = bounded_solve(
+            matrix.reshape(-1, m, m), right.reshape(-1, m), lower, upper, ridge, start
+        )
         out = np.zeros(moment.shape)
         for index, group in enumerate(self.groups):
             out[:, group] = x.reshape(right.shape)[:, index, None]
