@@ -15,26 +15,12 @@ import rclpy
 from contents import MESSAGES
 from diagnostic_msgs.msg import DiagnosticStatus
 from power_recordings.messages import cdr
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.clock_type import ClockType as ClockTypeOfItsModule
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-    ParameterAlreadyDeclaredException,
-    ParameterException,
-    ParameterNotDeclaredException,
-)
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
@@ -174,19 +160,6 @@ def test_a_timer_that_is_destroyed_calls_no_more(node, spin_until):
     assert len(calls) == so_far
 
 
-def test_a_callback_may_refuse_parameters_with_a_reason(node):
-    def check(parameters):
-        too_high = any(parameter.value > 5 for parameter in parameters)
-        return SetParametersResult(successful=not too_high, reason='at most 5')
-
-    node.declare_parameter('gain', 1)
-    node.add_on_set_parameters_callback(check)
-    assert node.set_parameters([Parameter('gain', value=4)])[0].successful
-    refused = node.set_parameters([Parameter('gain', value=6)])[0]
-    assert (refused.successful, refused.reason) == (False, 'at most 5')
-    assert node.get_parameter('gain').value == 4
-
-
 def test_time_is_whole_nanoseconds_and_becomes_a_stamp(node):
     now = node.get_clock().now()
     stamp = now.to_msg()
@@ -210,57 +183,6 @@ def test_a_service_answers_with_what_its_callback_returns(node, spin_until, succ
     future = client.call_async(Trigger.Request())
     spin_until(future.done)
     assert (future.result().success, future.result().message) == (succeed, 'as you wish')
-
-
-def test_read_only_parameters_keep_their_value(node):
-    descriptor = ParameterDescriptor(description='bus', read_only=True)
-    assert node.declare_parameter('channel', 'can0', descriptor).value == 'can0'
-    result = node.set_parameters([Parameter('channel', value='can1')])[0]
-    assert not result.successful
-    assert result.reason
-    assert node.get_parameter('channel').value == 'can0'
-
-
-@pytest.mark.parametrize(
-    ('limits', 'default', 'outside'),
-    [
-        ({'integer_range': [IntegerRange(from_value=1, to_value=10, step=0)]}, 2, 11),
-        ({'floating_point_range': [FloatingPointRange(from_value=0.0, to_value=1.0)]}, 0.5, 1.5),
-    ],
-)
-def test_a_range_holds_for_declaring_and_for_setting(node, limits, default, outside):
-    node.declare_parameter('inside', default, ParameterDescriptor(**limits))
-    assert not node.set_parameters([Parameter('inside', value=outside)])[0].successful
-    assert node.get_parameter('inside').value == default
-    with pytest.raises(InvalidParameterValueException):
-        node.declare_parameter('outside', outside, ParameterDescriptor(**limits))
-
-
-def test_wrong_uses_of_parameters_raise_parameter_exceptions(ros_domain):
-    rclpy.init(
-        args=['--ros-args', '-p', 'whole:=1.5', '-p', 'text:=given'],
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
-    node = Node('conformance')
-    try:
-        assert node.declare_parameter('text', 'default').value == 'given'
-        with pytest.raises(InvalidParameterTypeException):
-            node.declare_parameter('whole', 1)
-        with pytest.raises(ParameterAlreadyDeclaredException):
-            node.declare_parameter('text', 'again')
-        with pytest.raises(ParameterNotDeclaredException):
-            node.get_parameter('unheard_of')
-        assert node.get_parameter('use_sim_time').value is False
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-    for kind in (
-        InvalidParameterTypeException,
-        InvalidParameterValueException,
-        ParameterAlreadyDeclaredException,
-        ParameterNotDeclaredException,
-    ):
-        assert issubclass(kind, ParameterException)
 
 
 def test_names_are_resolved_and_remapped(ros_domain):

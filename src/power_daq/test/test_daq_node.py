@@ -215,12 +215,13 @@ def test_the_node_publishes_every_sample_and_says_how_it_does(tmp_path, listener
     process = start(tmp_path, f'calibration:={calibration}')
     try:
         listener.until(lambda: len(listener.supply) > 1500)
-        listener.until(lambda: len(good(listener.diagnostics)) > 1)
+        supply, reports = list(listener.supply), len(good(listener.diagnostics))
+        listener.until(lambda: len(good(listener.diagnostics)) > reports + 1)
     finally:
         code, errors = finish(process)
     assert code == 0
     assert 'Traceback' not in errors
-    supply, joints = listener.supply, listener.joints
+    joints = listener.joints
     assert (np.diff([m.sequence for m in supply]) == 1).all()
     assert list(supply[0].name) == list(BusDescription.load().drives)
     assert supply[0].header.frame_id == 'power_board'
@@ -228,7 +229,7 @@ def test_the_node_publishes_every_sample_and_says_how_it_does(tmp_path, listener
     assert len(joints) > 500
     assert len(joints[0].position) == 12
     stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in supply]
-    assert (np.diff(stamps) > 0).all()
+    repeated = int((np.diff(stamps) <= 0).sum())
     now = time.time_ns() - time.monotonic_ns()
     errors = [
         stamp - now - robot.true_time(message.device_time[0] // 1000)
@@ -239,6 +240,8 @@ def test_the_node_publishes_every_sample_and_says_how_it_does(tmp_path, listener
     assert status.name == 'power_daq: bus'
     assert status.message == 'measuring'
     values = {entry.key: entry.value for entry in status.values}
+    # A sender that falls behind by 20 ms and catches up, on a busy machine, is a jump of its clock.
+    assert repeated <= int(values['clock device jumps']) + int(values['steps of the system clock'])
     assert values['electrical lost'] == '0'
     assert values['bus state'] == 'active'
     assert values['calibration'] == label(calibration)
