@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from functools import partial
+from typing import Final
 
 from diagnostic_msgs.msg import DiagnosticArray
 from power_recordings.messages.types import TYPES, message_class
@@ -10,10 +10,12 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
+from wattwalk_core.nodes.polled_topic import PolledTopic
 
 from power_daq.monitor.state import TOPICS, MonitorState, View
 
 _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+_LOOK: Final = 0.05  # s between looks at the topics
 
 
 class WatchNode(Node):
@@ -25,13 +27,21 @@ class WatchNode(Node):
         self._show = show
         self._duration = duration
         self._state = MonitorState(time.monotonic())
-        for topic in TOPICS:
-            if topic != 'diagnostics':
-                kind = message_class(TYPES[topic])
-                take = partial(_take, self._state.source(topic).take)
-                self.create_subscription(kind, topic, take, _QOS, raw=True)
+        self._topics = {
+            topic: PolledTopic[bytes](self, message_class(TYPES[topic]), topic, _QOS, raw=True)
+            for topic in TOPICS
+            if topic != 'diagnostics'
+        }
         self.create_subscription(DiagnosticArray, 'diagnostics', self._note_status, _QOS)
         self.create_timer(period, self._refresh, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def poll(self) -> float:
+        """Keep the messages that have come; return the s until the next look."""
+        for topic, waiting in self._topics.items():
+            source = self._state.source(topic)
+            for cdr in waiting.take():
+                source.take(cdr, time.monotonic())
+        return _LOOK
 
     def _note_status(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
@@ -46,7 +56,3 @@ class WatchNode(Node):
         self._show(view)
         if self._duration and view.seconds >= self._duration and not self.done.done():
             self.done.set_result(None)
-
-
-def _take(take: Callable[[bytes, float], None], cdr: bytes) -> None:
-    take(cdr, time.monotonic())
