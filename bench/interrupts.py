@@ -4,7 +4,7 @@ Nodes interrupted at random moments from the start of their process on, with mes
 Each turn starts a node, sends it SIGINT or SIGTERM at a moment of the node's first seconds, and
 says how it ended. None may end in a traceback, with another code than that of its own end or of
 the signal, or not at all; a bag has every sample but those that its recorder said were lost.
-`ended by Python` counts signals before the first line of the suite, which the interpreter prints
+`before the suite` counts signals before its first line, which the interpreter prints, or loses,
 in its own way. Runs on the runtime of this Python.
 """
 
@@ -48,7 +48,13 @@ NODES = {
     'motion': ('drive_bench', 2.0, ('{motion}',)),
 }
 """By name: package, the latest moment of a signal [s], arguments."""
-GOOD = ('in order', 'ended by Python')
+_EARLY = 'before the suite'
+GOOD = ('in order', _EARLY)
+OF_PYTHON = re.compile(
+    r'from wattwalk_core import early\n(?!.*/wattwalk_core/)|Failed checking if argv\[0\]',
+    re.DOTALL,
+)
+"""Words of the interpreter about a signal that came before its hooks were taken over."""
 CHEAP = ('record', 'daq', 'supply')
 AT_WORK = re.compile(r'^(\[\w+\] \[[\d.]+\] \[|recording to )', re.MULTILINE)
 """First lines of nodes: of ROS's log, and the recorder's."""
@@ -109,11 +115,12 @@ def interrupted(node: str, seed: int, latest: float | None = None) -> Ending:
 
 
 def _how(node: str, number: int, code: int | None, output: str) -> str:
+    early = OF_PYTHON.search(output)
     if code is None:
-        return 'hangs'
+        return _EARLY if early else 'hangs'
     if 'Traceback' in output or 'Fatal Python error' in output:
         own = re.search(r'/wattwalk_core/wattwalk_core/|/site-packages/rclpy/', output)
-        return 'traceback' if own else 'ended by Python'
+        return 'traceback' if own and not early else _EARLY
     # A node at work ends by itself; by the signal it would lose what it has not written yet.
     allowed = {0, 128 + number, *(() if AT_WORK.search(output) else (-number,))}
     # A bag without a message is an error of its own.
@@ -219,14 +226,14 @@ def _collected(running: list[Future[Ending]]) -> list[Ending]:
 
 
 def _print(nodes: list[str], endings: list[Ending]) -> int:
-    table = Table('node', 'turns', 'in order', 'ended by Python', 'else', 'exit codes')
+    table = Table('node', 'turns', 'in order', _EARLY, 'else', 'exit codes')
     for node in nodes:
         of_node = [ending for ending in endings if ending.node == node]
         how = Counter(ending.how for ending in of_node)
         codes = Counter(ending.code for ending in of_node)
         table.add_row(
             *(node, str(len(of_node)), str(how.pop('in order', 0))),
-            str(how.pop('ended by Python', 0)),
+            str(how.pop(_EARLY, 0)),
             ', '.join(f'{count} {word}' for word, count in how.items()) or '–',
             ', '.join(f'{code}: {count}' for code, count in codes.most_common()),
         )
@@ -235,8 +242,8 @@ def _print(nodes: list[str], endings: list[Ending]) -> int:
     for end in wrong:
         print(f'--- {end.node}, signal {end.signal} at {end.moment:.3f} s: {end.how}')
         print(end.output[-3000:])
-    early = max((end.moment for end in endings if end.how == 'ended by Python'), default=0.0)
-    print(f'{len(wrong)} of {len(endings)} ended wrongly; latest by Python {early:.2f} s')
+    early = max((end.moment for end in endings if end.how == _EARLY), default=0.0)
+    print(f'{len(wrong)} of {len(endings)} ended wrongly; latest before the suite {early:.2f} s')
     return 1 if wrong else 0
 
 
