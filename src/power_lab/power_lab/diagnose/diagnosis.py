@@ -52,8 +52,8 @@ MOST_RIVALS = 3
 """That a further effect may have."""
 _MOST_SAMPLED = 3.0  # times its usual size may sampling raise the floor of unmodelled effects
 _LEAST_FALL = 1e-3  # of the log error, for another shape
-_EVENT = 20.0  # times the median squared error
-_EVENT_SHARE = 0.05
+_EVENT, _EVENT_SHARE = 20.0, 0.05  # times the median squared error; of the blocks at most
+_BESIDE_CONSTANT = 2.0  # times its watts must an effect explain beside a constant torque
 
 
 @dataclass(frozen=True)
@@ -377,7 +377,7 @@ class Diagnoser:
             return possible
         alone = {name: self._without(best, name).mean_mse for name in best.names}
         gains = {name: float((mse - best.mean_mse).sum()) for name, mse in alone.items()}
-        least = 4.0 * gains[CONSTANT_TORQUE]
+        least = _BESIDE_CONSTANT**2 * gains[CONSTANT_TORQUE]
         open_ = [n for n in best.names if n != CONSTANT_TORQUE and gains[n] < least]
         rest = [tuple(n for n in best.names if n != name) for name in open_]
         return tuple(dict.fromkeys((*possible, *rest)))

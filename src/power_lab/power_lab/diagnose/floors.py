@@ -10,13 +10,18 @@ from power_lab.compare.evidence import Evidence
 
 Floats = NDArray[np.float64]
 
+_OF_NOISE = 0.5  # of the meter's noise: nothing smaller is told
+_ALONE = 2.0  # times the floor, on one drive alone
+_SHARED = 0.5  # times the floor, on a second drive, of a further effect
+_BY_FAR = 4.0  # the same on one drive alone
+
 
 def floors(fitter: Fitter, least: float, share: float) -> Floats:
     """W [D]: a floor that respects the meter's noise and its size."""
     prepared = fitter.prepared
     power = prepared.power_at(0.0)
     rms = np.sqrt(np.nanmean(np.square(power), axis=0))
-    half = 0.5 * np.nan_to_num(prepared.noise)
+    half = _OF_NOISE * np.nan_to_num(prepared.noise)
     least_ = least * np.minimum(fitter.scale.power, 1.0)
     return np.maximum(np.maximum(least_, half), share * rms)
 
@@ -32,7 +37,7 @@ def unseen(prepared: Prepared, fit: Fit) -> Floats:
 def above_floor(gain: Floats, floor: Floats) -> bool:
     """Return whether squared watts [D] reach the floor [D], pooled or on one drive alone."""
     ratio = np.maximum(gain, 0.0) / np.square(floor)
-    return bool(ratio.mean() >= 1.0 or ratio.max() >= 4.0)
+    return bool(ratio.mean() >= 1.0 or ratio.max() >= _ALONE**2)
 
 
 def shared(gain: Floats, floor: Floats) -> bool:
@@ -43,7 +48,8 @@ def shared(gain: Floats, floor: Floats) -> bool:
     a formula that does not quite fit than physics.
     """
     ratio = np.maximum(gain, 0.0) / np.square(floor)
-    return len(ratio) < 2 or int((ratio >= 0.25).sum()) > 1 or bool(ratio.max() >= 16.0)
+    several = int((ratio >= _SHARED**2).sum()) > 1
+    return len(ratio) < 2 or several or bool(ratio.max() >= _BY_FAR**2)
 
 
 def beyond_physics(evidence: Evidence) -> list[str]:

@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 
 STATE = ('torque', 'velocity', 'acceleration', 'position', 'torque_rate', 'voltage')
 _ROWS = 6000  # a drive, for the trees
+_TREES = 30
 _LAGS = (1, 2, 3)
 _TEST_LAGS = 10
 
@@ -103,7 +104,7 @@ def _trees(
         known = np.isfinite(target[trained])
         x, y = features[trained][known][::step], target[trained][known][::step]
         model = HistGradientBoostingRegressor(
-            max_iter=30,
+            max_iter=_TREES,
             learning_rate=0.24,
             max_leaf_nodes=15,
             min_samples_leaf=30,

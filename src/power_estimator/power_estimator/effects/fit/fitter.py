@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 _BOOTSTRAPS = 200
 _TIED = 0.9999  # cosine of two columns that a recording cannot tell apart
 _REWEIGHTINGS = 2
+_LEAST_NOISE = 0.02  # W of a reference drive, for the weight of the priors
 _AT_BOUND = 1e-6  # of the larger bound
 _SETTLED = 0.1  # of the residual: a smaller step leaves the linearisation as good as exact
 _SETTLED_BOUND = 0.05  # relative change of a discrepancy's bound
@@ -117,7 +118,7 @@ class Fitter:
         count = len(prepared.names)
         self.groups = [list(g) for g in groups] if groups else [[d] for d in range(count)]
         noise = np.where(np.isfinite(prepared.noise), prepared.noise, 0.1 * self.scale.power)
-        self.weight = np.maximum(noise, 0.02 * self.scale.power) ** 2
+        self.weight = np.maximum(noise, _LEAST_NOISE * self.scale.power) ** 2
         self.delays = DelaySearch(prepared, self.groups, self.weight)
         self._kept: Kept[Linear] = Kept(_KEPT)
 
