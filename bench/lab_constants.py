@@ -162,6 +162,27 @@ def subset(seed: int, seconds: float) -> list[Scenario]:
     ]
 
 
+def simulated(seed: int, seconds: float) -> list[Scenario]:
+    """Return scenarios of a seed in sim_bridge: walks with shocks, and a ladder on the stand."""
+
+    def one(group: str, motion: str = 'walk', **hidden: float) -> Scenario:
+        return Scenario(group, 'sim', motion, 'core', hidden, '', seed, seconds)
+
+    return [
+        one('null'),
+        one('null', 'bench'),
+        one('effect', spring=2.0),
+        one('effect', load_friction=1.0),
+        one('effect', 'bench', viscous_friction=2.0),
+        one('pair', load_friction=2.0, spring=2.0),
+        one('pair', load_friction=2.0, regeneration_efficiency=2.0),
+        one('unmodelled', position_rub=1.0),
+    ]
+
+
+SOURCES = {'circuit': subset, 'sim': simulated}
+
+
 def recorded(scenario: Scenario, folder: Path) -> AlignedDataset:
     """Return the scenario's recording, simulated once and kept in the folder."""
     path = folder / f'{hashlib.sha256(scenario.key.encode()).hexdigest()[:16]}.npz'
@@ -256,37 +277,64 @@ def scored(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
-    """One table row for each constant and value, against the same recordings unchanged."""
+    """
+    The recordings as they are judged, and a table with one row for each constant.
+
+    What a value changes is told by counts against the same recordings with the constant's own.
+    """
     own = {row['key']: row for row in rows if not row['constant']}
     trials: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for row in rows:
         if row['constant'] and row['key'] in own:
             trials[row['constant'], json.dumps(row['value'])].append(row)
-    head = (
-        '| constant | decides | value | tried | recordings | wrong | quiet | found | unmodelled '
+    told_ = ', '.join(
+        f'{what} {count}' for what, count in _counts(list(own.values()), own).items()
     )
-    lines = [head + '| other verdicts | CPU |', '|---' * 11 + '|']
+    lines = [f'{len(own)} recordings: {told_}', '']
+    lines += ['| constant | value | decides | recordings | changed to | CPU |', '|---' * 6 + '|']
     for constant in CONSTANTS:
+        found, counts, costs = [], set(), []
         for value in constant.values:
             given = trials.get((constant.name, json.dumps(value)), [])
             if not given:
                 continue
             same = [own[row['key']] for row in given]
-            other = sum(_verdict(a) != _verdict(b) for a, b in zip(given, same, strict=True))
-            before, after = _counts(same, own), _counts(given, own)
-            cells = [f'{b} → {a}' if a != b else a for b, a in zip(before, after, strict=True)]
-            ratio = sum(r['cpu_s'] for r in given) / max(sum(r['cpu_s'] for r in same), 1e-9)
-            name = f'`{constant.name}`'
-            shown = [name, constant.decides, constant.own, value, len(given), *cells, other]
-            lines.append('| ' + ' | '.join(map(str, shown)) + f' | × {ratio:.2f} |')
+            counts.add(len(given))
+            found.append(f'{_shown(value)}: {_change(same, given, own)}')
+            costs.append(sum(r['cpu_s'] for r in given) / max(sum(r['cpu_s'] for r in same), 1e-9))
+        if found:
+            cost = f'{min(costs):.2f}–{max(costs):.2f}'
+            number = '–'.join(map(str, sorted(counts)))
+            cells = (f'`{constant.name}`', _shown(constant.own), constant.decides, number)
+            lines.append(f'| {" | ".join(cells)} | {"; ".join(found)} | × {cost} |')
     return '\n'.join(lines)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return '(' + ', '.join(f'{part:g}' for part in value) + ')'
+    return 'never' if value == _NEVER else f'{value:g}'
+
+
+def _change(
+    before: Sequence[dict[str, Any]],
+    after: Sequence[dict[str, Any]],
+    own: dict[str, dict[str, Any]],
+) -> str:
+    """In words: counts that are other, and verdicts that are."""
+    other = sum(_verdict(a) != _verdict(b) for a, b in zip(before, after, strict=True))
+    if not other:
+        return 'nothing'
+    counts = zip(_counts(before, own).items(), _counts(after, own).values(), strict=True)
+    parts = [f'{what} {old} → {new}' for (what, old), new in counts if old != new]
+    return f'{", ".join(parts)} ({other} other)' if parts else f'({other} other)'
 
 
 def _verdict(row: dict[str, Any]) -> tuple[Any, ...]:
     return row['verdict'], sorted(map(tuple, row['possible']))
 
 
-def _counts(rows: Sequence[dict[str, Any]], own: dict[str, dict[str, Any]]) -> list[str]:
+def _counts(rows: Sequence[dict[str, Any]], own: dict[str, dict[str, Any]]) -> dict[str, str]:
     """Wrong names, nulls and faults kept quiet, effects found, unmodelled effects told."""
     found = ('named', 'in the set')
 
@@ -299,12 +347,14 @@ def _counts(rows: Sequence[dict[str, Any]], own: dict[str, dict[str, Any]]) -> l
         return f'{sum(row["score"] in wanted for row in some)}/{len(some)}'
 
     wrong = sum(row['score'] in ('WRONG', 'FALSE ALARM') for row in rows)
-    return [
-        str(wrong),
-        share(('null', 'fault'), ('no evidence',)),
-        share(('effect', 'pair', 'beside'), found, DETECTABLE),
-        share(('unmodelled', 'beside', 'constant'), (*found, 'none of the above')),
-    ]
+    effects = ('effect', 'pair', 'beside')
+    return {
+        'wrong': str(wrong),
+        'quiet': share(('null', 'fault'), ('no evidence',)),
+        'named': share(effects, ('named',), DETECTABLE),
+        'named or in the set': share(effects, found, DETECTABLE),
+        'unmodelled told': share(('unmodelled', 'constant'), (*found, 'none of the above')),
+    }
 
 
 def main() -> int:
@@ -315,22 +365,26 @@ def main() -> int:
     add = parser.add_argument
     add('--seeds', type=int, nargs='+', default=[60])
     add('--seconds', type=float, default=90.0, help='of each recording')
-    add('--depth', choices=('decisions', 'fits', 'none'), default='decisions')
+    add('--depth', choices=('decisions', 'fits'), default='decisions')
+    add('--judge', nargs='+', help='only print the table of what these versions of the lab did')
+    add('--sources', nargs='+', choices=('circuit', 'sim'), default=['circuit', 'sim'])
     add('--limit', type=int, default=0, help='at most so many recordings, a fair sample')
     add('--keep', type=Path, default=Path('runs/lab_constants'))
     add('--out', type=Path, default=Path('runs/lab_constants.jsonl'))
     options = parser.parse_args()
     os.nice(19)
     options.keep.mkdir(parents=True, exist_ok=True)
-    todo = random_order([s for seed in options.seeds for s in subset(seed, options.seconds)])
+    kinds = [kind for name, kind in SOURCES.items() if name in options.sources]
+    seeds = options.seeds
+    todo = random_order([s for n in seeds for kind in kinds for s in kind(n, options.seconds)])
     todo = todo[: options.limit or None]
     judged_by = judge_version()
     rows = []
     if options.out.exists():
         rows = [json.loads(line) for line in options.out.read_text().splitlines()]
-        rows = [row for row in rows if row['judge'] == judged_by]
+        rows = [row for row in rows if row['judge'] in (options.judge or [judged_by])]
     done = {row['trial'] for row in rows}
-    if options.depth != 'none':
+    if not options.judge:
         with threadpool_limits(limits=1), options.out.open('a') as file:
             for place, scenario in enumerate(track(todo, 'judging')):
                 for row in judge(scenario, options.keep, options.depth, done, place):
