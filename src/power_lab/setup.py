@@ -15,6 +15,7 @@ setup(
             '**/py.typed',
             '**/*.css',
             '**/*.js',
+            '**/*.html',
         ]
     },
     data_files=[
@@ -32,6 +33,8 @@ setup(
         'rich',
         'pyyaml',
         'threadpoolctl',
+        'starlette',
+        'uvicorn',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
@@ -42,6 +45,8 @@ setup(
     entry_points={
         'console_scripts': [
             'fit = power_lab.commands.fit:main',
+            'open = power_lab.commands.open:main',
+            'replay-session = power_lab.commands.replay_session:main',
             'compare = power_lab.commands.compare:main',
             'diagnose = power_lab.commands.diagnose:main',
             'discover = power_lab.commands.discover:main',

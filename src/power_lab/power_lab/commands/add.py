@@ -48,22 +48,20 @@ def main(args: Sequence[str] | None = None) -> int:
         if active.name in model.effects:
             raise InputError(f'{active.name!r} is active in {options.to} already')
 
-    from power_estimator.effects.fit.training import material
-
-    from power_lab.compare.addition import add_effects
-    from power_lab.recordings import base_power, load
+    from power_lab.compare.fitting import extended
+    from power_lab.recordings import load
     from power_lab.report.tables import print_model
 
     with progress('reading and fitting'):
         loaded = load(options.bag, options.drives, slow=options.slow, anyway=options.anyway)
-        base = None
-        if model.base:
-            base = base_power(loaded, model.base).power
-        own = material(
-            loaded.data, per=options.per, base=base, catalogue=catalogue, window=loaded.window
-        )
-        better = add_effects(
-            model, new, own, catalogue, options.output.stem, loaded.identities, options.seed
+        better = extended(
+            loaded,
+            model,
+            new,
+            catalogue,
+            options.output.stem,
+            per=options.per,
+            seed=options.seed,
         )
     content = {
         'model': str(options.output),

@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.command import command
-from wattwalk_core.errors import InputError
 
 from power_lab.commands import options as common
 
@@ -37,24 +35,18 @@ def main(args: Sequence[str] | None = None) -> int:
     plant = Plant.load(options.plant)
     MotionFile.load(options.motion)
 
-    from sim_bridge.offline.run import OfflineRun, write_bag
-    from sim_bridge.plant.world import stand_world
+    from power_lab.challenge.bench_recording import record_motion
 
-    from power_lab.challenge.bench_motion import BenchMotion
-    from power_lab.challenge.challenge import Challenge, unseal
-
-    motion = BenchMotion(options.motion)
-    drive = options.drive or (motion.drives[0] if motion.drives else JOINT_NAMES[0])
-    if drive not in JOINT_NAMES:
-        raise InputError(f'the bench has no drive {drive!r}; it has {", ".join(JOINT_NAMES)}')
-    if options.challenge:
-        plant = Challenge.of(unseal(options.challenge)).plant(plant)
-    else:
-        plant = plant.unit(options.unit)
-    world = stand_world(drive, motion.stand)
-    run = OfflineRun(plant, world, motion, duration=motion.seconds, seed=options.seed)
-    unit = f'challenge {options.challenge.name}' if options.challenge else str(options.unit)
-    card = run.card('bench', notes='simulated drive with a pendulum on a stand', unit=unit)
-    write_bag(options.output, run, card, overwrite=options.overwrite, progress=True)
-    print(f'wrote {options.output}: {motion.seconds:.0f} s of {drive}')
+    drive, seconds = record_motion(
+        options.motion,
+        options.output,
+        plant,
+        drive=options.drive or '',
+        challenge=options.challenge,
+        unit=options.unit,
+        seed=options.seed,
+        overwrite=options.overwrite,
+        progress=True,
+    )
+    print(f'wrote {options.output}: {seconds:.0f} s of {drive}')
     return 0

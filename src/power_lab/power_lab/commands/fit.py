@@ -36,36 +36,25 @@ def main(args: Sequence[str] | None = None) -> int:
     catalogue = common.catalogue_of(options)
     effects = common.parse_effects(options.effects, catalogue)
 
-    import numpy as np
-    from power_estimator.effects.fit.training import fit_model, material
     from power_estimator.effects.model_file.yaml_file import write_model
 
-    from power_lab.recordings import base_power, load
+    from power_lab.compare.fitting import fitted
+    from power_lab.recordings import load
     from power_lab.report.tables import notes, print_model
 
     with progress('reading and fitting'):
         loaded = load(options.bags, options.drives, slow=options.slow, anyway=options.anyway)
-        base = None
-        if options.base:
-            base = base_power(loaded, options.base).power
-        own = material(
-            loaded.data, per=options.per, base=base, catalogue=catalogue, window=loaded.window
-        )
-        model, fit = fit_model(
-            options.output.stem,
-            own,
+        model, own = fitted(
+            loaded,
             effects,
             catalogue,
+            options.output.stem,
             base=options.base,
-            fitted_on=loaded.identities,
+            per=options.per,
             seed=options.seed,
         )
-        rmse = {
-            drive: float(f'{value:.4g}')
-            for drive, value in zip(own.prepared.names, np.sqrt(fit.mse), strict=True)
-        }
-        entry = {'step': 'fit', 'effects': list(model.effects), 'rmse_w': rmse}
-        model = model.with_history(entry)
+    (entry,) = model.history
+    rmse = entry['rmse_w']
     content = {'model': str(options.output), **entry, 'at_bound': list(model.at_bound)}
     with together():
         write_model(model, options.output)

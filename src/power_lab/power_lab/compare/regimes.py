@@ -127,6 +127,11 @@ def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
     return out
 
 
+def standstill(scale: DriveScale, drive: int) -> float:
+    """Speed in rad/s below which a drive is at rest in the words of a regime."""
+    return _Edges.of(*scale.of(drive)[:2]).still
+
+
 @dataclass(frozen=True)
 class _Edges:
     """Borders of ranges of load and speed for a drive's size."""

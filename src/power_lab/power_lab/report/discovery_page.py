@@ -53,24 +53,34 @@ def write_discovery(path: Path, outcome: DiscoveryOutcome) -> None:
     page.write(path)
 
 
+def formula_over_shape(one: Found, drive: int) -> tuple[Floats, tuple[str, str]]:
+    """The formula at the nodes of the learned shape of a drive, and the names of both axes."""
+    formula = one.formula
+    assert formula is not None
+    assert one.shapes is not None
+    assert one.coefficients is not None
+    shape = one.shapes[drive]
+    core = formula.primitive.columns(shape.nodes, dict(formula.places[drive].parameters))
+    drawn = core @ np.array(one.coefficients[drive])
+    drawn = drawn - float((drawn - shape.values) @ shape.share / shape.share.sum())
+    driver, factor = shape.family.driver, formula.family.factor.symbol
+    unit = {'torque': 'N·m on the motor', 'power': 'W'}[formula.family.acts_on]
+    axes = (
+        f'{driver.symbol} in {driver.unit}' if driver.unit else driver.symbol,
+        unit + (f' per {factor}' if factor else ''),
+    )
+    return drawn, axes
+
+
 def _section_shapes(page: Page, outcome: DiscoveryOutcome, one: Found) -> None:
     formula = one.formula
     if formula is None or one.shapes is None or one.coefficients is None:
         return
     names = outcome.own.prepared.names
     panels = {}
-    for drive, place in formula.places.items():
+    for drive in formula.places:
         shape = one.shapes[drive]
-        core = formula.primitive.columns(shape.nodes, dict(place.parameters))
-        drawn = core @ np.array(one.coefficients[drive])
-        drawn = drawn - float((drawn - shape.values) @ shape.share / shape.share.sum())
-        driver = shape.family.driver
-        unit = {'torque': 'N·m on the motor', 'power': 'W'}[formula.family.acts_on]
-        factor = formula.family.factor.symbol
-        axes = (
-            f'{driver.symbol} in {driver.unit}' if driver.unit else driver.symbol,
-            unit + (f' per {factor}' if factor else ''),
-        )
+        drawn, axes = formula_over_shape(one, drive)
         figure = discovery_figures.shape_and_formula(
             shape.nodes, shape.values, standard_error(shape), drawn, shape.share, axes
         )

@@ -1,0 +1,170 @@
+"""Actions of the page on a session: their contents checked, then passed on to its desk."""
+
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any
+
+from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Name, Printable, Quantity, parse, schema
+
+from power_lab.workbench import answers, maps
+from power_lab.workbench.bench import Bench
+from power_lab.workbench.desk import Desk
+from power_lab.workbench.folders import Folders
+from power_lab.workbench.session import Step
+
+_Seconds = Annotated[float, Quantity(-1e9, 1e9, 's')]
+_Value = Annotated[float, Quantity(-1e12, 1e12)]
+_Text = Annotated[str, Printable(0, 4000)]
+
+
+@schema
+class Selection:
+    """A box on the map, a span of the traces or a regime; one of the three."""
+
+    drive: _Text
+    x: _Text
+    y: _Text
+    shown: _Text = ''  # meter of the traces, the drive's own by default
+    start: _Seconds = 0.0  # of the traces
+    stop: _Seconds = 1e9
+    width: Annotated[int, Quantity(1, 10_000)] = 800
+    box: dict[str, tuple[_Value, _Value]] | None = None
+    span: tuple[_Seconds, _Seconds] | None = None
+    regime: Annotated[int, Quantity(0, 100)] | None = None
+
+
+@schema
+class Place:
+    """A place in the history."""
+
+    at: Annotated[int, Quantity(0, 100_000)]
+
+
+@schema
+class Allowed:
+    """A file of effects that may be run."""
+
+    file: _Text
+
+
+@schema
+class OneDrive:
+    """A drive of the simulated bench."""
+
+    drive: Name
+
+
+@schema
+class OneModel:
+    """A model to compare with."""
+
+    model: Name
+
+
+def take(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
+    """Take a step: open, load, fit, add, remove, effects."""
+    step = parse(Step, content, 'step')
+    if step.model or step.rmse_w or step.sha256:
+        raise InputError('step: model, rmse_w and sha256 are found by the session itself')
+    folders = _folders(bench, desk)
+    for path in step.recordings:
+        folders.within(path)
+    if step.kind == 'effects':
+        folders.within(step.file)
+    elif step.kind == 'load':
+        _check_spec(bench, desk, step.file)
+    if step.base:
+        _check_spec(bench, desk, step.base)
+    desk.take(step)
+
+
+def _folders(bench: Bench, desk: Desk) -> Folders:
+    """The folders that were named, and that of the session."""
+    return bench.folders.with_root(desk.folder)
+
+
+def _check_spec(bench: Bench, desk: Desk, spec: str) -> None:
+    """InputError for a model whose file is not in a folder that was named."""
+    if spec.endswith(('.yaml', '.yml')):
+        _folders(bench, desk).within(spec)
+    elif spec.startswith('ppn:'):
+        _folders(bench, desk).within(spec.removeprefix('ppn:'))
+
+
+def go(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
+    """Undo, redo, or go to any place in the history."""
+    desk.go(parse(Place, content, 'place').at)
+
+
+def diagnose(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
+    """Begin to look for what is missing."""
+    desk.diagnose()
+
+
+def discover(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
+    """Begin to learn what no catalogue has."""
+    desk.discover()
+
+
+def report(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
+    """Begin to write the report."""
+    desk.report()
+
+
+def record(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
+    """Begin to record the proposed motion on the simulated bench."""
+    desk.bench(parse(OneDrive, content, 'bench').drive)
+
+
+def line(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
+    """Begin to judge another model beside the present one."""
+    spec = parse(OneModel, content, 'line').model
+    _check_spec(bench, desk, spec)
+    desk.line(spec)
+
+
+def cancel(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
+    """End the work that runs."""
+    desk.cancel()
+
+
+def allow(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
+    """Let a file of effects be run."""
+    desk.approve(parse(Allowed, content, 'file').file)
+
+
+def select(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Link map and traces: what is chosen in one is lit in the other."""
+    chosen, view = parse(Selection, content, 'selection'), answers.view_of(desk)
+    if chosen.box is not None:
+        found = maps.in_box(view, chosen.drive, chosen.box)
+    elif chosen.span is not None:
+        found = maps.in_span(view, chosen.drive, *chosen.span)
+    elif chosen.regime is not None:
+        regimes = view.content.get('regimes', [])
+        if chosen.regime >= len(regimes):
+            raise InputError(f'there are {len(regimes)} regimes')
+        found = maps.in_regime(view, regimes[chosen.regime])
+    else:
+        raise InputError('selection: give box, span or regime')
+    drive = str(found.content['drive'])
+    place = (chosen.shown or drive, chosen.start, chosen.stop, chosen.width)
+    return {
+        **found.content,
+        'points': maps.points(view, drive, found.rows, chosen.x, chosen.y),
+        'lit': answers.lit(view, found.rows, *place),
+    }
+
+
+ACTIONS: Mapping[str, Callable[[Bench, Desk, Mapping[str, Any]], dict[str, Any] | None]] = {
+    'step': take,
+    'go': go,
+    'diagnose': diagnose,
+    'discover': discover,
+    'report': report,
+    'bench': record,
+    'line': line,
+    'cancel': cancel,
+    'allow': allow,
+    'select': select,
+}

@@ -1,0 +1,258 @@
+"""Answers to the page: a session's state as JSON, traces as float32."""
+
+import json
+import re
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from power_estimator.effects import Catalogue
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+from wattwalk_core.errors import InputError
+
+from power_lab.diagnose.verdict import in_words
+from power_lab.workbench import maps
+from power_lab.workbench.desk import Desk
+from power_lab.workbench.pyramid import Span, masked
+from power_lab.workbench.session import Session, Step
+from power_lab.workbench.view import Singles, View, with_sum
+
+KEPT = re.compile(r'(session|model_\d+|next_\d+)\.yaml|report_\d+\.html|effects_\d+\.py')
+"""Files of a session that the page may have."""
+SUM = 'sum'
+"""Name of the column that adds up all meters."""
+_MOST_WIDE = 4000  # blocks of a trace
+
+
+def catalogue_content(catalogue: Catalogue) -> list[dict[str, Any]]:
+    """Effects that a model can have, in words."""
+    return [
+        {
+            'name': effect.name,
+            'words': in_words(effect.name),
+            'physics': effect.physics,
+            'formula': effect.formula,
+            'excitation': effect.excitation.text,
+        }
+        for effect in catalogue.physics()
+    ]
+
+
+def state(desk: Desk) -> dict[str, Any]:
+    """All that the page shows but traces and maps."""
+    session, view, job, found = desk.session, desk.view, desk.runner.job, desk.findings
+    return {
+        'revision': desk.revision,
+        'folder': str(desk.folder),
+        'steps': [_step(desk, session, index) for index in range(len(session.steps))],
+        'at': session.at,
+        'recordings': desk.recordings,
+        'opened': list(session.opened.recordings) if session.opened else [],
+        'effect_files': [
+            {'file': file, 'allowed': file in desk.approved} for file in session.effect_files
+        ],
+        'model': None if view is None else view.model,
+        'model_file': session.shaped.model if session.shaped else '',
+        'view': None if view is None else _view(view),
+        'stairs': _stairs(session),
+        'diagnosis': None if found is None else found.content,
+        'previews': [] if found is None else list(found.explained),
+        'job': job.content() if job is not None and job.state == 'running' else None,
+        'error': desk.error,
+        'commands': _commands(desk, session),
+        'learned': desk.learned,
+        'lines': [dict(line) for line in desk.lines],
+        'made': [str(path) for path in desk.recordings_made],
+        'files': sorted(p.name for p in desk.folder.iterdir() if KEPT.fullmatch(p.name)),
+    }
+
+
+def _commands(desk: Desk, session: Session) -> dict[str, str]:
+    if session.opened is None or not desk.spec:
+        return {}
+    return {
+        'compare': desk.commands.compare(session),
+        'diagnose': desk.commands.diagnose(session),
+        'report': desk.commands.diagnose(session, '--report', 'why.html'),
+        'motion': desk.commands.diagnose(session, '--motion', 'next.yaml', '--limits'),
+        'discover': desk.commands.discover(session, 'effect.py'),
+    }
+
+
+def _step(desk: Desk, session: Session, index: int) -> dict[str, Any]:
+    step = session.steps[index]
+    return {
+        'kind': step.kind,
+        'label': label(step),
+        'command': desk.commands.of(session, index),
+        'rmse_w': mean_of(step.rmse_w),
+        'model': step.model,
+    }
+
+
+def label(step: Step) -> str:
+    """A step in a few words."""
+    words = ', '.join(in_words(name) for name in step.effects)
+    if step.kind == 'open':
+        return f'open {", ".join(Path(path).name for path in step.recordings)}'
+    if step.kind in ('load', 'effects'):
+        return f'{"load" if step.kind == "load" else "allow"} {Path(step.file).name}'
+    base = f' on {step.base}' if step.base else ''
+    return f'{step.kind} {words}{base}'
+
+
+def mean_of(errors: Mapping[str, float]) -> float | None:
+    """Root of the mean square over the meters, W."""
+    values = list(errors.values())
+    return maps.short_one(float(np.sqrt(np.mean(np.square(values))))) if values else None
+
+
+def _stairs(session: Session) -> list[dict[str, Any]]:
+    return [
+        {'label': label(step), 'kind': step.kind, 'rmse_w': mean_of(step.rmse_w), 'index': index}
+        for index, step in enumerate(session.done)
+        if step.kind not in ('open', 'effects') and step.rmse_w
+    ]
+
+
+def _view(view: View) -> dict[str, Any]:
+    return {
+        'meters': list(view.meters),
+        'drives': list(view.drives),
+        'recordings': list(view.recordings),
+        'seconds': view.seconds,
+        'judged_seconds': round(len(view.slots) / REDUCED_RATE, 2),
+        'quantities': [{'name': name, 'unit': maps.UNITS_OF.get(name, '')} for name in view.state],
+        'phases': sorted(view.words),
+        'noise': maps.short(view.noise),
+        'noise_w': maps.short_one(float(np.sqrt(np.nanmean(np.square(view.noise))))),
+        'scores': view.content or None,
+    }
+
+
+def view_of(desk: Desk) -> View:
+    """The view of a session; InputError before there is one."""
+    if desk.view is None:
+        raise InputError('no recording is open yet')
+    return desk.view
+
+
+def column(view: View, meter: str) -> int:
+    """Column of a meter or of the sum in traces; InputError for another name."""
+    if meter == SUM:
+        return len(view.meters)
+    if meter in view.meters:
+        return view.meters.index(meter)
+    if len(view.meters) == 1 and meter in view.drives:
+        return 0  # the robot's
+    raise InputError(f'no drive {meter!r}; there are {", ".join([*view.meters, SUM])}')
+
+
+def traces(view: View, meter: str, start: float, stop: float, width: int) -> bytes:
+    """Extremes of measured, estimate and error of a meter from start to stop, in seconds."""
+    own, window = column(view, meter), _window(view, start, stop)
+    most = _most(width)
+    spans = {name: p.span(*window, most) for name, p in view.traces.items()}
+    return _packed(view, spans, own)
+
+
+def lit(
+    view: View, rows: maps.Mask, meter: str, start: float, stop: float, width: int
+) -> dict[str, Any]:
+    """Measured power and error of a meter at the chosen rows alone, as extremes."""
+    own, window, most = column(view, meter), _window(view, start, stop), _most(width)
+    chosen = np.zeros(view.length, bool)
+    chosen[view.slots[rows]] = True
+    values = {'measured': view.measured}
+    if view.residual is not None:
+        values['error'] = -view.residual
+    out: dict[str, Any] = {}
+    for name, given in values.items():
+        one = with_sum(given)[:, own : own + 1]
+        span = masked(view.spread(one), chosen, *window, most)
+        out[name] = maps.short(_woven(span, 0))
+        out['t'] = maps.short(_times(span))
+    return out
+
+
+def preview(
+    view: View, explained: Singles, meter: str, start: float, stop: float, width: int
+) -> bytes:
+    """Error of a meter that would be left with a candidate that explains W [N, M] of it."""
+    if view.residual is None or explained.shape != view.residual.shape:
+        raise InputError('there is no preview of this candidate')
+    own, window = column(view, meter), _window(view, start, stop)
+    if own < len(view.meters):
+        left = (explained - view.residual)[:, own : own + 1]
+    else:
+        left = (explained - view.residual).sum(axis=1, keepdims=True, dtype=np.float32)
+    everywhere = np.ones(view.length, bool)
+    span = masked(view.spread(left), everywhere, *window, _most(width))
+    known = np.isfinite(left) & np.isfinite(view.residual.sum(axis=1, keepdims=True))
+    rms = float(np.sqrt(np.mean(np.square(left[known], dtype=np.float64)))) if known.any() else 0.0
+    return _packed(view, {'preview': span}, 0, {'rmse_w': maps.short_one(rms)})
+
+
+def strip(view: View, width: int) -> dict[str, Any]:
+    """Rms error of every meter over the whole recording, of the power without a model."""
+    values = view.measured if view.residual is None else view.residual
+    count = int(np.clip(width, 20, 400))
+    edges = np.linspace(0, view.length, count + 1)
+    place = np.clip(np.searchsorted(edges, view.slots, side='right') - 1, 0, count - 1)
+    rows = []
+    for meter in range(values.shape[1]):
+        known = np.isfinite(values[:, meter])
+        squares = np.square(np.nan_to_num(values[:, meter]), dtype=np.float64)
+        sums = np.bincount(place, weights=squares, minlength=count)
+        counts = np.bincount(place, weights=known, minlength=count)
+        with np.errstate(invalid='ignore', divide='ignore'):
+            rows.append(maps.short(np.sqrt(np.where(counts > 0, sums / counts, np.nan))))
+    middles = 0.5 * (edges[1:] + edges[:-1]) / REDUCED_RATE
+    return {'t': maps.short(middles), 'meters': list(view.meters), 'z': rows}
+
+
+def _window(view: View, start: float, stop: float) -> tuple[int, int]:
+    if not (np.isfinite(start) and np.isfinite(stop)):
+        raise InputError('give the span in seconds')
+    low, high = sorted((start, stop))
+    first = int(np.clip(np.floor(low * REDUCED_RATE), 0, max(view.length - 2, 0)))
+    last = int(np.clip(np.ceil(high * REDUCED_RATE) + 1, first + 2, view.length))
+    return first, last
+
+
+def _most(width: int) -> int:
+    return int(np.clip(width // 2, 20, _MOST_WIDE))
+
+
+def _times(span: Span) -> Singles:
+    """Seconds of each value of `_woven`: the block's two halves, or the slots themselves."""
+    if span.step == 1:
+        return np.asarray(span.centres / REDUCED_RATE, np.float32)
+    quarter = span.step / 4
+    both = np.stack([span.centres - quarter, span.centres + quarter], axis=1)
+    return np.asarray(both.ravel() / REDUCED_RATE, np.float32)
+
+
+def _woven(span: Span, own: int) -> Singles:
+    """Least and greatest value of each block in turn; the values themselves of single slots."""
+    if span.step == 1:
+        return np.ascontiguousarray(span.low[:, own])
+    return np.stack([span.low[:, own], span.high[:, own]], axis=1).ravel()
+
+
+def _packed(
+    view: View, spans: Mapping[str, Span], own: int, more: Mapping[str, Any] | None = None
+) -> bytes:
+    first = next(iter(spans.values()))
+    arrays: Sequence[tuple[str, Singles]] = [
+        ('t', _times(first)),
+        *((name, _woven(span, own)) for name, span in spans.items()),
+    ]
+    header = json.dumps(
+        {'arrays': [[name, len(values)] for name, values in arrays], **(more or {})}
+    ).encode()
+    header += b' ' * (-(4 + len(header)) % 4)
+    parts = [struct.pack('<I', len(header)), header]
+    return b''.join([*parts, *(np.asarray(values, '<f4').tobytes() for _, values in arrays)])

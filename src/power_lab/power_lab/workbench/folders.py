@@ -1,0 +1,110 @@
+"""Folders that were named: the only places that the page may read from."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from power_recordings.card import FILE, Card
+from power_recordings.reading.bag_folder import find
+from wattwalk_core.errors import InputError
+
+_DEPTH = 3
+_MOST = 500  # recordings that are listed
+
+
+@dataclass(frozen=True)
+class Folders:
+    """Roots below which recordings, models and logs are found; all others are refused."""
+
+    roots: tuple[Path, ...]
+
+    @classmethod
+    def of(cls, named: Sequence[Path]) -> 'Folders':
+        """Roots of the paths that were named, their links resolved."""
+        return cls(tuple(dict.fromkeys(path.resolve() for path in named if path.exists())))
+
+    def with_root(self, path: Path) -> 'Folders':
+        """The same with one more."""
+        return Folders(tuple(dict.fromkeys([*self.roots, path.resolve()])))
+
+    def within(self, given: str) -> Path:
+        """
+        Return a path that exists below a root, without links.
+
+        InputError for any other, whether it exists or not.
+        """
+        refused = InputError(
+            f'{given!r} is not in a folder that was named when the workbench was opened'
+        )
+        if '\0' in given or not given:
+            raise refused
+        try:
+            path = Path(given).resolve()
+        except (OSError, RuntimeError):
+            raise refused from None
+        if not any(path == root or root in path.parents for root in self.roots):
+            raise refused
+        if not path.exists():
+            raise InputError(f'{given!r} does not exist')
+        return path
+
+    def recordings(self) -> list[dict[str, Any]]:
+        """Recordings below the roots: path, name, and what the card says, unread."""
+        found: dict[Path, dict[str, Any]] = {}
+        for root in self.roots:
+            for path in _bags(root, _DEPTH):
+                if len(found) < _MOST and path not in found:
+                    found[path] = _described(path)
+        return sorted(found.values(), key=lambda one: str(one['path']))
+
+    def files(self, suffixes: Sequence[str]) -> list[str]:
+        """Files below the roots with one of the suffixes."""
+        found = {
+            str(path)
+            for root in self.roots
+            for path in _files(root, _DEPTH)
+            if path.suffix.lower() in suffixes
+        }
+        return sorted(found)[:_MOST]
+
+
+def _bags(folder: Path, depth: int) -> Iterator[Path]:
+    """Bag folders; a link is not followed, so that nothing outside a root is listed."""
+    if folder.is_file():
+        if folder.suffix in ('.mcap', '.db3'):
+            yield folder
+        return
+    if (folder / 'metadata.yaml').exists() or any(folder.glob('*.mcap')):
+        yield folder
+        return
+    for inner in _inner(folder) if depth else ():
+        if inner.is_dir():
+            yield from _bags(inner, depth - 1)
+
+
+def _files(folder: Path, depth: int) -> Iterator[Path]:
+    if folder.is_file():
+        yield folder
+        return
+    for inner in _inner(folder) if depth else ():
+        yield from _files(inner, depth - 1)
+
+
+def _inner(folder: Path) -> list[Path]:
+    try:
+        return sorted(
+            p for p in folder.iterdir() if not p.is_symlink() and not p.name.startswith('.')
+        )
+    except OSError:
+        return []
+
+
+def _described(path: Path) -> dict[str, Any]:
+    out: dict[str, Any] = {'path': str(path), 'name': path.name}
+    try:
+        folder = find(path).folder
+        card = Card.load(folder) if (folder / FILE).exists() else Card()
+    except InputError as error:
+        return {**out, 'problem': str(error)}
+    return {**out, 'robot': card.robot, 'controller': card.controller, 'drives': len(card.drives)}

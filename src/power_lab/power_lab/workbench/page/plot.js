@@ -1,0 +1,59 @@
+// Plots in the page's colours; nothing but Plotly draws.
+
+const style = () => getComputedStyle(document.documentElement);
+export const color = (name) => style().getPropertyValue(`--${name}`).trim();
+
+const drawn = new Map();
+
+export function layout(more) {
+  const axis = {
+    gridcolor: color('grid'), zerolinecolor: color('line'), linecolor: color('line'),
+    tickfont: { size: 12 }, title: { font: { size: 13 }, standoff: 6 },
+  };
+  const out = {
+    paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', showlegend: false,
+    font: { color: color('text'), family: 'system-ui, "DejaVu Sans", sans-serif', size: 13 },
+    margin: { l: 58, r: 12, t: 10, b: 42 }, hovermode: 'closest', uirevision: 'same',
+    legend: { orientation: 'h', x: 0, y: 1.02, yanchor: 'bottom' }, hoverlabel: { font: { size: 12 } },
+    newselection: { line: { color: color('lit'), width: 2 } }, activeselection: { fillcolor: color('lit'), opacity: 0.12 },
+    ...more,
+  };
+  for (const name of Object.keys(out)) if (/^[xy]axis/.test(name)) out[name] = { ...axis, ...out[name], title: { ...axis.title, ...(out[name].title || {}) } };
+  return out;
+}
+
+/** Draw a figure; make() returns [data, layout] and is called again when colours change. */
+export async function draw(node, words, make) {
+  node.setAttribute('role', 'img');
+  node.setAttribute('aria-label', words);
+  drawn.set(node, make);
+  const [data, given] = make();
+  await window.Plotly.react(node, data, layout(given), {
+    responsive: true, displayModeBar: false, doubleClick: false, showTips: false,
+  });
+}
+
+export const on = (node, event, work) => {
+  if (!node.listened) node.listened = new Set();
+  if (node.listened.has(event)) return;
+  node.listened.add(event);
+  node.on(event, work);
+};
+
+export async function save(node, format, name) {
+  await window.Plotly.downloadImage(node, { format, filename: name, width: 1200, height: 600 });
+}
+
+export const diverging = () => {
+  const dark = window.matchMedia('(prefers-color-scheme: dark)').matches;
+  const middle = dark ? '#3a3f45' : '#f2f2f2';
+  return [[0, '#2166ac'], [0.25, '#67a9cf'], [0.5, middle], [0.75, '#ef8a62'], [1, '#b2182b']];
+};
+
+window.matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
+  for (const [node, make] of drawn) {
+    if (!node.isConnected) { drawn.delete(node); continue; }
+    const [data, given] = make();
+    window.Plotly.react(node, data, layout(given));
+  }
+});

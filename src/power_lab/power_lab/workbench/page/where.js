@@ -1,0 +1,160 @@
+// Where the model fails: regimes in words, a map of the error over two quantities, marks both ways.
+
+import { attempt, bench, choices, fill, find, get, h, post } from './dom.js';
+import { color, diverging, draw, on, save } from './plot.js';
+import { place, render as renderTraces } from './traces.js';
+
+const PRESETS = [
+  ['velocity', 'torque', 'torque and speed'], ['position', 'velocity', 'position'],
+  ['acceleration', 'velocity', 'acceleration'], ['time', 'torque', 'time'],
+  ['temperature', 'torque', 'temperature'],
+];
+let parts = null;
+let map = null;
+let asked = 0;
+
+const own = () => (bench.state.view.drives.includes(bench.drive) ? bench.drive : bench.state.view.drives[0]);
+const words = (name) => name.replaceAll('_', ' ');
+
+function build() {
+  const plot = h('div', { class: 'plot map', id: 'plot-map' });
+  const curve = h('div', { class: 'plot low', id: 'plot-curve' });
+  const regimes = h('ul', { class: 'plain', id: 'regimes' });
+  const told = h('p', { class: 'selection', id: 'selection', role: 'status', hidden: true });
+  const clear = h('button', { type: 'button', hidden: true, onclick: () => mark(null, true) }, 'Clear the mark');
+  const axes = h('div', { class: 'row' });
+  const box = h('div', { class: 'row' });
+  parts = { plot, curve, regimes, told, clear, axes, box };
+  fill(find('where-body'),
+    h('h3', {}, 'Where the error is largest'),
+    h('p', { class: 'faint' }, 'Press one to see it on the map and in the traces.'), regimes,
+    told, clear, axes,
+    h('div', { class: 'pair' }, plot, h('div', {}, curve, h('p', { class: 'faint', id: 'phases' }))),
+    h('details', {}, h('summary', {}, 'Exact box, pictures'), box));
+}
+
+export function update() {
+  if (!parts) build();
+  const { view } = bench.state;
+  const names = view.quantities.map((one) => one.name);
+  if (!names.includes(bench.x)) bench.x = names[0];
+  if (!names.includes(bench.y)) bench.y = names[1] || names[0];
+  const regimes = (view.scores && view.scores.regimes) || [];
+  fill(parts.regimes, regimes.map((regime, index) => h('li', {},
+    h('button', { type: 'button', class: 'link', onclick: () => pick(regime, index) }, `${regime.text} (${regime.seconds.toFixed(0)} s)`))));
+  if (!regimes.length) fill(parts.regimes, h('li', {}, 'No state stands out: what is left looks the same everywhere.'));
+  axes(names);
+  load();
+}
+
+function axes(names) {
+  const select = (label, value, chosen) => h('label', {}, `${label} `, h('select', { onchange: (event) => chosen(event.target.value) },
+    names.map((name) => h('option', { value: name, selected: name === value }, words(name)))));
+  const known = PRESETS.filter(([x, y]) => names.includes(x) && names.includes(y));
+  const now = known.find(([x, y]) => x === bench.x && y === bench.y);
+  fill(parts.axes,
+    choices('Over', 'map', known.map(([x, y, label]) => ({ value: `${x} ${y}`, label })), now ? `${now[0]} ${now[1]}` : '', (value) => setAxes(...value.split(' '))),
+    select('across', bench.x, (value) => setAxes(value, bench.y)), select('up', bench.y, (value) => setAxes(bench.x, value)));
+  const fields = ['x0', 'x1', 'y0', 'y1'].map((key) => h('input', { type: 'number', step: 'any', 'aria-label': { x0: 'Across from', x1: 'Across to', y0: 'Up from', y1: 'Up to' }[key] }));
+  const go = () => markBox([Number(fields[0].value), Number(fields[1].value)], [Number(fields[2].value), Number(fields[3].value)]);
+  fill(parts.box, words(bench.x), fields[0], '–', fields[1], words(bench.y), fields[2], '–', fields[3],
+    h('button', { type: 'button', onclick: go }, 'Mark'),
+    h('button', { type: 'button', onclick: () => save(parts.plot, 'svg', `map_${own()}`) }, 'SVG'),
+    h('button', { type: 'button', onclick: () => save(parts.plot, 'png', `map_${own()}`) }, 'PNG'));
+}
+
+function setAxes(x, y) {
+  [bench.x, bench.y] = [x, y];
+  axes(bench.state.view.quantities.map((one) => one.name));
+  load();
+  if (bench.choice) mark(bench.choice, true);
+}
+
+async function load() {
+  const turn = ++asked;
+  const found = await attempt(() => get('map', { drive: own(), x: bench.x, y: bench.y }));
+  if (!found || turn !== asked) return;
+  map = found;
+  render();
+}
+
+function render() {
+  const { points } = bench.selection || {};
+  const same = bench.selection && bench.selection.drive === own();
+  draw(parts.plot, `Mean error of ${own()} over ${words(bench.x)} and ${words(bench.y)}.`, () => [[
+    {
+      type: 'heatmap', x: map.x, y: map.y, z: map.z, zmin: -map.limit, zmax: map.limit, colorscale: diverging(),
+      colorbar: { title: { text: 'W' }, thickness: 12, len: 0.95 }, hovertemplate: '%{x:.3g}, %{y:.3g}: %{z:.2f} W<extra></extra>',
+    },
+    {
+      type: 'scatter', mode: 'markers', x: same ? points.x : [map.x[0]], y: same ? points.y : [map.y[0]], hoverinfo: 'skip',
+      marker: { color: color('lit'), size: same ? 4 : 1, opacity: same ? 0.75 : 0, line: { width: 0 } },
+      selected: { marker: { opacity: same ? 0.75 : 0 } }, unselected: { marker: { opacity: same ? 0.75 : 0 } },
+    },
+  ], {
+    dragmode: 'select', selections: [], uirevision: `${bench.x} ${bench.y}`,
+    xaxis: { title: { text: `${words(bench.x)} in ${map.x_unit}` }, fixedrange: true },
+    yaxis: { title: { text: `${words(bench.y)} in ${map.y_unit}` }, fixedrange: true },
+  }]);
+  on(parts.plot, 'plotly_selected', (event) => {
+    if (event && event.range && event.range.y) markBox(event.range.x, event.range.y);
+  });
+  draw(parts.curve, `Mean error of ${own()} over ${words(bench.x)}.`, () => [[{
+    type: 'scatter', mode: 'lines+markers', x: map.curve.map((p) => p[0]), y: map.curve.map((p) => p[1]),
+    line: { color: color('base'), width: 2 }, marker: { size: 5 }, hovertemplate: '%{x:.3g}: %{y:.2f} W<extra></extra>',
+  }], {
+    xaxis: { title: { text: `${words(bench.x)} in ${map.x_unit}` }, fixedrange: true },
+    yaxis: { title: { text: 'mean error in W' }, fixedrange: true, zeroline: true },
+  }]);
+  const groups = map.groups || [];
+  find('phases').textContent = groups.length
+    ? `By group: ${groups.map((one) => `${one.name} ${one.bias_w > 0 ? '+' : ''}${one.bias_w} W mean, ${one.rmse_w} W rms (${one.seconds} s)`).join('; ')}.` : '';
+}
+
+const markBox = (x, y) => mark({ drive: own(), box: { [bench.x]: [x[0], x[1]], [bench.y]: [y[0], y[1]] } });
+
+function pick(regime, index) {
+  const key = Object.keys(regime.bounds)[0];
+  const x = { speed: 'velocity', torque: 'velocity' }[key] || key;
+  const wanted = PRESETS.find(([across]) => across === x);
+  if (wanted) [bench.x, bench.y] = wanted;
+  axes(bench.state.view.quantities.map((one) => one.name));
+  if (bench.drive !== 'sum' && bench.state.view.drives.includes(regime.drive)) bench.drive = regime.drive;
+  const radio = document.querySelector(`input[name="drive"][value="${CSS.escape(bench.drive)}"]`);
+  if (radio && !radio.checked) radio.click();
+  mark({ drive: regime.drive, regime: index });
+  load();
+}
+
+/** Mark a span of the traces, in seconds; null marks what is marked anew. */
+export const markSpan = (span) => mark(span ? { drive: own(), span: [...span] } : bench.choice);
+
+let turn = 0;
+
+/** Light up a choice on the map and in the traces. */
+export async function mark(choice) {
+  const mine = ++turn;
+  bench.choice = choice;
+  if (!choice) {
+    bench.selection = null;
+    parts.told.hidden = parts.clear.hidden = true;
+    render();
+    renderTraces();
+    return;
+  }
+  const { drive: shown, from, to, width } = place();
+  const found = await attempt(() => post('select', { ...choice, x: bench.x, y: bench.y, shown, start: from, stop: to, width }));
+  if (!found || mine !== turn) return;
+  bench.selection = found;
+  parts.told.textContent = found.sentence;
+  parts.told.hidden = parts.clear.hidden = false;
+  if (map) render();
+  renderTraces();
+}
+
+export function driveChanged() {
+  if (!parts) return;
+  if (bench.choice && !('span' in bench.choice) && bench.choice.drive !== own()) mark(null);
+  else if (bench.choice && 'span' in bench.choice) mark({ ...bench.choice, drive: own() });
+  load();
+}

@@ -1,0 +1,87 @@
+"""Least and greatest values of signals in blocks, so that any span is drawn at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Singles = NDArray[np.float32]
+
+FACTOR = 4
+"""Blocks of one level in a block of the next."""
+_BROADEST = 4096
+"""Blocks that the last level may have."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """Least and greatest value of each block of a span; NaN where a block has none."""
+
+    start: int  # slot at which the first block begins
+    step: int  # slots of a block
+    low: Singles  # [K, M]
+    high: Singles  # [K, M]
+
+    @property
+    def centres(self) -> NDArray[np.float64]:
+        """Middle of each block in slots [K]."""
+        blocks = np.arange(len(self.low), dtype=np.float64)
+        return np.asarray(self.start + self.step * (blocks + 0.5) - 0.5, np.float64)
+
+
+class Pyramid:
+    """Signals of M columns on evenly spaced slots, with their extremes at every level."""
+
+    def __init__(self, values: Singles) -> None:
+        """values: [N, M], NaN where nothing is known."""
+        self._levels: list[tuple[Singles, Singles]] = [(values, values)]
+        while len(self._levels[-1][0]) > _BROADEST:
+            low, high = self._levels[-1]
+            self._levels.append((_blocks(low, np.fmin), _blocks(high, np.fmax)))
+
+    @property
+    def length(self) -> int:
+        """Slots."""
+        return len(self._levels[0][0])
+
+    def span(self, start: int, stop: int, most: int) -> Span:
+        """
+        Extremes from start to stop in about `most` blocks, at most twice as many.
+
+        What is drawn of them is what would be drawn of all samples, whatever the span.
+        """
+        start, stop = max(0, start), min(self.length, stop)
+        stop = max(stop, start)
+        wanted = max(1, -(-(stop - start) // max(1, most)))
+        level = 0
+        while level + 1 < len(self._levels) and FACTOR ** (level + 1) <= wanted:
+            level += 1
+        size = FACTOR**level
+        first, last = start // size, -(-stop // size)
+        low, high = (values[first:last] for values in self._levels[level])
+        joined = max(1, wanted // size)
+        if joined > 1:
+            low, high = _joined(low, joined, np.fmin), _joined(high, joined, np.fmax)
+        return Span(first * size, size * joined, low, high)
+
+
+def masked(values: Singles, rows: NDArray[np.bool_], start: int, stop: int, most: int) -> Span:
+    """Extremes [K, M] of the chosen slots [N] alone, in at most `most` blocks."""
+    start, stop = max(0, start), max(max(0, start), min(len(values), stop))
+    part = np.where(rows[start:stop, None], values[start:stop], np.float32(np.nan))
+    step = max(1, -(-(stop - start) // max(1, most)))
+    if step == 1:
+        return Span(start, 1, part, part)
+    return Span(start, step, _joined(part, step, np.fmin), _joined(part, step, np.fmax))
+
+
+def _blocks(values: Singles, extreme: np.ufunc) -> Singles:
+    return _joined(values, FACTOR, extreme)
+
+
+def _joined(values: Singles, count: int, extreme: np.ufunc) -> Singles:
+    if not len(values):
+        return values
+    starts = np.arange(0, len(values), count)
+    out: Singles = extreme.reduceat(values, starts, axis=0)
+    return out

@@ -1,0 +1,100 @@
+"""The command that does what a step or a button of the page does."""
+
+import os
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from power_lab.workbench.session import Session, Step
+
+
+def shown_path(path: str | Path) -> str:
+    """A path as one would type it: relative where it lies below the present folder."""
+    text = os.path.relpath(path)
+    return str(path) if text.startswith('..') else text
+
+
+class Commands:
+    """Commands of a session in its folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def of(self, session: Session, index: int) -> str:
+        """The command of a step of the history."""
+        before, step = session.go(index), session.steps[index]
+        opened, spec = before.opened, before.spec(self._folder)
+        output = self._folder / step.model
+        if step.kind == 'open':
+            return _joined('power_recordings info', [*map(shown_path, step.recordings)])
+        if step.kind == 'effects':
+            return _joined('power_lab fit BAG', ['--effects-path', shown_path(step.file)])
+        if opened is None:
+            return ''
+        bags = [*map(shown_path, opened.recordings)]
+        if step.kind == 'load':
+            return self.compare(before, self._spec(step.file))
+        if step.kind == 'add':
+            words = ['add', *step.effects, '--to', self._spec(spec), '--bag', *bags]
+            return self._power_lab(before, [*words, '-o', shown_path(output), *_options(step)])
+        effects: Sequence[str] = step.effects
+        if step.kind == 'remove':
+            effects = [name for name in effects_before(before) if name not in step.effects]
+        words = ['fit', *bags, '--effects', ','.join(effects)]
+        words += ['--base', step.base] if step.base else []
+        return self._power_lab(before, [*words, '-o', shown_path(output), *_options(step)])
+
+    def compare(self, session: Session, spec: str = '') -> str:
+        """The command that judges the present model."""
+        model = spec or self._spec(session.spec(self._folder))
+        return self._power_lab(session, ['compare', *self._bags(session), '--models', model])
+
+    def diagnose(self, session: Session, *more: str) -> str:
+        """The command that finds out which effect the present model misses."""
+        model = self._spec(session.spec(self._folder))
+        words = ['diagnose', *self._bags(session), '--model', model, *more]
+        return self._power_lab(session, words)
+
+    def discover(self, session: Session, output: str) -> str:
+        """The command that learns what no catalogue has."""
+        model = self._spec(session.spec(self._folder))
+        words = ['discover', *self._bags(session), '--model', model, '-o', shown_path(output)]
+        return self._power_lab(session, words)
+
+    def _bags(self, session: Session) -> list[str]:
+        return [] if session.opened is None else [*map(shown_path, session.opened.recordings)]
+
+    def _spec(self, spec: str) -> str:
+        return shown_path(spec) if spec.endswith(('.yaml', '.yml')) else spec
+
+    def _power_lab(self, session: Session, words: Sequence[str]) -> str:
+        opened, more = session.opened, []
+        if opened is not None:
+            more += ['--drives', *opened.drives] if opened.drives else []
+            more += ['--slow'] if opened.slow else []
+            more += ['--anyway'] if opened.anyway else []
+        if session.effect_files:
+            more += ['--effects-path', *map(shown_path, session.effect_files)]
+        return _joined('power_lab', [*words, *more])
+
+
+def effects_before(session: Session) -> list[str]:
+    """Effects that the steps of a session have put into the present model, where these tell."""
+    names: list[str] = []
+    for step in session.done:
+        if step.kind == 'fit':
+            names = list(step.effects)
+        elif step.kind == 'add':
+            names += step.effects
+        elif step.kind == 'remove':
+            names = [name for name in names if name not in step.effects]
+    return names
+
+
+def _options(step: Step) -> list[str]:
+    per = ['--per', step.per] if step.per != 'type' else []
+    return [*per, '--seed', str(step.seed)] if step.seed else per
+
+
+def _joined(command: str, words: Sequence[str]) -> str:
+    return f'ros2 run {command} {shlex.join(words)}'

@@ -1,0 +1,143 @@
+"""One model on the recordings as arrays that a page is drawn from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+
+from power_lab.compare.comparison import Comparison, describe_state
+from power_lab.compare.regimes import standstill
+from power_lab.recordings import Loaded
+from power_lab.workbench.pyramid import Pyramid
+
+Singles = NDArray[np.float32]
+
+_LONGEST_GAP = 60.0  # s, that is shown as long as it was
+_BETWEEN = 2.0  # s, between two recordings
+
+
+@dataclass(frozen=True)
+class View:
+    """
+    Measured power, the model's residual and the state of the drives, at 50 Hz.
+
+    N rows lie on `slots` of 20 ms in the order in which they are shown; slots without a row are
+    gaps. M meters are the drives, or the robot. `content` is what `compare --json` writes of this
+    one model, empty without a model.
+    """
+
+    meters: tuple[str, ...]
+    drives: tuple[str, ...]
+    recordings: tuple[str, ...]
+    slots: NDArray[np.int64]  # [N], ascending
+    recording: NDArray[np.int32]  # [N]
+    measured: Singles  # W [N, M]
+    residual: Singles | None  # measured − estimated, W [N, M], held out
+    state: Mapping[str, Singles]  # [N, D]
+    words: Mapping[str, NDArray[np.str_]]  # [N, D]
+    noise: Singles  # W [M]
+    still: tuple[float, ...]  # rad/s [D], below which a drive is at rest
+    content: Mapping[str, Any]
+    model: Mapping[str, Any] | None
+
+    @property
+    def length(self) -> int:
+        """Slots from the first to the last row."""
+        return int(self.slots[-1]) + 1 if len(self.slots) else 0
+
+    @property
+    def seconds(self) -> float:
+        """Length as it is shown."""
+        return self.length / REDUCED_RATE
+
+    def spread(self, values: Singles) -> Singles:
+        """Values of the rows [N, …] on their slots, NaN in the gaps."""
+        out = np.full((self.length, *values.shape[1:]), np.nan, np.float32)
+        out[self.slots] = values
+        return out
+
+    @cached_property
+    def traces(self) -> Mapping[str, Pyramid]:
+        """Measured, estimate and error (estimate − measured) by meter, the sum as last column."""
+        out = {'measured': self.measured}
+        if self.residual is not None:
+            out |= {'estimate': self.measured - self.residual, 'error': -self.residual}
+        return {name: Pyramid(self.spread(with_sum(values))) for name, values in out.items()}
+
+
+def with_sum(values: Singles) -> Singles:
+    """Values [N, M] with their sum as a last column, NaN where one of them is."""
+    total = values.sum(axis=1, keepdims=True, dtype=np.float32)
+    return np.concatenate([values, total], axis=1)
+
+
+def slots_of(prepared: Prepared) -> NDArray[np.int64]:
+    """Slot of each row: recordings one after another, long gaps shortened to a minute."""
+    step = np.diff(prepared.time, prepend=prepared.time[:1])
+    another = np.diff(prepared.recording, prepend=prepared.recording[:1]) != 0
+    step = np.where(another, _BETWEEN, np.clip(step, 0.0, _LONGEST_GAP))
+    places = np.rint(np.cumsum(step) * REDUCED_RATE).astype(np.int64)
+    # Two rows never share a slot, though their times may be a little less than a slot apart.
+    ordered: NDArray[np.int64] = np.maximum.accumulate(places - np.arange(len(places)))
+    return ordered + np.arange(len(places))
+
+
+def measured_view(loaded: Loaded, prepared: Prepared) -> View:
+    """Recordings without a model."""
+    state, words = describe_state(prepared, loaded)
+    return _view(prepared, prepared.power_at(0.0), None, state, words, {}, None)
+
+
+def judged_view(comparison: Comparison, model: Mapping[str, Any]) -> View:
+    """Return the first model of a comparison; model: its effects and coefficients in words."""
+    judged, content = comparison.models[0], comparison.json()
+    shown = {
+        **content['models'][0],
+        'seconds': content['seconds'],
+        'sensor_noise_w': content['sensor_noise_w'],
+    }
+    return _view(
+        comparison.prepared,
+        judged.measured,
+        judged.residual,
+        comparison.state,
+        comparison.labels,
+        shown,
+        model,
+    )
+
+
+def _view(
+    prepared: Prepared,
+    measured: NDArray[np.float64],
+    residual: NDArray[np.float64] | None,
+    state: Mapping[str, NDArray[np.float64]],
+    words: Mapping[str, NDArray[np.str_]],
+    content: Mapping[str, Any],
+    model: Mapping[str, Any] | None,
+) -> View:
+    scale = prepared.signals.scale
+    return View(
+        meters=prepared.names,
+        drives=prepared.signals.names,
+        recordings=prepared.recordings,
+        slots=slots_of(prepared),
+        recording=prepared.recording,
+        measured=measured.astype(np.float32),
+        residual=None if residual is None else residual.astype(np.float32),
+        state={
+            name: values.astype(np.float32)
+            for name, values in state.items()
+            if np.isfinite(values).any() and np.ptp(values[np.isfinite(values)]) > 0
+        },
+        words=dict(words),
+        noise=prepared.noise.astype(np.float32),
+        still=tuple(standstill(scale, drive) for drive in range(len(prepared.signals.names))),
+        content=content,
+        model=model,
+    )

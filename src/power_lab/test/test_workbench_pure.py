@@ -1,0 +1,176 @@
+"""Parts of the workbench without a server: sessions, pyramids, ranges of state."""
+
+import numpy as np
+import pytest
+import yaml
+from power_lab.workbench import maps
+from power_lab.workbench.folders import Folders
+from power_lab.workbench.pyramid import Pyramid, masked
+from power_lab.workbench.session import Session, Step
+from power_lab.workbench.view import View
+from wattwalk_core.errors import InputError
+
+OPEN = Step('open', recordings=('bags/walk',), sha256=('a1',))
+FIT = Step('fit', effects=('shaft', 'idle'), model='model_1.yaml', rmse_w={'A': 2.0})
+ADD = Step('add', effects=('load_friction',), model='model_2.yaml', rmse_w={'A': 1.0})
+
+
+def test_a_session_is_the_same_after_it_was_written_and_read(tmp_path):
+    session = Session().do(OPEN).do(FIT).do(ADD).undo()
+    session.save(tmp_path)
+    assert Session.read(tmp_path) == session
+    assert yaml.safe_load((tmp_path / 'session.yaml').read_text())['at'] == 2
+
+
+def test_undo_and_redo_move_through_the_history_and_a_new_step_forgets_what_was_undone(tmp_path):
+    session = Session().do(OPEN).do(FIT).do(ADD)
+    assert session.spec(tmp_path) == str(tmp_path / 'model_2.yaml')
+    back = session.undo()
+    assert back.spec(tmp_path) == str(tmp_path / 'model_1.yaml')
+    assert back.redo() == session
+    other = back.do(Step('remove', effects=('idle',)))
+    assert [step.kind for step in other.steps] == ['open', 'fit', 'remove']
+    with pytest.raises(InputError, match='again'):
+        other.redo()
+    with pytest.raises(InputError, match='undo'):
+        Session().undo()
+
+
+def test_no_two_steps_write_the_same_model():
+    session = Session().do(OPEN)
+    names = []
+    for _ in range(3):
+        names.append(session.next_model())
+        session = session.do(Step('fit', effects=('shaft',), model=names[-1])).undo()
+    session = session.redo()
+    assert session.next_model() not in {step.model for step in session.steps}
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('format: workbench_session/1\nat: 3\nsteps: []\n', '3 of 0'),
+        ('format: other\n', 'workbench_session/1'),
+        ('steps: [{kind: fit}]\nat: 1\n', 'needs effects'),
+        ('steps: [{kind: load, file: a.yaml, model: ../../x.yaml}]\nat: 1\n', 'beside'),
+        ('steps: [{kind: run, file: a}]\nat: 1\n', 'kind'),
+    ],
+)
+def test_a_session_that_is_none_is_refused_in_one_line(tmp_path, text, said):
+    file = tmp_path / 'session.yaml'
+    file.write_text(text)
+    with pytest.raises(InputError, match=said) as error:
+        Session.read(file)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ('start', 'stop', 'most'), [(0, 40_000, 500), (17, 30_011, 90), (5, 9, 9)]
+)
+def test_extremes_of_a_span_are_those_of_all_its_samples(start, stop, most):
+    values = np.random.default_rng(1).normal(size=(40_000, 2)).astype(np.float32)
+    values[1000:1400] = np.nan
+    span = Pyramid(values).span(start, stop, most)
+    assert len(span.low) <= 2 * most + 2
+    for block in range(len(span.low)):
+        own = values[span.start + block * span.step : span.start + (block + 1) * span.step]
+        known = own[np.isfinite(own[:, 0])]
+        if len(known):
+            assert span.low[block].tolist() == known.min(axis=0).tolist()
+            assert span.high[block].tolist() == known.max(axis=0).tolist()
+        else:
+            assert np.isnan(span.low[block]).all()
+    assert span.start <= start
+    assert span.start + span.step * len(span.low) >= stop
+
+
+def test_extremes_of_marked_rows_are_of_these_alone():
+    values = np.arange(10, dtype=np.float32)[:, None]
+    rows = np.isin(np.arange(10), (2, 3, 8))
+    span = masked(values, rows, 0, 10, 5)
+    assert span.step == 2
+    assert span.low[:, 0].tolist()[1] == 2.0
+    assert span.high[:, 0].tolist()[1] == 3.0
+    assert np.isnan(span.low[:, 0]).tolist() == [True, False, True, True, False]
+
+
+def view(error, torque, velocity):
+    """One drive at 50 Hz; error is estimate − measured."""
+    error, torque, velocity = (np.array(x, np.float32)[:, None] for x in (error, torque, velocity))
+    return View(
+        meters=('A',),
+        drives=('A',),
+        recordings=('walk',),
+        slots=np.arange(len(error)),
+        recording=np.zeros(len(error), np.int32),
+        measured=np.full_like(error, 10.0),
+        residual=-error,
+        state={'torque': torque, 'velocity': velocity},
+        words={},
+        noise=np.array([0.1], np.float32),
+        still=(0.1,),
+        content={'drives': {}},
+        model=None,
+    )
+
+
+def test_a_box_chooses_the_rows_inside_and_tells_the_error_inside_and_outside():
+    shown = view([3, 3, 0, 0, 1, 1], [5, 5, 5, 20, 20, 20], [1, 2, 9, 1, 1, 1])
+    found = maps.in_box(shown, 'A', {'torque': (0, 10), 'velocity': (0, 5)})
+    assert found.rows.tolist() == [True, True, False, False, False, False]
+    assert found.content['bias_w'] == pytest.approx(3.0)
+    assert found.content['rmse_w'] == pytest.approx(3.0)
+    assert found.content['rmse_outside_w'] == pytest.approx(np.sqrt(0.5), rel=1e-4)
+    assert found.content['share'] == pytest.approx(0.9)
+    assert found.content['sentence'].startswith('A, torque 0 to 10 N·m, velocity 0 to 5 rad/s: ')
+    assert '3 W too high' in found.content['sentence']
+
+
+def test_a_regime_chooses_driving_braking_and_rest_and_an_open_range_has_no_end():
+    shown = view([1] * 6, [100, -100, 100, 5, 100, -100], [1, 1, -1, 1, 0.05, -1])
+    bounds = {'torque': [20.0, 80.0], 'speed': [0.3, 3.0]}
+
+    def rows(words, bounds=bounds):
+        regime = {'drive': 'A', 'conditions': words, 'bounds': bounds}
+        return np.flatnonzero(maps.in_regime(shown, regime).rows).tolist()
+
+    assert rows(['driving', 'above 20 N·m', '0.3 to 3 rad/s']) == [0, 5]
+    assert rows(['braking', 'above 20 N·m', '0.3 to 3 rad/s']) == [1, 2]
+    assert rows(['at rest', 'above 20 N·m'], {'torque': [20.0, 80.0]}) == [4]
+    assert rows(['driving', '20 to 80 N·m', '0.3 to 3 rad/s']) == []
+
+
+def test_a_span_chooses_the_rows_of_its_seconds():
+    shown = view([0] * 100, [1] * 100, [1] * 100)
+    found = maps.in_span(shown, 'A', 1.0, 0.5)
+    assert np.flatnonzero(found.rows).tolist() == list(range(25, 51))
+
+
+def test_unknown_names_of_drives_and_quantities_are_refused():
+    shown = view([0] * 6, [1] * 6, [1] * 6)
+    with pytest.raises(InputError, match='no drive'):
+        maps.error_map(shown, 'B', 'torque', 'velocity')
+    with pytest.raises(InputError, match='no quantity'):
+        maps.in_box(shown, 'A', {'colour': (0, 1)})
+
+
+def test_only_what_lies_in_a_named_folder_is_found(tmp_path):
+    inside, outside = tmp_path / 'bags', tmp_path / 'secret'
+    (inside / 'walk').mkdir(parents=True)
+    outside.mkdir()
+    (inside / 'walk' / 'walk.mcap').touch()
+    (outside / 'other.mcap').touch()
+    (inside / 'link').symlink_to(outside)
+    folders = Folders.of([inside])
+    assert [one['name'] for one in folders.recordings()] == ['walk']
+    assert folders.within(str(inside / 'walk')) == (inside / 'walk').resolve()
+    for given in (
+        inside / '..' / 'secret',
+        inside / 'link' / 'other.mcap',
+        outside,
+        '/etc/passwd',
+        f'{inside}\0',
+        '',
+    ):
+        with pytest.raises(InputError, match='not in a folder'):
+            folders.within(str(given))
