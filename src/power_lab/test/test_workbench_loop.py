@@ -10,7 +10,7 @@ from power_lab.commands import add as add_command
 from power_lab.commands import compare as compare_command
 from power_lab.commands import fit as fit_command
 from power_lab.commands import replay_session as replay_command
-from power_lab.workbench.session import Session
+from power_lab.workbench.session import LabSession
 from workbench_page import BROWSER, served
 
 playwright = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
@@ -133,7 +133,7 @@ def walked(bag, browser, tmp_path_factory):
 def test_the_page_names_the_hidden_effect_and_the_error_falls_when_it_is_added(walked):
     assert walked['verdict'].startswith('Friction that grows with load is missing')
     assert 'in 1 step' in walked['stairs']
-    session = Session.read(walked['session'])
+    session = LabSession.read(walked['session'])
     assert [step.kind for step in session.steps] == ['open', 'fit', 'add']
     before, after = (sum(step.rmse_w.values()) for step in session.steps[1:])
     assert after < 0.7 * before
@@ -148,7 +148,7 @@ def test_map_and_traces_are_linked_both_ways(walked):
 
 
 def test_numbers_of_the_page_are_those_of_the_commands(walked, bag, tmp_path):
-    _, fit, add = Session.read(walked['session']).steps
+    _, fit, add = LabSession.read(walked['session']).steps
     base, better = tmp_path / fit.model, tmp_path / add.model
     assert fit_command.main([str(bag), '--effects', KNOWN, '-o', str(base)]) == 0
     arguments = ['load_friction', '--to', str(base), '--bag', str(bag), '-o', str(better)]
@@ -174,7 +174,7 @@ def test_a_session_replays_to_the_same_numbers(walked, tmp_path, capsys):
 
 def test_a_session_whose_numbers_were_changed_does_not_replay(walked, tmp_path, capsys):
     text = (walked['session'] / 'session.yaml').read_text()
-    session = Session.read(walked['session'])
+    session = LabSession.read(walked['session'])
     value = next(iter(session.steps[1].rmse_w.values()))
     (tmp_path / 'session.yaml').write_text(text.replace(f'{value}', f'{1.01 * value:.6g}', 1))
     assert replay_command.main([str(tmp_path)]) == 1
@@ -199,7 +199,7 @@ def test_after_a_kill_the_history_up_to_the_last_step_is_there_and_can_be_undone
         page.reload()
         stairs.wait_for()
         assert stairs.inner_text() == walked['stairs']
-    session = Session.read(walked['session'])
+    session = LabSession.read(walked['session'])
     assert (session.at, len(session.steps)) == (3, 3)
     assert Path(session.opened.recordings[0]) == bag
     assert [text for text in complaints if 'Failed to load resource' not in text] == []

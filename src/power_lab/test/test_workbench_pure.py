@@ -6,42 +6,42 @@ import yaml
 from power_lab.workbench import maps
 from power_lab.workbench.folders import Folders
 from power_lab.workbench.pyramid import Pyramid, masked
-from power_lab.workbench.session import Session, Step
-from power_lab.workbench.view import View
+from power_lab.workbench.session import LabSession, SessionStep
+from power_lab.workbench.view import PowerView
 from wattwalk_core.errors import InputError
 
-OPEN = Step('open', recordings=('bags/walk',), sha256=('a1',))
-FIT = Step('fit', effects=('shaft', 'idle'), model='model_1.yaml', rmse_w={'A': 2.0})
-ADD = Step('add', effects=('load_friction',), model='model_2.yaml', rmse_w={'A': 1.0})
+OPEN = SessionStep('open', recordings=('bags/walk',), sha256=('a1',))
+FIT = SessionStep('fit', effects=('shaft', 'idle'), model='model_1.yaml', rmse_w={'A': 2.0})
+ADD = SessionStep('add', effects=('load_friction',), model='model_2.yaml', rmse_w={'A': 1.0})
 
 
 def test_a_session_is_the_same_after_it_was_written_and_read(tmp_path):
-    session = Session().do(OPEN).do(FIT).do(ADD).undo()
+    session = LabSession().do(OPEN).do(FIT).do(ADD).undo()
     session.save(tmp_path)
-    assert Session.read(tmp_path) == session
+    assert LabSession.read(tmp_path) == session
     assert yaml.safe_load((tmp_path / 'session.yaml').read_text())['at'] == 2
 
 
 def test_undo_and_redo_move_through_the_history_and_a_new_step_forgets_what_was_undone(tmp_path):
-    session = Session().do(OPEN).do(FIT).do(ADD)
+    session = LabSession().do(OPEN).do(FIT).do(ADD)
     assert session.spec(tmp_path) == str(tmp_path / 'model_2.yaml')
     back = session.undo()
     assert back.spec(tmp_path) == str(tmp_path / 'model_1.yaml')
     assert back.redo() == session
-    other = back.do(Step('remove', effects=('idle',)))
+    other = back.do(SessionStep('remove', effects=('idle',)))
     assert [step.kind for step in other.steps] == ['open', 'fit', 'remove']
     with pytest.raises(InputError, match='again'):
         other.redo()
     with pytest.raises(InputError, match='undo'):
-        Session().undo()
+        LabSession().undo()
 
 
 def test_no_two_steps_write_the_same_model():
-    session = Session().do(OPEN)
+    session = LabSession().do(OPEN)
     names = []
     for _ in range(3):
         names.append(session.next_model())
-        session = session.do(Step('fit', effects=('shaft',), model=names[-1])).undo()
+        session = session.do(SessionStep('fit', effects=('shaft',), model=names[-1])).undo()
     session = session.redo()
     assert session.next_model() not in {step.model for step in session.steps}
 
@@ -60,7 +60,7 @@ def test_a_session_that_is_none_is_refused_in_one_line(tmp_path, text, said):
     file = tmp_path / 'session.yaml'
     file.write_text(text)
     with pytest.raises(InputError, match=said) as error:
-        Session.read(file)
+        LabSession.read(file)
     assert '\n' not in str(error.value)
 
 
@@ -97,7 +97,7 @@ def test_extremes_of_marked_rows_are_of_these_alone():
 def view(error, torque, velocity):
     """One drive at 50 Hz; error is estimate − measured."""
     error, torque, velocity = (np.array(x, np.float32)[:, None] for x in (error, torque, velocity))
-    return View(
+    return PowerView(
         meters=('A',),
         drives=('A',),
         recordings=('walk',),

@@ -36,9 +36,9 @@ def main(args: Sequence[str] | None = None) -> int:
     import tempfile
 
     from power_lab.workbench.replay import replay
-    from power_lab.workbench.session import Session
+    from power_lab.workbench.session import LabSession
 
-    session = Session.read(options.session)
+    session = LabSession.read(options.session)
     folder = options.session if options.session.is_dir() else options.session.parent
     if session.effect_files and not options.run_effects:
         raise InputError(

@@ -10,7 +10,7 @@ from power_lab.workbench import answers, maps
 from power_lab.workbench.bench import Bench
 from power_lab.workbench.desk import Desk
 from power_lab.workbench.folders import Folders
-from power_lab.workbench.session import Step
+from power_lab.workbench.session import SessionStep
 
 _Seconds = Annotated[float, Quantity(-1e9, 1e9, 's')]
 _Value = Annotated[float, Quantity(-1e12, 1e12)]
@@ -34,7 +34,7 @@ class Selection:
 
 
 @schema
-class Place:
+class HistoryPlace:
     """A place in the history."""
 
     at: Annotated[int, Quantity(0, 100_000)]
@@ -63,7 +63,7 @@ class OneModel:
 
 def take(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
     """Take a step: open, load, fit, add, remove, effects."""
-    step = parse(Step, content, 'step')
+    step = parse(SessionStep, content, 'step')
     if step.model or step.rmse_w or step.sha256:
         raise InputError('step: model, rmse_w and sha256 are found by the session itself')
     folders = _folders(bench, desk)
@@ -93,7 +93,7 @@ def _check_spec(bench: Bench, desk: Desk, spec: str) -> None:
 
 def go(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
     """Undo, redo, or go to any place in the history."""
-    desk.go(parse(Place, content, 'place').at)
+    desk.go(parse(HistoryPlace, content, 'place').at)
 
 
 def diagnose(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:

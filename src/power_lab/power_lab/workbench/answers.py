@@ -16,8 +16,8 @@ from power_lab.diagnose.verdict import in_words
 from power_lab.workbench import maps
 from power_lab.workbench.desk import Desk
 from power_lab.workbench.pyramid import Span, masked
-from power_lab.workbench.session import Session, Step
-from power_lab.workbench.view import Singles, View, with_sum
+from power_lab.workbench.session import LabSession, SessionStep
+from power_lab.workbench.view import PowerView, Singles, with_sum
 
 KEPT = re.compile(r'(session|model_\d+|next_\d+)\.yaml|report_\d+\.html|effects_\d+\.py')
 """Files of a session that the page may have."""
@@ -69,7 +69,7 @@ def state(desk: Desk) -> dict[str, Any]:
     }
 
 
-def _commands(desk: Desk, session: Session) -> dict[str, str]:
+def _commands(desk: Desk, session: LabSession) -> dict[str, str]:
     if session.opened is None or not desk.spec:
         return {}
     return {
@@ -81,7 +81,7 @@ def _commands(desk: Desk, session: Session) -> dict[str, str]:
     }
 
 
-def _step(desk: Desk, session: Session, index: int) -> dict[str, Any]:
+def _step(desk: Desk, session: LabSession, index: int) -> dict[str, Any]:
     step = session.steps[index]
     return {
         'kind': step.kind,
@@ -92,7 +92,7 @@ def _step(desk: Desk, session: Session, index: int) -> dict[str, Any]:
     }
 
 
-def label(step: Step) -> str:
+def label(step: SessionStep) -> str:
     """A step in a few words."""
     words = ', '.join(in_words(name) for name in step.effects)
     if step.kind == 'open':
@@ -109,7 +109,7 @@ def mean_of(errors: Mapping[str, float]) -> float | None:
     return maps.short_one(float(np.sqrt(np.mean(np.square(values))))) if values else None
 
 
-def _stairs(session: Session) -> list[dict[str, Any]]:
+def _stairs(session: LabSession) -> list[dict[str, Any]]:
     return [
         {'label': label(step), 'kind': step.kind, 'rmse_w': mean_of(step.rmse_w), 'index': index}
         for index, step in enumerate(session.done)
@@ -117,7 +117,7 @@ def _stairs(session: Session) -> list[dict[str, Any]]:
     ]
 
 
-def _view(view: View) -> dict[str, Any]:
+def _view(view: PowerView) -> dict[str, Any]:
     return {
         'meters': list(view.meters),
         'drives': list(view.drives),
@@ -132,14 +132,14 @@ def _view(view: View) -> dict[str, Any]:
     }
 
 
-def view_of(desk: Desk) -> View:
+def view_of(desk: Desk) -> PowerView:
     """The view of a session; InputError before there is one."""
     if desk.view is None:
         raise InputError('no recording is open yet')
     return desk.view
 
 
-def column(view: View, meter: str) -> int:
+def column(view: PowerView, meter: str) -> int:
     """Column of a meter or of the sum in traces; InputError for another name."""
     if meter == SUM:
         return len(view.meters)
@@ -150,7 +150,7 @@ def column(view: View, meter: str) -> int:
     raise InputError(f'no drive {meter!r}; there are {", ".join([*view.meters, SUM])}')
 
 
-def traces(view: View, meter: str, start: float, stop: float, width: int) -> bytes:
+def traces(view: PowerView, meter: str, start: float, stop: float, width: int) -> bytes:
     """Extremes of measured, estimate and error of a meter from start to stop, in seconds."""
     own, window = column(view, meter), _window(view, start, stop)
     most = _most(width)
@@ -159,7 +159,7 @@ def traces(view: View, meter: str, start: float, stop: float, width: int) -> byt
 
 
 def lit(
-    view: View, rows: maps.Mask, meter: str, start: float, stop: float, width: int
+    view: PowerView, rows: maps.Mask, meter: str, start: float, stop: float, width: int
 ) -> dict[str, Any]:
     """Measured power and error of a meter at the chosen rows alone, as extremes."""
     own, window, most = column(view, meter), _window(view, start, stop), _most(width)
@@ -178,7 +178,7 @@ def lit(
 
 
 def preview(
-    view: View, explained: Singles, meter: str, start: float, stop: float, width: int
+    view: PowerView, explained: Singles, meter: str, start: float, stop: float, width: int
 ) -> bytes:
     """Error of a meter that would be left with a candidate that explains W [N, M] of it."""
     if view.residual is None or explained.shape != view.residual.shape:
@@ -195,7 +195,7 @@ def preview(
     return _packed(view, {'preview': span}, 0, {'rmse_w': maps.short_one(rms)})
 
 
-def strip(view: View, width: int) -> dict[str, Any]:
+def strip(view: PowerView, width: int) -> dict[str, Any]:
     """Rms error of every meter over the whole recording, of the power without a model."""
     values = view.measured if view.residual is None else view.residual
     count = int(np.clip(width, 20, 400))
@@ -213,7 +213,7 @@ def strip(view: View, width: int) -> dict[str, Any]:
     return {'t': maps.short(middles), 'meters': list(view.meters), 'z': rows}
 
 
-def _window(view: View, start: float, stop: float) -> tuple[int, int]:
+def _window(view: PowerView, start: float, stop: float) -> tuple[int, int]:
     if not (np.isfinite(start) and np.isfinite(stop)):
         raise InputError('give the span in seconds')
     low, high = sorted((start, stop))
@@ -243,7 +243,7 @@ def _woven(span: Span, own: int) -> Singles:
 
 
 def _packed(
-    view: View, spans: Mapping[str, Span], own: int, more: Mapping[str, Any] | None = None
+    view: PowerView, spans: Mapping[str, Span], own: int, more: Mapping[str, Any] | None = None
 ) -> bytes:
     first = next(iter(spans.values()))
     arrays: Sequence[tuple[str, Singles]] = [

@@ -14,7 +14,7 @@ from wattwalk_core.files import check_room
 
 from power_lab.workbench.desk import Desk
 from power_lab.workbench.folders import Folders
-from power_lab.workbench.session import FILE, Session, Step
+from power_lab.workbench.session import FILE, LabSession, SessionStep
 
 _NAME = re.compile(r'[\w-]{1,64}')
 _MOST_DESKS = 4
@@ -27,7 +27,7 @@ class Bench:
 
     folder: Path  # of the sessions
     folders: Folders
-    start: tuple[Step, ...] = ()  # of a new session
+    start: tuple[SessionStep, ...] = ()  # of a new session
     approved: tuple[str, ...] = ()  # files of effects named with the command
     changed: Callable[[], None] = lambda: None
     desks: dict[str, Desk] = field(default_factory=dict)
@@ -44,7 +44,7 @@ class Bench:
             except OSError as error:
                 raise InputError(f'cannot make {folder}: {error.strerror}') from error
             check_room(folder / FILE)
-            desk = self._seat(name, Session())
+            desk = self._seat(name, LabSession())
             desk.session.save(folder)
         if self.start:
             desk.take(*self.start)
@@ -62,7 +62,7 @@ class Bench:
             folder = self.folder / name
             if not _NAME.fullmatch(name) or not (folder / FILE).is_file():
                 raise InputError(f'there is no session {name!r}')
-            desk = self._seat(name, Session.read(folder))
+            desk = self._seat(name, LabSession.read(folder))
         desk.resume()
         return desk
 
@@ -71,7 +71,7 @@ class Bench:
         found = []
         for file in sorted(self.folder.glob(f'*/{FILE}'), reverse=True)[:50]:
             try:
-                session = Session.read(file)
+                session = LabSession.read(file)
             except InputError:
                 continue
             if session.steps:
@@ -97,7 +97,7 @@ class Bench:
         for desk in self.desks.values():
             desk.close()
 
-    def _seat(self, name: str, session: Session) -> Desk:
+    def _seat(self, name: str, session: LabSession) -> Desk:
         while len(self.desks) >= _MOST_DESKS:
             idle: Sequence[str] = [n for n, d in self.desks.items() if not d.runner.busy]
             if not idle:

@@ -9,10 +9,10 @@ from typing import Any
 
 from wattwalk_core.errors import InputError
 
-from power_lab.workbench.jobs import Job, JobRunner
-from power_lab.workbench.session import Session, Step
+from power_lab.workbench.jobs import JobRunner, SessionJob
+from power_lab.workbench.session import LabSession, SessionStep
 from power_lab.workbench.shown import Commands
-from power_lab.workbench.view import View
+from power_lab.workbench.view import PowerView
 from power_lab.workbench.work import Findings, Source
 
 _KEPT = 4  # views
@@ -34,7 +34,7 @@ class Desk:
     Methods may be called from any thread. `changed` is called after every change of `revision`.
     """
 
-    def __init__(self, folder: Path, session: Session, changed: Callable[[], None]) -> None:
+    def __init__(self, folder: Path, session: LabSession, changed: Callable[[], None]) -> None:
         self.folder, self.session = folder, session
         self.revision = 0
         self.error = ''
@@ -44,14 +44,14 @@ class Desk:
         self.runner = JobRunner(self._heard)
         self._changed = changed
         self._lock = threading.RLock()
-        self._waiting: deque[Step] = deque()
-        self._step: Step | None = None
+        self._waiting: deque[SessionStep] = deque()
+        self._step: SessionStep | None = None
         self._task: Callable[[Any], None] | None = None
-        self._views: dict[tuple[Source, str], View] = {}
+        self._views: dict[tuple[Source, str], PowerView] = {}
         self._found: dict[tuple[Source, str], Findings] = {}
         self._learned: dict[tuple[Source, str], Mapping[str, Any]] = {}
         self._lines: dict[Source, list[Mapping[str, Any]]] = {}
-        self._partial: View | None = None
+        self._partial: PowerView | None = None
 
     @property
     def source(self) -> Source:
@@ -70,7 +70,7 @@ class Desk:
         return self.session.spec(self.folder)
 
     @property
-    def view(self) -> View | None:
+    def view(self) -> PowerView | None:
         """The present model on the recordings, or what is known of it so far."""
         key = self._key()
         return self._views.get(key, self._partial) if key else self._partial
@@ -111,7 +111,7 @@ class Desk:
             return None
         return Source.of(opened, self.session.effect_files), self.spec
 
-    def take(self, *steps: Step) -> None:
+    def take(self, *steps: SessionStep) -> None:
         """Take steps one after the other; InputError while other work runs."""
         with self._lock:
             self._require_idle()
@@ -239,7 +239,7 @@ class Desk:
             self._failed(str(error))
         self._bump()
 
-    def _begin(self, step: Step) -> None:
+    def _begin(self, step: SessionStep) -> None:
         if step.kind == 'effects':
             self.approved.add(step.file)
             files = (*self.session.effect_files, step.file)
@@ -285,7 +285,7 @@ class Desk:
             self._views.pop(next(iter(self._views)))
         self._views[key], self._partial = view, None
 
-    def _heard(self, job: Job, kind: str, content: Any) -> None:
+    def _heard(self, job: SessionJob, kind: str, content: Any) -> None:
         """Take a message of the worker, in the thread of the runner."""
         with self._lock:
             if kind == 'view':

@@ -28,7 +28,7 @@ _HEADERS = {
 }
 
 
-class Guard:
+class PageGuard:
     """
     ASGI middleware that lets through what comes from the page itself.
 

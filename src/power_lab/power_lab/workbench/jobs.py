@@ -17,7 +17,7 @@ _LOST = 'the worker ended unexpectedly (out of memory?); the steps so far are ke
 
 
 @dataclass
-class Job:
+class SessionJob:
     """One piece of work: its name, its stage in words, and how it ended."""
 
     name: str
@@ -52,12 +52,12 @@ class JobRunner:
     cancelled job's messages are dropped with its process, and the next job starts a fresh one.
     """
 
-    def __init__(self, listener: Callable[[Job, str, Any], None]) -> None:
+    def __init__(self, listener: Callable[[SessionJob, str, Any], None]) -> None:
         self._listener = listener
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe: Connection | None = None
-        self.job: Job | None = None
+        self.job: SessionJob | None = None
 
     @property
     def busy(self) -> bool:
@@ -74,14 +74,14 @@ class JobRunner:
         with self._lock:
             self._start()
 
-    def run(self, name: str, request: str, arguments: Mapping[str, Any]) -> Job:
+    def run(self, name: str, request: str, arguments: Mapping[str, Any]) -> SessionJob:
         """Begin a job; RuntimeError while another runs."""
         with self._lock:
             if self.busy:
                 raise RuntimeError('a job is running')
             self._start()
             assert self._pipe is not None
-            self.job = Job(name)
+            self.job = SessionJob(name)
             self._pipe.send((request, dict(arguments)))
             return self.job
 

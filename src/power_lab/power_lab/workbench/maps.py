@@ -10,7 +10,7 @@ from power_estimator.effects.signals.reducer import REDUCED_RATE
 from wattwalk_core.errors import InputError
 
 from power_lab.compare.regimes import UNITS, bins
-from power_lab.workbench.view import Singles, View
+from power_lab.workbench.view import PowerView, Singles
 
 Mask = NDArray[np.bool_]
 
@@ -31,14 +31,14 @@ class Chosen:
     content: Mapping[str, Any]
 
 
-def column_of(view: View, drive: str) -> int:
+def column_of(view: PowerView, drive: str) -> int:
     """Column of a drive; InputError, with the names there are, for another."""
     if drive not in view.drives:
         raise InputError(f'no drive {drive!r}; there are {", ".join(view.drives)}')
     return view.drives.index(drive)
 
 
-def values_of(view: View, name: str, drive: str) -> Singles:
+def values_of(view: PowerView, name: str, drive: str) -> Singles:
     """One quantity of the state of a drive [N]; InputError for a quantity that is not there."""
     if name not in view.state:
         raise InputError(f'no quantity {name!r}; there are {", ".join(view.state)}')
@@ -46,7 +46,7 @@ def values_of(view: View, name: str, drive: str) -> Singles:
     return values
 
 
-def error_of(view: View, drive: str) -> Singles:
+def error_of(view: PowerView, drive: str) -> Singles:
     """Error (estimate − measured) beside a drive's state, W [N]; NaN without a model."""
     column = column_of(view, drive)
     if view.residual is None:
@@ -54,7 +54,7 @@ def error_of(view: View, drive: str) -> Singles:
     return -view.residual[:, column if len(view.meters) > 1 or len(view.drives) == 1 else 0]
 
 
-def error_map(view: View, drive: str, x: str, y: str) -> dict[str, Any]:
+def error_map(view: PowerView, drive: str, x: str, y: str) -> dict[str, Any]:
     """
     Mean error of a drive over two quantities, and over the first alone.
 
@@ -84,7 +84,7 @@ def error_map(view: View, drive: str, x: str, y: str) -> dict[str, Any]:
     }
 
 
-def in_box(view: View, drive: str, bounds: Mapping[str, Sequence[float]]) -> Chosen:
+def in_box(view: PowerView, drive: str, bounds: Mapping[str, Sequence[float]]) -> Chosen:
     """Rows whose state lies within bounds {quantity: (low, high)}."""
     rows = np.ones(len(view.slots), bool)
     for name, limits in bounds.items():
@@ -94,7 +94,7 @@ def in_box(view: View, drive: str, bounds: Mapping[str, Sequence[float]]) -> Cho
     return _chosen(view, drive, rows, _in_words(bounds))
 
 
-def in_regime(view: View, regime: Mapping[str, Any]) -> Chosen:
+def in_regime(view: PowerView, regime: Mapping[str, Any]) -> Chosen:
     """Rows of a regime as `compare` writes it."""
     drive = str(regime['drive'])
     conditions = list(regime['conditions'])
@@ -124,14 +124,16 @@ def in_regime(view: View, regime: Mapping[str, Any]) -> Chosen:
     return _chosen(view, drive, rows, ', '.join(conditions))
 
 
-def in_span(view: View, drive: str, start: float, stop: float) -> Chosen:
+def in_span(view: PowerView, drive: str, start: float, stop: float) -> Chosen:
     """Rows from start to stop, in seconds as they are shown."""
     time = view.slots / REDUCED_RATE
     rows = (time >= min(start, stop)) & (time <= max(start, stop))
     return _chosen(view, drive, rows, f'{min(start, stop):.1f} to {max(start, stop):.1f} s')
 
 
-def points(view: View, drive: str, rows: Mask, x: str, y: str) -> dict[str, list[float | None]]:
+def points(
+    view: PowerView, drive: str, rows: Mask, x: str, y: str
+) -> dict[str, list[float | None]]:
     """States of chosen rows on a map of two quantities, evenly thinned out."""
     found = np.flatnonzero(rows)
     found = found[:: max(1, -(-len(found) // _SHOWN))]
@@ -141,7 +143,7 @@ def points(view: View, drive: str, rows: Mask, x: str, y: str) -> dict[str, list
     }
 
 
-def _chosen(view: View, drive: str, rows: Mask, words: str) -> Chosen:
+def _chosen(view: PowerView, drive: str, rows: Mask, words: str) -> Chosen:
     error = error_of(view, drive)
     known = np.isfinite(error)
     inside, outside = error[rows & known], error[~rows & known]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from wattwalk_core.errors import InputError
 
-from power_lab.workbench.session import Session
+from power_lab.workbench.session import LabSession
 from power_lab.workbench.work import Source, Work
 
 TOLERANCE = 1e-6
@@ -31,14 +31,14 @@ class Replayed:
 
 
 def replay(
-    session: Session, folder: Path, output: Path, show: Callable[[str], None]
+    session: LabSession, folder: Path, output: Path, show: Callable[[str], None]
 ) -> list[Replayed]:
     """
     Take the steps of a session that are in force again, and write their models into output.
 
     InputError for recordings that are not those of the session, or are gone.
     """
-    work, taken = Work(), Session()
+    work, taken = Work(), LabSession()
     found: list[Replayed] = []
 
     def tell(kind: str, content: object) -> None:

@@ -26,7 +26,7 @@ _FRESH = {'Cache-Control': 'no-store'}
 
 
 def application(bench: Bench) -> Starlette:
-    """The routes of a workbench; every request passes a `Guard` before."""
+    """The routes of a workbench; every request passes a `PageGuard` before."""
     news = _News()
     bench.changed = news.tell
 

@@ -12,9 +12,9 @@ from wattwalk_core.errors import InputError
 
 from power_lab.workbench.bench import Bench
 from power_lab.workbench.folders import Folders
-from power_lab.workbench.guard import Guard
+from power_lab.workbench.guard import PageGuard
 from power_lab.workbench.server import application
-from power_lab.workbench.session import Step
+from power_lab.workbench.session import SessionStep
 
 _LOOPBACK = '127.0.0.1'
 _FOLDERS = (Path('bags'),)
@@ -44,11 +44,11 @@ class Opening:
             files.append(Path(self.model.removeprefix('ppn:')))
         named = [*self.bags, *files, *map(Path, self.effect_files), *_FOLDERS]
         effects = [str(Path(file).resolve()) for file in self.effect_files]
-        steps = [Step('effects', file=file) for file in effects]
+        steps = [SessionStep('effects', file=file) for file in effects]
         bags = tuple(str(path.resolve()) for path in self.bags if _is_recording(path))
         if bags:
             steps.append(
-                Step(
+                SessionStep(
                     'open',
                     recordings=bags,
                     drives=self.drives,
@@ -58,7 +58,7 @@ class Opening:
             )
             if self.model:
                 spec = str(Path(self.model).resolve()) if is_file else self.model
-                steps.append(Step('load', file=spec))
+                steps.append(SessionStep('load', file=spec))
         return Bench(
             self.folder.resolve(), Folders.of(named), tuple(steps), approved=tuple(effects)
         )
@@ -79,7 +79,7 @@ def serve(opening: Opening) -> int:
     with _listening(opening.host or _LOOPBACK, opening.port) as listener:
         port = listener.getsockname()[1]
         names = {_LOOPBACK, 'localhost'} | ({opening.host} if opening.host else set())
-        guard = Guard(
+        guard = PageGuard(
             application(bench), token, {f'{name}:{port}' for name in names}, f'workbench_{port}'
         )
         config = uvicorn.Config(

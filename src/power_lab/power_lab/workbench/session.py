@@ -17,7 +17,7 @@ _Names = tuple[Name, ...]
 
 
 @schema
-class Step:
+class SessionStep:
     """
     One action of the user.
 
@@ -66,11 +66,11 @@ class Step:
 
 
 @schema
-class Session:
+class LabSession:
     """Steps in their order; those from `at` on were undone and can be done again."""
 
     format: Literal['workbench_session/1'] = FORMAT
-    steps: Annotated[tuple[Step, ...], Length(0)] = ()
+    steps: Annotated[tuple[SessionStep, ...], Length(0)] = ()
     at: Annotated[int, Quantity(0, 100_000)] = 0
 
     def __post_init__(self) -> None:
@@ -78,17 +78,17 @@ class Session:
             raise InputError(f'at: {self.at} of {len(self.steps)} steps')
 
     @property
-    def done(self) -> tuple[Step, ...]:
+    def done(self) -> tuple[SessionStep, ...]:
         """Steps that are in force."""
         return self.steps[: self.at]
 
     @property
-    def opened(self) -> Step | None:
+    def opened(self) -> SessionStep | None:
         """The step that named the recordings."""
         return next((step for step in reversed(self.done) if step.kind == 'open'), None)
 
     @property
-    def shaped(self) -> Step | None:
+    def shaped(self) -> SessionStep | None:
         """The step that the present model is from."""
         kinds = ('load', 'fit', 'add', 'remove')
         return next((step for step in reversed(self.done) if step.kind in kinds), None)
@@ -105,29 +105,29 @@ class Session:
         """Files of the user's own effects."""
         return tuple(dict.fromkeys(step.file for step in self.done if step.kind == 'effects'))
 
-    def do(self, step: Step) -> 'Session':
+    def do(self, step: SessionStep) -> 'LabSession':
         """Take a step; what was undone is forgotten."""
         return replace(self, steps=(*self.done, step), at=self.at + 1)
 
-    def undo(self) -> 'Session':
+    def undo(self) -> 'LabSession':
         """Go back one step; InputError at the beginning."""
         if not self.at:
             raise InputError('there is no step to undo')
         return replace(self, at=self.at - 1)
 
-    def redo(self) -> 'Session':
+    def redo(self) -> 'LabSession':
         """Take the step again that was undone last; InputError if there is none."""
         if self.at == len(self.steps):
             raise InputError('there is no step to do again')
         return replace(self, at=self.at + 1)
 
-    def go(self, at: int) -> 'Session':
+    def go(self, at: int) -> 'LabSession':
         """Go to just after a step of the history; InputError for a step that is not there."""
         if not 0 <= at <= len(self.steps):
             raise InputError(f'the history has {len(self.steps)} steps, not {at}')
         return replace(self, at=at)
 
-    def judged(self, errors: Mapping[str, float]) -> 'Session':
+    def judged(self, errors: Mapping[str, float]) -> 'LabSession':
         """Keep the held-out errors in W with the last step."""
         if not self.at:
             return self
@@ -153,7 +153,7 @@ class Session:
         write_whole(folder / FILE, dump_yaml(content))
 
     @classmethod
-    def read(cls, path: Path) -> 'Session':
+    def read(cls, path: Path) -> 'LabSession':
         """Read a session from its file or folder; InputError names the entry that is wrong."""
         file = path / FILE if path.is_dir() else path
         return parse(cls, read_yaml(file, 'session'), f'session {file}')

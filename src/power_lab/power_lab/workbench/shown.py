@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from power_lab.workbench.session import Session, Step
+from power_lab.workbench.session import LabSession, SessionStep
 
 
 def shown_path(path: str | Path) -> str:
@@ -20,7 +20,7 @@ class Commands:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def of(self, session: Session, index: int) -> str:
+    def of(self, session: LabSession, index: int) -> str:
         """The command of a step of the history."""
         before, step = session.go(index), session.steps[index]
         opened, spec = before.opened, before.spec(self._folder)
@@ -44,30 +44,30 @@ class Commands:
         words += ['--base', step.base] if step.base else []
         return self._power_lab(before, [*words, '-o', shown_path(output), *_options(step)])
 
-    def compare(self, session: Session, spec: str = '') -> str:
+    def compare(self, session: LabSession, spec: str = '') -> str:
         """The command that judges the present model."""
         model = spec or self._spec(session.spec(self._folder))
         return self._power_lab(session, ['compare', *self._bags(session), '--models', model])
 
-    def diagnose(self, session: Session, *more: str) -> str:
+    def diagnose(self, session: LabSession, *more: str) -> str:
         """The command that finds out which effect the present model misses."""
         model = self._spec(session.spec(self._folder))
         words = ['diagnose', *self._bags(session), '--model', model, *more]
         return self._power_lab(session, words)
 
-    def discover(self, session: Session, output: str) -> str:
+    def discover(self, session: LabSession, output: str) -> str:
         """The command that learns what no catalogue has."""
         model = self._spec(session.spec(self._folder))
         words = ['discover', *self._bags(session), '--model', model, '-o', shown_path(output)]
         return self._power_lab(session, words)
 
-    def _bags(self, session: Session) -> list[str]:
+    def _bags(self, session: LabSession) -> list[str]:
         return [] if session.opened is None else [*map(shown_path, session.opened.recordings)]
 
     def _spec(self, spec: str) -> str:
         return shown_path(spec) if spec.endswith(('.yaml', '.yml')) else spec
 
-    def _power_lab(self, session: Session, words: Sequence[str]) -> str:
+    def _power_lab(self, session: LabSession, words: Sequence[str]) -> str:
         opened, more = session.opened, []
         if opened is not None:
             more += ['--drives', *opened.drives] if opened.drives else []
@@ -78,7 +78,7 @@ class Commands:
         return _joined('power_lab', [*words, *more])
 
 
-def effects_before(session: Session) -> list[str]:
+def effects_before(session: LabSession) -> list[str]:
     """Effects that the steps of a session have put into the present model, where these tell."""
     names: list[str] = []
     for step in session.done:
@@ -91,7 +91,7 @@ def effects_before(session: Session) -> list[str]:
     return names
 
 
-def _options(step: Step) -> list[str]:
+def _options(step: SessionStep) -> list[str]:
     per = ['--per', step.per] if step.per != 'type' else []
     return [*per, '--seed', str(step.seed)] if step.seed else per
 

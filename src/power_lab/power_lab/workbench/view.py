@@ -22,7 +22,7 @@ _BETWEEN = 2.0  # s, between two recordings
 
 
 @dataclass(frozen=True)
-class View:
+class PowerView:
     """
     Measured power, the model's residual and the state of the drives, at 50 Hz.
 
@@ -87,13 +87,13 @@ def slots_of(prepared: Prepared) -> NDArray[np.int64]:
     return ordered + np.arange(len(places))
 
 
-def measured_view(loaded: Loaded, prepared: Prepared) -> View:
+def measured_view(loaded: Loaded, prepared: Prepared) -> PowerView:
     """Recordings without a model."""
     state, words = describe_state(prepared, loaded)
     return _view(prepared, prepared.power_at(0.0), None, state, words, {}, None)
 
 
-def judged_view(comparison: Comparison, model: Mapping[str, Any]) -> View:
+def judged_view(comparison: Comparison, model: Mapping[str, Any]) -> PowerView:
     """Return the first model of a comparison; model: its effects and coefficients in words."""
     judged, content = comparison.models[0], comparison.json()
     shown = {
@@ -120,9 +120,9 @@ def _view(
     words: Mapping[str, NDArray[np.str_]],
     content: Mapping[str, Any],
     model: Mapping[str, Any] | None,
-) -> View:
+) -> PowerView:
     scale = prepared.signals.scale
-    return View(
+    return PowerView(
         meters=prepared.names,
         drives=prepared.signals.names,
         recordings=prepared.recordings,

@@ -24,8 +24,8 @@ from power_lab.diagnose.verdict import in_words
 from power_lab.discover.outcome import DiscoveryOutcome, discover
 from power_lab.recordings import Loaded, load
 from power_lab.workbench import maps
-from power_lab.workbench.session import Step
-from power_lab.workbench.view import Singles, View, judged_view, measured_view
+from power_lab.workbench.session import SessionStep
+from power_lab.workbench.view import PowerView, Singles, judged_view, measured_view
 
 Show = Callable[[str, Any], None]
 _PREVIEWED = 10  # candidates, those in the confidence set and then by what they explain
@@ -51,7 +51,7 @@ class Source:
     effect_files: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, opened: Step, effect_files: Sequence[str] = ()) -> 'Source':
+    def of(cls, opened: SessionStep, effect_files: Sequence[str] = ()) -> 'Source':
         """Recordings of a step `open`."""
         how = (opened.recordings, opened.drives, opened.slow, opened.anyway, opened.sha256)
         return cls(*how, tuple(effect_files))
@@ -103,7 +103,7 @@ class Work:
         return {'view': self._judged(show, source, loaded, spec)}
 
     def shape(
-        self, show: Show, source: Source, spec: str, step: Step, output: Path
+        self, show: Show, source: Source, spec: str, step: SessionStep, output: Path
     ) -> dict[str, Any]:
         """Make the model of a step (load, fit, add, remove) at output, and judge it."""
         catalogue = source.catalogue()
@@ -210,14 +210,14 @@ class Work:
             )
         return self._loaded
 
-    def _judged(self, show: Show, source: Source, loaded: Loaded, spec: str) -> View:
+    def _judged(self, show: Show, source: Source, loaded: Loaded, spec: str) -> PowerView:
         show('progress', 'comparing the model with the measurement')
         catalogue = source.catalogue()
         comparison = compare(loaded, [spec], catalogue)
         return judged_view(comparison, described_model(spec, catalogue))
 
     def _made(
-        self, loaded: Loaded, catalogue: Catalogue, spec: str, step: Step, name: str
+        self, loaded: Loaded, catalogue: Catalogue, spec: str, step: SessionStep, name: str
     ) -> EffectModel:
         effects = _actives(step.effects, catalogue)
         options: dict[str, Any] = {'per': step.per, 'seed': step.seed}
