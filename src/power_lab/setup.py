@@ -46,7 +46,7 @@ setup(
         'console_scripts': [
             'fit = power_lab.commands.fit:main',
             'open = power_lab.commands.open:main',
-            'replay-session = power_lab.commands.replay_session:main',
+            'replay_session = power_lab.commands.replay_session:main',
             'compare = power_lab.commands.compare:main',
             'diagnose = power_lab.commands.diagnose:main',
             'discover = power_lab.commands.discover:main',

@@ -1,4 +1,4 @@
-"""`ros2 run power_lab replay-session`: the steps of a workbench session taken again."""
+"""`ros2 run power_lab replay_session`: the steps of a workbench session taken again."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,10 +14,10 @@ from power_lab.commands import options as common
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     parser = common.parser(
-        'replay-session',
+        'replay_session',
         'Take the steps of a workbench session again and compare the held-out errors with those '
         'that the session kept. Ends with 0 if they are the same, with 1 if not.',
-        'example: ros2 run power_lab replay-session workbench/20261123-101500-1a2b -o again',
+        'example: ros2 run power_lab replay_session workbench/20261123-101500-1a2b -o again',
         effects=False,
     )
     add = parser.add_argument

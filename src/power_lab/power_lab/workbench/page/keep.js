@@ -12,7 +12,7 @@ export function update() {
     h('div', { class: 'row' }, h('button', { type: 'button', disabled: Boolean(state.job), onclick: () => attempt(() => post('report')) }, 'Write the report')),
     h('ul', { class: 'plain' }, files),
     h('p', { class: 'faint' }, `All of it lies in ${state.folder}. To take the same steps to the same numbers again:`),
-    command(`ros2 run power_lab replay-session ${state.folder}`),
+    command(`ros2 run power_lab replay_session ${state.folder}`),
     h('h3', {}, 'The commands that do the same'),
     command(done.map((step) => step.command).filter(Boolean).join('\n')),
     state.commands.compare ? command(state.commands.compare) : null);
