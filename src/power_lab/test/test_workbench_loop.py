@@ -93,7 +93,7 @@ def walked(bag, browser, tmp_path_factory):
         sentence.wait_for()
         by_box = sentence.inner_text()
         page.get_by_text('marked', exact=True).first.wait_for()
-        page.locator('#traces').get_by_text('mark a span').click()
+        page.get_by_role('radio', name='mark a span').check()
         page.locator('#plot-traces').scroll_into_view_if_needed()
         plot = page.locator('#plot-traces .nsewdrag').first.bounding_box()
         page.mouse.move(plot['x'] + 0.3 * plot['width'], plot['y'] + 0.5 * plot['height'])
