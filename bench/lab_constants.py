@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from lab import CATALOGUE, DETECTABLE, judge_version, score, told, unabsorbed
 from lab_memory import Memory, everywhere, kept_by, replaced
-from lab_scenarios import Scenario, random_order
+from lab_scenarios import Scenario, few_circuits, few_simulated, random_order
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
 from power_estimator.effects.signals.prepared import Prepared, prepare
@@ -119,68 +119,7 @@ CONSTANTS = (
 )
 
 
-def subset(seed: int, seconds: float) -> list[Scenario]:
-    """Scenarios of a seed: nulls, faults, effects small and large, pairs, unmodelled effects."""
-
-    def one(group: str, motion: str, base: str, fault: str = '', **hidden: float) -> Scenario:
-        return Scenario(group, 'circuit', motion, base, hidden, fault, seed, seconds)
-
-    walk, ladder = 'walk', 'ladder'
-    return [
-        *(one('null', motion, base) for motion in (walk, ladder) for base in ('lean', 'mid')),
-        one('null', walk, 'rich'),
-        one('fault', walk, 'mid', 'late power 8 ms'),
-        one('fault', walk, 'mid', 'drifting offset'),
-        one('fault', ladder, 'mid', 'bent torque sensor'),
-        one('fault', ladder, 'mid', 'torque bias 0.4 N·m'),
-        one('effect', walk, 'mid', load_friction=0.5),
-        one('effect', walk, 'mid', load_friction=2.0),
-        one('effect', ladder, 'mid', line_resistance=0.5),
-        one('effect', walk, 'rich', stribeck_friction=0.5),
-        one('effect', walk, 'lean', inverter_loss=0.5),
-        one('effect', walk, 'mid', winding_heating=2.0),
-        one('effect', ladder, 'mid', iron_loss=2.0),
-        one('effect', walk, 'mid', regeneration_limit=0.5),
-        one('effect', ladder, 'lean', coulomb_friction=0.5),
-        one('effect', walk, 'mid', spring=2.0),
-        one('effect', ladder, 'rich', cogging=2.0),
-        one('effect', walk, 'lean', rotor_inertia=0.5),
-        one('pair', walk, 'mid', viscous_friction=1.0, coulomb_friction=1.0),
-        one('pair', walk, 'mid', line_resistance=1.0, coulomb_friction=1.0),
-        one('pair', walk, 'lean', inverter_loss=1.0, viscous_friction=1.0),
-        one('pair', ladder, 'mid', winding_heating=1.0, coulomb_friction=1.0),
-        one('pair', walk, 'lean', spring=1.0, load_friction=1.0),
-        one('pair', ladder, 'lean', coulomb_friction=1.0, idle=1.0),
-        one('unmodelled', walk, 'mid', position_rub=0.5),
-        one('unmodelled', ladder, 'mid', fan=0.5),
-        one('unmodelled', walk, 'mid', cross_talk=0.5),
-        one('beside', walk, 'mid', position_rub=1.0, load_friction=1.0),
-        one('beside', walk, 'mid', fan=1.0, load_friction=1.0),
-        one('beside', walk, 'mid', cross_talk=1.0, spring=1.0),
-        one('constant', walk, 'lean', one_way_friction=1.0),
-        one('constant', ladder, 'mid', offset_torque=1.0),
-    ]
-
-
-def simulated(seed: int, seconds: float) -> list[Scenario]:
-    """Return scenarios of a seed in sim_bridge: walks with shocks, and a ladder on the stand."""
-
-    def one(group: str, motion: str = 'walk', **hidden: float) -> Scenario:
-        return Scenario(group, 'sim', motion, 'core', hidden, '', seed, seconds)
-
-    return [
-        one('null'),
-        one('null', 'bench'),
-        one('effect', spring=2.0),
-        one('effect', load_friction=1.0),
-        one('effect', 'bench', viscous_friction=2.0),
-        one('pair', load_friction=2.0, spring=2.0),
-        one('pair', load_friction=2.0, regeneration_efficiency=2.0),
-        one('unmodelled', position_rub=1.0),
-    ]
-
-
-SOURCES = {'circuit': subset, 'sim': simulated}
+SOURCES = {'circuit': few_circuits, 'sim': few_simulated}
 
 
 def recorded(scenario: Scenario, folder: Path) -> AlignedDataset:
@@ -261,8 +200,12 @@ def judge(
     yield scored(row | {'constant': '', 'value': None} | trials.own())
     for place in np.random.default_rng(seed).permutation(len(wanted)):
         constant, value = wanted[place]
-        told_ = trials.changed(constant, value)
-        yield scored(row | {'constant': constant.name, 'value': value} | told_)
+        trial = row | {'constant': constant.name, 'value': value}
+        try:
+            yield scored(trial | trials.changed(constant, value))
+        except Exception as error:  # a value may be one that the procedure cannot do with
+            failed = {'verdict': 'failed', 'possible': [], 'cpu_s': 0.0}
+            yield scored(trial | failed | {'error': f'{type(error).__name__}: {error}'})
 
 
 def trial_key(scenario: str, constant: str, value: Any) -> str:
@@ -273,7 +216,7 @@ def trial_key(scenario: str, constant: str, value: Any) -> str:
 def scored(row: dict[str, Any]) -> dict[str, Any]:
     """The row with its score, and its identity."""
     trial = trial_key(row['key'], row['constant'], row['value'])
-    return row | {'score': score(row), 'trial': trial}
+    return row | {'score': 'failed' if 'error' in row else score(row), 'trial': trial}
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
@@ -349,6 +292,7 @@ def _counts(rows: Sequence[dict[str, Any]], own: dict[str, dict[str, Any]]) -> d
     wrong = sum(row['score'] in ('WRONG', 'FALSE ALARM') for row in rows)
     effects = ('effect', 'pair', 'beside')
     return {
+        'failed': str(sum(row['score'] == 'failed' for row in rows)),
         'wrong': str(wrong),
         'quiet': share(('null', 'fault'), ('no evidence',)),
         'named': share(effects, ('named',), DETECTABLE),
@@ -378,7 +322,7 @@ def main() -> int:
     seeds = options.seeds
     todo = random_order([s for n in seeds for kind in kinds for s in kind(n, options.seconds)])
     todo = todo[: options.limit or None]
-    judged_by = judge_version()
+    judged_by = judge_version(bench=False)
     rows = []
     if options.out.exists():
         rows = [json.loads(line) for line in options.out.read_text().splitlines()]
