@@ -83,14 +83,11 @@ CONSTANTS = (
     Constant(
         _LAB + 'diagnosis', 'EARNED_BESIDE_STRUCTURE', (0.4, 0.9), 'the same beside structure'
     ),
-    Constant(_LAB + 'diagnosis', 'MOST_EFFECTS', (2, 4, 16), 'effects at most'),
     Constant(_LAB + 'diagnosis', 'MOST_RIVALS', (1, 6, 99), 'sets at most, of a further effect'),
     Constant(_LAB + 'diagnosis', '_FINALISTS', (3, 12), 'first effects that are fitted'),
     Constant(_LAB + 'diagnosis', '_EXTRAS', (1, 2, 6), 'further effects that are fitted'),
     Constant(_LAB + 'diagnosis', '_SWAPS', (0, 1, 4), 'exchanges that are fitted'),
     Constant(_LAB + 'diagnosis', '_TESTED_SWAPS', (5, 10, 40), 'exchanges on held-out data'),
-    Constant(_LAB + 'diagnosis', '_LARGEST_SWAP', (1, 2, 6), 'effects of the largest exchange'),
-    Constant(_LAB + 'diagnosis', '_LATE_EXTRAS', (1, 4), 'further effects, beyond that'),
     Constant(_LAB + 'diagnosis', '_LEAST_FALL', (0.0, 5e-4, 2e-3, _NEVER), 'for another shape'),
     Constant(_LAB + 'diagnosis', '_EVENT', (10.0, 40.0, _NEVER), 'times the median: an event'),
     Constant(_LAB + 'diagnosis', '_EVENT_SHARE', (0.025, 0.1), 'of the blocks: events at most'),

@@ -39,7 +39,6 @@ NAMED_SHARE, NAMED_SHARE_QUIET = 0.8, 0.5
 Named effects must explain this share of all that can be explained; half of it where what is left
 is too small to be an unmodelled effect.
 """
-MOST_EFFECTS = 8
 EARNED_SHARE, EARNED_BESIDE_STRUCTURE = 0.4, 0.8
 """
 The last effect to join must explain this share of what was still to be explained; more where
@@ -47,7 +46,6 @@ what is left is large enough to be an unmodelled effect, which a wrong name expl
 """
 _FINALISTS, _EXTRAS, _SWAPS = 6, 3, 2
 _TESTED_SWAPS = 20  # of those that fit best, on held-out data
-_LARGEST_SWAP, _LATE_EXTRAS = 3, 2  # sets beyond this size grow by the best candidates only
 MOST_RIVALS = 3
 """That a further effect may have."""
 _MOST_SAMPLED = 3.0  # times its usual size may sampling raise the floor of unmodelled effects
@@ -145,7 +143,7 @@ class Diagnoser:
         self.structure_floor = np.clip(sampled, usual, _MOST_SAMPLED * usual)
         singles = self._singles(none, screener, found)
         ladder, steps = [none], []
-        while len(ladder) <= min(MOST_EFFECTS, len(found)):
+        while len(ladder) <= len(found):
             step, better = self._next(none, ladder[-1], screener, found)
             steps.append(step)
             if better is None:
@@ -295,13 +293,11 @@ class Diagnoser:
         beside = CandidateScreener(self.fitter, self.examiner.folds, best.fit, others)
         extras = sorted(best_shapes(beside).values(), key=lambda screened: screened.loss)
         sets = [(*own, *screened.actives) for screened in extras[:_EXTRAS]]
-        names, size = list(found), len(own) + 1
-        if size > _LARGEST_SWAP:
-            return sets[:_LATE_EXTRAS]
+        new = [name for name in found if name not in best.names]
         swaps = [
-            subset
-            for subset in itertools.combinations(names, size)
-            if len(set(subset) - set(best.names)) == 2
+            (*(name for name in best.names if name != left_out), *pair)
+            for left_out in best.names
+            for pair in itertools.combinations(new, 2)
         ]
         trials = screener.fitted([[found[name].actives[0] for name in each] for each in swaps])
         trials.sort(key=lambda trial: trial.error)
