@@ -27,7 +27,8 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
 from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.signals.prepared import prepare
-from power_lab.diagnose.diagnosis import Diagnoser, Diagnosis
+from power_lab.diagnose.diagnosis import Diagnoser
+from power_lab.diagnose.findings import Diagnosis
 from power_recordings.alignment.dataset import AlignedDataset
 from rich.console import Console
 from rich.progress import track
@@ -113,6 +114,7 @@ def told(diagnosis: Diagnosis) -> dict[str, Any]:
         'possible': [sorted(member) for member in diagnosis.possible],
         'chosen': list(diagnosis.chosen),
         'leftover_w': round(left, 4),
+        'remainder': None if diagnosis.remainder is None else diagnosis.remainder.kind,
         'share': round(diagnosis.share, 4),
         'rmse_w': np.round(diagnosis.base.rmse, 3).tolist(),
         'gain_w': np.round(np.sqrt(diagnosis.explained), 3).tolist(),
@@ -171,6 +173,16 @@ def score(row: dict[str, Any]) -> str:
     if unmodelled:
         return 'none of the above'
     return 'none of the above' if truth else 'FALSE ALARM'
+
+
+DESCRIBED = {'position_rub': 'position', 'fan': 'time', 'cross_talk': 'other_drive'}
+"""Kinds of the remainder that an unmodelled effect leaves."""
+
+
+def described(row: dict[str, Any]) -> str:
+    """Verdict on whether the remainder was said to depend on what was hidden."""
+    kinds = {DESCRIBED[name] for name in row['hidden'] if name in DESCRIBED}
+    return 'described' if row.get('remainder') in kinds else 'not described'
 
 
 def main() -> int:
@@ -328,8 +340,14 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         ),
         _gate('both of two named or in the set', pairs, right, '–'),
         _gate('  of these both named', pairs, ('named',), 'all'),
-        _gate('an effect beside an unmodelled effect: its name', beside, right, '–'),
+        _gate('an effect beside an unmodelled effect: its name', beside, right, '≥ 85 %'),
         _gate('  none of the above', beside, ('none of the above',), '–'),
+        _gate(
+            'what an unmodelled effect depends on, beside another or alone',
+            [described(r) for r in good if r['group'] in ('beside', 'unmodelled')],
+            ('described',),
+            '≥ 90 %',
+        ),
     ]
     if falls:
         enough = sum(value >= 0.8 for value in falls)

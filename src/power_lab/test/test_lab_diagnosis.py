@@ -6,7 +6,8 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
 from power_estimator.effects.signals.prepared import prepare
-from power_lab.diagnose.diagnosis import Diagnoser, above_floor, shared
+from power_lab.diagnose.diagnosis import Diagnoser
+from power_lab.diagnose.floors import above_floor, shared
 from power_lab.diagnose.verdict import sentence
 from truth_circuit import Faults, Truth, record
 
@@ -58,14 +59,60 @@ def test_two_hidden_effects_are_both_named():
 
 
 @pytest.mark.parametrize(
-    ('missing', 'kind'), [('position_rub', 'state'), ('fan', 'slow'), ('cross_talk', 'cross')]
+    ('missing', 'kind', 'depends_on'),
+    [
+        ('position_rub', 'state', 'position'),
+        ('fan', 'slow', 'time'),
+        ('cross_talk', 'cross', 'other_drive'),
+    ],
 )
-def test_an_unmodelled_effect_is_none_of_the_above(missing, kind):
+def test_an_unmodelled_effect_is_none_of_the_above_and_what_it_depends_on_is_said(
+    missing, kind, depends_on
+):
     found = diagnose({missing: 1.0})
     assert found.verdict == 'none_of_the_above'
     assert found.effects == ()
     assert getattr(found.unexplained, kind).max() > 0.05
     assert 'none of the known effects' in sentence(found)
+    assert found.remainder.kind == depends_on
+    assert f'most over {found.remainder.over[0]}: `discover` can describe it' in sentence(found)
+
+
+@pytest.mark.parametrize(
+    ('missing', 'over'),
+    [
+        ('position_rub', 'position of LF_KFE'),
+        ('fan', 'time, with a period of 11 s'),
+        ('cross_talk', 'power of LF_KFE (seen at LF_HAA)'),
+    ],
+)
+def test_an_effect_beside_an_unmodelled_one_is_named_and_the_rest_is_described(missing, over):
+    found = diagnose({missing: 1.0, 'load_friction': 1.0})
+    assert found.verdict == 'named', found.steps
+    assert found.effects == ('load_friction',)
+    assert found.remainder.over[0] == over
+    left = np.sqrt(found.remainder.gain.mean())
+    assert left > 1.0  # W; each of the three hides more
+    told = sentence(found)
+    assert told.startswith('Friction that grows with load is missing from the model: it explains')
+    assert f'{left:.2f} W of structure is left that no known effect explains' in told
+    assert f'most of it over {over}: `discover` can describe it.' in told
+
+
+def test_what_is_left_is_compared_with_the_noise_of_the_meter():
+    found = diagnose({'idle': 1.0})
+    noise = np.sqrt(np.mean(np.square(found.noise)))
+    assert 0.05 < noise < found.best.rmse.max()  # W, below 12.5 Hz
+    left = np.sqrt(found.best.mean_mse.mean())
+    assert f"to {left:.2f} W, of which the meter's noise is {noise:.2f} W." in sentence(found)
+
+
+def test_a_small_effect_beside_a_large_one_is_named_where_it_explains_all_but_the_noise():
+    hidden = {'viscous_friction': 1.0, 'coulomb_friction': 0.7}
+    found = diagnose(hidden, 'ladder', base=('copper_loss', 'idle'), seed=30, seconds=100.0)
+    gain = found.steps[1].gain.sum() / found.steps[0].gain.sum()
+    assert gain < 0.02**2  # of the large one's squared watts
+    assert set(found.effects) == set(hidden), found.steps
 
 
 @pytest.mark.parametrize(

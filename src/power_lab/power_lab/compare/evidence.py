@@ -46,9 +46,10 @@ class Evidence:
 class Examiner:
     """Cross-validates structures on one set of prepared signals."""
 
-    def __init__(self, fitter: Fitter) -> None:
+    def __init__(self, fitter: Fitter, *, by_recording: bool = True) -> None:
+        """by_recording: as in `Folds.of`."""
         self.fitter = fitter
-        self.folds = Folds.of(fitter.blocks)
+        self.folds = Folds.of(fitter.blocks, by_recording=by_recording)
 
     def examine(self, fit: Fit, names: Sequence[str] = ()) -> Evidence:
         """Held-out errors with the fit's delay and shapes, all coefficients refitted per fold."""

@@ -1,9 +1,7 @@
 """Procedure that finds the effect that a model lacks, and its verdict."""
 
 import itertools
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +9,13 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened, shaped
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
+from power_estimator.effects.fit.per_recording import has_own_terms
 
 from power_lab.compare.evidence import Evidence, Examiner
+from power_lab.diagnose.beside import beside
 from power_lab.diagnose.candidates import CONSTANT_TORQUE, best_shapes, candidates
 from power_lab.diagnose.confidence_set import confidence_set
+from power_lab.diagnose.findings import Candidate, Diagnosis, Step, Verdict
 from power_lab.diagnose.floors import (
     above_floor,
     beyond_physics,
@@ -26,7 +27,6 @@ from power_lab.diagnose.floors import (
 from power_lab.diagnose.residual_structure import ResidualStructure, examine_structure
 
 Floats = NDArray[np.float64]
-Verdict = Literal['named', 'ambiguous', 'none_of_the_above', 'no_evidence']
 
 NAME_FLOOR, NAME_SHARE_OF_RMS = 0.1, 0.0015
 """W, and share of the rms power: an effect that explains less is not worth a name."""
@@ -34,6 +34,11 @@ STRUCTURE_FLOOR, STRUCTURE_SHARE_OF_RMS = 0.15, 0.004
 """The same for structure that no effect explains; formulas are not more accurate than this."""
 NEXT_SHARE = 0.02
 """A further effect must explain this share, in watts, of what the others do."""
+TO_THE_NOISE = 0.9
+"""
+Or this share of the squared error that is left above the meter's noise: where a large effect's
+formula does not quite fit, no other effect explains all of the rest.
+"""
 NAMED_SHARE, NAMED_SHARE_QUIET = 0.8, 0.5
 """
 Named effects must explain this share of all that can be explained; half of it where what is left
@@ -54,60 +59,6 @@ _EVENT, _EVENT_SHARE = 20.0, 0.05  # times the median squared error; of the bloc
 _BESIDE_CONSTANT = 2.0  # times its watts must an effect explain beside a constant torque
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """One effect on top of the base."""
-
-    name: str
-    active: Active
-    evidence: Evidence
-    gain: Floats  # W² [D], held-out
-    columns: NDArray[np.float32]  # [N, D, n], of its coefficients
-    intervals: Floats  # [D, n, 2], of its coefficients
-    explained: NDArray[np.float32]  # W [N, D], that the base's residual has more than its own
-
-
-@dataclass(frozen=True)
-class Step:
-    """One round: what competed for the next place, and what could have it."""
-
-    added: tuple[str, ...]
-    members: tuple[tuple[str, ...], ...]  # sets of effects that may be the best
-    none_possible: bool
-    best: tuple[str, ...]
-    gain: Floats  # W² [D], of the best over what was there before
-
-    def less(self, redundant: Collection[str]) -> 'Step':
-        """Without effects that proved superfluous beside the others."""
-        if not redundant:
-            return self
-        left = [tuple(name for name in member if name not in redundant) for member in self.members]
-        return replace(self, members=tuple(dict.fromkeys(left)))
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """The verdict with everything it rests on."""
-
-    verdict: Verdict
-    effects: tuple[str, ...]
-    base: Evidence
-    best: Evidence  # with the effects that the data ask for
-    chosen: tuple[str, ...]
-    singles: tuple[Candidate, ...]
-    in_set: frozenset[str]
-    certain: frozenset[str]  # in every set that may be the best
-    possible: tuple[tuple[str, ...], ...]  # sets that may be missing, where something is named
-    ladder: tuple[Evidence, ...]  # the base, and what the data asked for step by step
-    explained: Floats  # W² [D], by the chosen effects
-    unexplained: ResidualStructure
-    floor: Floats  # W [D], of what is worth a name
-    structure_floor: Floats  # W [D]
-    share: float
-    steps: tuple[Step, ...] = field(default=())
-    beyond: tuple[str, ...] = ()  # effects that only fit with a coefficient at its bound
-
-
 class Diagnoser:
     """Runs the procedure on one set of prepared signals."""
 
@@ -116,7 +67,7 @@ class Diagnoser:
     ) -> None:
         """Base holds the model's effects and the measurement terms."""
         self.fitter = fitter
-        self.examiner = Examiner(fitter)
+        self.examiner = Examiner(fitter, by_recording=not has_own_terms(base))
         self.structure = base
         self.base = base
         self.catalogue = catalogue
@@ -126,13 +77,21 @@ class Diagnoser:
         self.candidates = candidates(fitter, base, catalogue)
 
     def run(self) -> Diagnosis:
-        """All of it."""
+        """All of it, again beside free shapes where known effects do not explain enough."""
+        return beside(self.alone(), self, self._again)
+
+    def _again(self, shapes: Sequence[Active]) -> Diagnosis:
+        base = self.structure.plus(*shapes)
+        return Diagnoser(self.fitter, base, self.catalogue, self.seed).alone(events=False)
+
+    def alone(self, *, events: bool = True) -> Diagnosis:
+        """The procedure with the known effects alone; events: leave out what nothing follows."""
         none = self._base()
         screener = self._screener(none)
         found = best_shapes(screener)
-        events = self._events(none, screener, found)
-        if events.any():
-            self.fitter.leave_out(events)
+        odd = self._events(none, screener, found) if events else np.zeros(0, dtype=bool)
+        if odd.any():
+            self.fitter.leave_out(odd)
             none = self.examiner.examine(self.fitter.fit(self.base, none.fit, iterations=2))
             screener = CandidateScreener(
                 self.fitter, self.examiner.folds, none.fit, self.candidates
@@ -227,7 +186,8 @@ class Diagnoser:
         first = none.mean_mse - best.mean_mse
         worth = above_floor(gain, self.floor) and not negligible(finalists[0], self.fitter.scale)
         if chosen:
-            worth = worth and gain.sum() >= NEXT_SHARE**2 * first.sum()
+            large = gain.sum() >= NEXT_SHARE**2 * first.sum()
+            worth = worth and bool(large or self._to_the_noise(gain, finalists[0]))
             worth = worth and sum(i > 0 for i in members) <= MOST_RIVALS
             worth = worth and shared(gain, self.floor)
         step = Step(
@@ -240,6 +200,12 @@ class Diagnoser:
         if 0 in members or not worth:
             return step, None
         return step, finalists[0]
+
+    def _to_the_noise(self, gain: Floats, after: Evidence) -> bool:
+        """Return whether an effect explains all that was left but the meter's noise."""
+        noise = np.square(np.nan_to_num(self.fitter.prepared.noise))
+        left = np.maximum(after.mean_mse - noise, 0.0)
+        return bool(gain.sum() >= TO_THE_NOISE * (gain + left).sum())
 
     def _reshaped(self, evidence: Evidence) -> Evidence:
         """
@@ -309,14 +275,14 @@ class Diagnoser:
     ) -> Diagnosis:
         ladder = list(ladder)
         none = ladder[0]
-        unexplained = self._unexplained(ladder[-1])
+        unexplained = self.unexplained(ladder[-1])
         beyond = tuple(dict.fromkeys(name for rung in ladder for name in beyond_physics(rung)))
         while beyond_physics(ladder[-1]):
             ladder.pop()
-            unexplained = self._unexplained(ladder[-1])
+            unexplained = self.unexplained(ladder[-1])
         while len(ladder) > 2 and not self._earned(ladder[-2], ladder[-1], unexplained):
             ladder.pop()
-            unexplained = self._unexplained(ladder[-1])
+            unexplained = self.unexplained(ladder[-1])
         best, chosen = ladder[-1], ladder[-1].names
         explained = np.maximum(none.mean_mse - best.mean_mse, 0.0)
         explainable = explained + unexplained.explained
@@ -359,6 +325,7 @@ class Diagnoser:
             share=share,
             steps=tuple(steps),
             beyond=beyond,
+            noise=self.fitter.prepared.noise,
         )
 
     def _beside_constant(
@@ -381,7 +348,8 @@ class Diagnoser:
     def _without(self, evidence: Evidence, name: str) -> Evidence:
         return self.added(evidence.fit, tuple(a for a in evidence.actives if a.name != name))
 
-    def _unexplained(self, evidence: Evidence) -> ResidualStructure:
+    def unexplained(self, evidence: Evidence) -> ResidualStructure:
+        """Structure that is left of what a model does not explain."""
         residual = self.examiner.residual(evidence)
         fitter = self.fitter
         return examine_structure(

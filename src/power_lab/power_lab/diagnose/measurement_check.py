@@ -1,7 +1,7 @@
 """Measurement check: offset, gain, bias, lag and delay with intervals."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
-from power_lab.diagnose.diagnosis import Diagnosis
+from power_lab.diagnose.findings import Diagnosis
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +48,8 @@ class MeasurementTerm:
     drive: str
     drives: Mapping[str, float]
     at_bound: str = ''
+    recording: str = ''  # where the term is one recording's own: that where it costs most
+    recordings: Mapping[str, float] = field(default_factory=dict)  # that drive's, by recording
 
     def json(self) -> dict[str, object]:
         """As `diagnose --json` writes it."""
@@ -60,6 +62,8 @@ class MeasurementTerm:
             'drive': self.drive,
             'drives': dict(self.drives),
             'at_bound': self.at_bound or None,
+            'recording': self.recording or None,
+            'recordings': dict(self.recordings),
         }
 
 
@@ -69,13 +73,15 @@ def check_measurement(
     model: EffectModel,
     *,
     other_recording: bool,
+    delays: Floats | None = None,
     seed: int = 0,
 ) -> dict[str, MeasurementTerm]:
     """
     The terms of the best fit with 95 % intervals, by name.
 
     With other_recording, a change of the idle draw
-    against the model's counts as current offset: at one bus voltage they are the same.
+    against the model's counts as current offset: at one bus voltage they are the same. delays: of
+    each recording beside that of all, s [R].
     """
     fit = diagnosis.best.fit
     prepared = fitter.prepared
@@ -92,12 +98,18 @@ def check_measurement(
         np.abs(fit.delay) * slope,
         diagnosis.floor,
     )
+    if delays is not None and delays.any():
+        own = {n: _short(fit.delay + float(d)) for n, d in _named(prepared, delays)}
+        found['time_offset'] = replace(found['time_offset'], recordings=own)
     for name in TERMS[1:]:
         columns = fit.structure.columns_of(name)
         if not columns:
             continue
-        values, bounds = fit.coefficients[:, columns[0]], intervals[:, columns[0]]
-        size = np.sqrt(np.nanmean(np.square(fit.design.columns[..., columns[0]]), axis=0))
+        sizes = _sizes(fit, prepared, columns)
+        costs = np.abs(fit.coefficients[:, columns]) * sizes / diagnosis.floor[:, None]
+        worst = int(np.nanargmax(costs.max(axis=0)))
+        column, size = columns[worst], sizes[:, worst]
+        values, bounds = fit.coefficients[:, column], intervals[:, column]
         if name == 'velocity_lag':
             lag = prepared.lag.mean(keepdims=True) if prepared.whole else prepared.lag
             values, bounds = values + lag, bounds + lag[:, None]
@@ -107,9 +119,35 @@ def check_measurement(
             else:
                 bounds = bounds + _UNKNOWN_OFFSET
         term = _term(name, prepared, values, bounds, np.abs(values) * size, diagnosis.floor)
-        at_bound = fit.at_bound(prepared.names.index(term.drive), columns[0])
-        found[name] = replace(term, at_bound=at_bound)
+        drive = prepared.names.index(term.drive)
+        found[name] = replace(term, at_bound=fit.at_bound(drive, column))
+        if len(columns) > 1:
+            every = _named(prepared, fit.coefficients[drive, columns])
+            found[name] = replace(
+                found[name],
+                recording=prepared.recordings[worst],
+                recordings={one: _short(float(value)) for one, value in every},
+            )
     return found
+
+
+def _named(prepared: Prepared, values: Floats) -> Iterator[tuple[str, float]]:
+    """Recordings with their values [R]; a name that comes twice gets its number."""
+    seen: set[str] = set()
+    for number, (name, value) in enumerate(zip(prepared.recordings, values, strict=True)):
+        one = f'{name} ({number + 1})' if name in seen else name
+        seen.add(one)
+        yield one, float(value)
+
+
+def _sizes(fit: Fit, prepared: Prepared, columns: Sequence[int]) -> Floats:
+    """W per unit [D, n] of columns, rms where they are not zero throughout a recording."""
+    own = fit.design.columns[..., columns]
+    square = np.nanmean(np.square(own), axis=0)
+    if len(columns) == 1:
+        return np.sqrt(square)
+    rows = np.array([np.mean(prepared.recording == one) for one in range(len(columns))])
+    return np.asarray(np.sqrt(square / np.maximum(rows, 1e-9)))
 
 
 def _term(

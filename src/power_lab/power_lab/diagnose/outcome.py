@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue, Signals
 from power_estimator.effects.fit.design import Structure
-from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.training import LEAST_SECONDS, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.model import PowerModel
@@ -17,10 +16,12 @@ from power_lab.compare.comparison import by_drive, describe_state
 from power_lab.compare.evidence import Evidence
 from power_lab.compare.regimes import Regime, worst_regimes
 from power_lab.diagnose.candidates import CONSTANT_TORQUE
-from power_lab.diagnose.diagnosis import Candidate, Diagnoser, Diagnosis
+from power_lab.diagnose.diagnosis import Diagnoser
+from power_lab.diagnose.findings import Candidate, Diagnosis
 from power_lab.diagnose.measurement_check import MeasurementTerm, check_measurement
 from power_lab.diagnose.next_recording import Motion, separating_motion
-from power_lab.diagnose.verdict import in_words, sentence
+from power_lab.diagnose.together import together
+from power_lab.diagnose.verdict import in_words, noise_w, remainder, sentence
 from power_lab.recordings import Loaded, base_power
 
 Floats = NDArray[np.float64]
@@ -123,6 +124,7 @@ class Outcome:
                 'period_s': _values(d.unexplained.period, names),
                 'ljung_box_p': _values(d.unexplained.ljung_box, names),
             },
+            'residual': self._residual(),
             'next_recording': self.motion.content(),
             'drives': {
                 name: {
@@ -143,6 +145,19 @@ class Outcome:
                 }
                 for step in d.steps
             ],
+        }
+
+    def _residual(self) -> dict[str, Any] | None:
+        """Structure that no known effect explains; None where it is too small to be one."""
+        d = self.diagnosis
+        if d.verdict == 'no_evidence' or (d.remainder is None and not d.unmodelled):
+            return None
+        left, noise = remainder(d), noise_w(d)
+        return {
+            'rms_w': _short(float(np.sqrt(left.mean()))),
+            'noise_w': _short(noise) if np.isfinite(noise) else None,
+            'over': [] if d.remainder is None else list(d.remainder.over),
+            'drives': _roots(left, self.diagnoser.fitter.prepared.names),
         }
 
 
@@ -169,9 +184,9 @@ def diagnose(
         least=max(LEAST_SECONDS, LEAST_SECONDS * loaded.window),
         window=loaded.window,
     )
-    fitter = own.fitter(per_drive=True)
-    terms = measurement_terms(catalogue, shaft='shaft' in model.effects)
     structure = own.structure(model.structure.actives)
+    own, terms, delays = together(own, structure, catalogue)
+    fitter = own.fitter(per_drive=True)
     diagnoser = Diagnoser(fitter, structure.plus(*terms), catalogue, seed)
     diagnosis = diagnoser.run()
     state, labels = describe_state(own.prepared, loaded)
@@ -184,14 +199,17 @@ def diagnose(
 
     known = {entry.get('sha256') for entry in model.fitted_on}
     other = not seen and not any(entry['sha256'] in known for entry in loaded.identities)
-    rows = _rows(diagnosis, diagnoser)
+    beside = diagnosis.beside or diagnosis
+    rows = _rows(beside, diagnoser)
     return Outcome(
         model=model,
         loaded=loaded,
         diagnoser=diagnoser,
         diagnosis=diagnosis,
         rows=rows,
-        measurement=check_measurement(diagnosis, fitter, model, other_recording=other, seed=seed),
+        measurement=check_measurement(
+            beside, fitter, model, other_recording=other, delays=delays, seed=seed
+        ),
         regimes=regimes_of(diagnosis.best),
         base_regimes=regimes_of(diagnosis.base),
         motion=_motion(diagnosis, rows, catalogue, own.prepared.signals),

@@ -26,9 +26,11 @@ class Folds:
     training: Floats  # [F, B], 1 where the block may be trained on
 
     @classmethod
-    def of(cls, blocks: Blocks) -> 'Folds':
+    def of(cls, blocks: Blocks, *, by_recording: bool = True) -> 'Folds':
         """
         Split by recording where there are five or more, else by pieces of 10 s in turn.
+
+        Not by_recording where each has coefficients of its own, which no other tells.
 
         Blocks without a measured drive count in no piece, so that short stretches of measurement
         far apart are in all folds.
@@ -36,7 +38,7 @@ class Folds:
         """
         recordings = np.unique(blocks.recording)
         count = len(blocks.starts)
-        if len(recordings) >= FOLDS:
+        if by_recording and len(recordings) >= FOLDS:
             test = np.searchsorted(recordings, blocks.recording) % FOLDS
         else:
             place = np.cumsum(blocks.valid.any(axis=1)) - 1

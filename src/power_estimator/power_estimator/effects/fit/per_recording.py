@@ -1,0 +1,137 @@
+"""Errors of the measurement that differ from recording to recording of one robot."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_estimator.effects import Effect, Shape, Signals
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.fitter import Fitter
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.reducer import SHIFT_STEP
+from power_estimator.effects.signals.scale import DriveScale
+
+Floats = NDArray[np.float64]
+
+OWN_TERMS = ('power_gain', 'current_offset', 'offset_drift')
+"""What changes when a power meter is switched off and on, warms, or is another."""
+MOST_RECORDINGS = 8
+"""More recordings than this share their terms, which would else be most of a model."""
+_LEAST_BLOCKS = 20  # s, of a recording whose delay can be told
+_LEAST_DELAY = 0.0015  # s: what delays of recordings differ by for no reason
+
+
+class PerRecording(Effect):
+    """A term of the measurement with a coefficient of its own in each recording."""
+
+    kind = 'measurement'
+
+    def __init__(self, of: Effect, recordings: int) -> None:
+        self.of, self.recordings = of, recordings
+        self.name = of.name  # type: ignore[misc]
+        self.physics, self.formula = of.physics, of.formula  # type: ignore[misc]
+        self.acts_on, self.follows = of.acts_on, of.follows  # type: ignore[misc]
+        self.excitation, self.near = of.excitation, of.near  # type: ignore[misc]
+        self.terms = tuple(  # type: ignore[misc]
+            replace(of.terms[0], symbol=f'{of.terms[0].symbol}{number + 1}')
+            for number in range(recordings)
+        )
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """Return the term's own regressor in the column of the recording, 0 in the others."""
+        return self.of.regressors(signals, **shape) * self._within(signals)
+
+    def _within(self, signals: Signals) -> Floats:
+        """1 in the column of the recording, 0 in the others [T, 1, R]."""
+        return (signals.recording[:, None, None] == np.arange(self.recordings)).astype(np.float64)
+
+    def factors(self, scale: DriveScale) -> Floats:
+        """As the term's."""
+        return np.repeat(self.of.factors(scale), self.recordings, axis=1)
+
+    def shapes_of(self, scale: DriveScale) -> tuple[Shape, ...]:
+        """As the term's."""
+        return self.of.shapes_of(scale)
+
+
+class GainPerRecording(PerRecording):
+    """
+    A gain error of the meter in each recording, on all of its power.
+
+    Of one recording the losses take their part of the gain up, so that the shaft alone shows it;
+    common losses cannot.
+    """
+
+    def __init__(self, of: Effect, recordings: int) -> None:
+        super().__init__(of, recordings)
+        self.formula = 'g·P'  # type: ignore[misc]
+        self.follows = frozenset({'drawn'})  # type: ignore[misc]
+
+    def regressors(self, signals: Signals, **shape: float) -> Floats:
+        """Return the estimated power in the column of the recording, 0 in the others."""
+        return signals.drawn[..., None] * self._within(signals)
+
+    def drawn_slope(self, signals: Signals, coefficients: Floats, **shape: float) -> Floats:
+        """Return the gain of the recording."""
+        return np.asarray((coefficients * self._within(signals)).sum(axis=2))
+
+
+def own_terms(terms: Sequence[Active], recordings: int) -> tuple[Active, ...]:
+    """Terms of the measurement for several recordings: gains and offsets of each its own."""
+    if not 1 < recordings <= MOST_RECORDINGS:
+        return tuple(terms)
+
+    def own(effect: Effect) -> PerRecording:
+        made = GainPerRecording if effect.name == 'power_gain' else PerRecording
+        return made(effect, recordings)
+
+    return tuple(Active.of(own(term.effect)) if term.name in OWN_TERMS else term for term in terms)
+
+
+def has_own_terms(structure: Structure) -> bool:
+    """Return whether recordings have coefficients of their own."""
+    return any(isinstance(active.effect, PerRecording) for active in structure.actives)
+
+
+def own_delays(
+    prepared: Prepared, structure: Structure, fitter_of: Callable[[Prepared], Fitter]
+) -> Floats:
+    """
+    Delay of each recording's power against that of the others, s [R].
+
+    structure: the model with all that resembles a delay (inertia, spring), so that motions that
+    show these in different measure do not differ in delay for it. fitter_of: makes a fitter. Zero
+    where they hardly differ.
+    """
+    count = len(prepared.recordings)
+    none = np.zeros(count)
+    if not 1 < count <= MOST_RECORDINGS:
+        return none
+    found = np.full(count, np.nan)
+    for one in range(count):
+        only = np.where((prepared.recording == one)[:, None], prepared.power, np.float32(np.nan))
+        fitter = fitter_of(replace(prepared, power=only))
+        if int(fitter.blocks.valid.any(axis=1).sum()) >= _LEAST_BLOCKS:
+            found[one] = fitter.fit(structure, iterations=3).delay
+    if np.isnan(found).all():
+        return none
+    apart = np.nan_to_num(found - np.nanmedian(found))
+    return np.where(np.abs(apart) >= _LEAST_DELAY, apart, 0.0)
+
+
+def in_step(prepared: Prepared, delays: Floats) -> Prepared:
+    """Return the signals with a delay of each recording's power taken out, s [R]."""
+    if not delays.any():
+        return prepared
+    power = prepared.power.copy()
+    places = np.arange(len(prepared.shifts), dtype=np.float64)
+    for one in np.flatnonzero(delays):
+        rows = prepared.recording == one
+        moved = np.clip(places + delays[one] / SHIFT_STEP, 0.0, len(places) - 1.001)
+        left = moved.astype(np.intp)
+        weight = (moved - left)[:, None, None].astype(np.float32)
+        own = prepared.power[:, rows]
+        power[:, rows] = (1.0 - weight) * own[left] + weight * own[left + 1]
+    return replace(prepared, power=power)

@@ -1,0 +1,43 @@
+"""Several recordings of one robot, judged together: own meter errors, common coefficients."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.fitter import Fitter, measurement_terms
+from power_estimator.effects.fit.per_recording import in_step, own_delays, own_terms
+from power_estimator.effects.fit.training import Material
+from power_estimator.effects.signals.prepared import Prepared
+
+Floats = NDArray[np.float64]
+
+_LIKE_A_DELAY = ('rotor_inertia', 'spring')
+
+
+def together(
+    own: Material, structure: Structure, catalogue: Catalogue
+) -> tuple[Material, tuple[Active, ...], Floats]:
+    """
+    Recordings in step, the terms of their measurement, and their own delays, s [R].
+
+    Gains, offsets and delays of each recording are its own.
+    """
+    prepared = own.prepared
+    terms = measurement_terms(catalogue, shaft='shaft' in structure.names)
+    alike = [
+        catalogue[name]
+        for name in _LIKE_A_DELAY
+        if name in catalogue
+        and not any(known.partition('@')[0] == name for known in structure.names)
+        and catalogue[name].usable(prepared.signals)
+    ]
+    whole = structure.plus(*own.structure([Active.of(effect) for effect in alike]).actives, *terms)
+
+    def fitter(alone: Prepared) -> Fitter:
+        return replace(own, prepared=alone).fitter(per_drive=True)
+
+    delays = own_delays(prepared, whole, fitter)
+    aligned = replace(own, prepared=in_step(prepared, delays))
+    return aligned, own_terms(terms, len(prepared.recordings)), delays
