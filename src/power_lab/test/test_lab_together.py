@@ -56,7 +56,8 @@ def test_gain_offset_and_delay_are_each_recordings_own():
     assert gains[0] - gains[1] == pytest.approx(0.04, abs=0.01)
     offsets = list(checked['current_offset'].recordings.values())
     assert offsets[0] - offsets[1] == pytest.approx(0.03, abs=0.008)  # A
-    assert list(checked['time_offset'].recordings) == ['walk_1', 'ladder_2']
+    late = checked['time_offset'].recordings
+    assert late['ladder_2'] - late['walk_1'] == pytest.approx(0.008, abs=0.0005)  # s
     assert checked['power_gain'].json()['recording'] in data.recordings
 
 

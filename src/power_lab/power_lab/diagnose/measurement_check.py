@@ -87,14 +87,14 @@ def check_measurement(
     prepared = fitter.prepared
     intervals = fitter.intervals(fit, seed)
     found: dict[str, MeasurementTerm] = {}
-    delays = np.quantile(fitter.delay_draws(fit, _DRAWS, seed), [0.025, 0.975])
+    drawn = np.quantile(fitter.delay_draws(fit, _DRAWS, seed), [0.025, 0.975])
     rate = np.gradient(prepared.power_at(fit.delay), axis=0) * REDUCED_RATE
     slope = np.sqrt(np.nanmean(np.square(rate), axis=0))
     found['time_offset'] = _term(
         'time_offset',
         prepared,
         np.full(len(prepared.names), round(fit.delay, 9)),
-        np.tile(np.round(delays, 9), (len(prepared.names), 1)),
+        np.tile(np.round(drawn, 9), (len(prepared.names), 1)),
         np.abs(fit.delay) * slope,
         diagnosis.floor,
     )
