@@ -95,7 +95,7 @@ class Demo:
             walk = ('--policy', policy, '--start', '--random-commands', '--restart-after', '1')
             runner = start(self.node(name, 'policy_runner', 'run', *walk, '--seed', str(seed)))
             nodes.append(runner)
-            runner.wait_for_line('running')
+            runner.wait_for_line('running', 4 * PATIENCE)
             card = ('--card', 'robot=anymal_c', f'controller={policy}', 'notes=demo, simulated')
             record = ('-o', str(bag), '--duration', str(seconds), *card)
             recorder = start(self.node(name, 'power_daq', 'record', *record))
@@ -145,7 +145,7 @@ class Demo:
                 for index, (policy, bag) in enumerate(zip(policies, bags, strict=True))
             ]
             for node in nodes:
-                node.succeed(20 * PATIENCE)
+                node.succeed(60 * PATIENCE)
         return bags
 
 

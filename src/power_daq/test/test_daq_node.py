@@ -149,7 +149,8 @@ class Listener:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.supply, self.joints, self.diagnostics = [], [], []
-        qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        # On a busy machine the listener falls behind by more than a second.
+        qos = QoSProfile(depth=20_000, reliability=ReliabilityPolicy.RELIABLE)
         for kind, topic, found in (
             (DriveSupply, 'drive_supply', self.supply),
             (JointState, 'joint_states', self.joints),

@@ -253,6 +253,33 @@ def test_nothing_on_any_topic_is_said(record: Callable[..., Recorder], tmp_path:
     assert 'no message came on any topic' in out
 
 
+def test_a_duration_that_waits_counts_from_the_first_sample_of_power_on(
+    robot: Robot, record: Callable[..., Recorder], tmp_path: Path
+) -> None:
+    supply = robot.publisher(DriveSupply, 'drive_supply')
+    recorder = record(tmp_path / 'walk', '--wait', '--duration', '0.5')
+    wait_for(supply.get_subscription_count)
+    time.sleep(2.0)
+    assert recorder.process.poll() is None
+    robot.stream(supply, lambda: recorder.process.poll() is not None)
+    assert recorder.result()[0] == 0
+    stamps = Recording.open(tmp_path / 'walk').drive_supply().stamp_ns
+    assert (stamps[-1] - stamps[0]) / 1e9 > 0.4
+
+
+def test_an_end_before_the_awaited_power_is_an_error(
+    robot: Robot, record: Callable[..., Recorder], tmp_path: Path
+) -> None:
+    joints = robot.publisher(JointState, 'joint_states')
+    recorder = record(tmp_path / 'walk', '--wait')
+    wait_for(joints.get_subscription_count)
+    joints.publish(JointState())
+    robot.wait_for_diagnostics(f'{robot.namespace}/joint_states messages', '1')
+    code, out, err = recorder.end()
+    assert code == 1
+    assert 'no sample came on' in out + err
+
+
 @pytest.mark.parametrize(
     ('arguments', 'error'),
     [

@@ -100,12 +100,15 @@ def test_clipped_frozen_and_broken_signals_are_found(tmp_path, walk):
     def two_clocks(source):
         source.supply_stamps += 3_600_000_000_000
 
+    def late_power(source):
+        source.drop_supply(slice(0, 10_000))
+
     def jitter(source):
         late = np.random.default_rng(0).integers(0, 2_400_000, len(source.joint_stamps))
         source.joint_stamps += late  # of a period of 2.5 ms
 
-    usual = codes(nothing) & {'clipped', 'frozen', 'gaps', 'clock_step', 'two_clocks', 'jitter'}
-    assert not usual
+    usual = {'clipped', 'frozen', 'gaps', 'clock_step', 'two_clocks', 'coverage', 'jitter'}
+    assert not codes(nothing) & usual
     for change, code in (
         (clipped_torque, 'clipped'),
         (frozen_torque, 'frozen'),
@@ -113,6 +116,7 @@ def test_clipped_frozen_and_broken_signals_are_found(tmp_path, walk):
         (gaps, 'gaps'),
         (set_back, 'clock_step'),
         (two_clocks, 'two_clocks'),
+        (late_power, 'coverage'),
         (jitter, 'jitter'),
     ):
         assert code in codes(change), code

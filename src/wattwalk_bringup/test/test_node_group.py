@@ -114,6 +114,13 @@ def test_the_table_shows_state_and_last_line_of_each_node(start):
     assert 'warn: bus absent' in rows['daq']
 
 
+def test_a_node_starts_until_it_has_said_something(start):
+    (sim,) = start(sim=WAITS).nodes
+    assert sim.state == 'starting'
+    assert sim.update() == ['ready']
+    assert sim.state == 'running'
+
+
 def test_without_a_terminal_each_line_is_printed_once_after_the_name(start, capsys):
     group = start(daq='echo one\necho two\nexit 3\n')
     assert wait_until(lambda: group.ended)

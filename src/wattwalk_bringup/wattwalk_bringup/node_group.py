@@ -33,7 +33,7 @@ class RunningNode:
         self.process = ChildProcess(tethered, folder / f'{command.name}.log')
         self.log = LogFollower(self.process.log)
         self.since = time.monotonic()
-        self.state = 'running'
+        self.state = 'starting'
         self.cpu_share = 0.0
         self._measured = (self.since, 0.0)
         self._unread: list[str] = []
@@ -53,8 +53,10 @@ class RunningNode:
                 self._measured = (now, self.process.cpu_seconds())
                 self.cpu_share = (self._measured[1] - used) / (now - before)
             self._unread += self.log.new_lines()
+            if self.state == 'starting' and self.log.last:
+                self.state, self.since = 'running', now
             return
-        if self.state in ('running', 'ending'):
+        if self.state in ('starting', 'running', 'ending'):
             self.since, self.cpu_share = now, 0.0
             self.state = f'ended, code {code}' if code in SOUND_ENDS else f'failed, code {code}'
         self._unread += self.log.rest()

@@ -17,7 +17,7 @@ from wattwalk_core.yaml_file import read_yaml
 
 from wattwalk_bringup.settings import FOLDER, RANDOM, BringupSettings
 
-QOS: Final = FOLDER / 'rosbag2_qos.yaml'
+QOS: Final = FOLDER.parent / 'rosbag2_qos.yaml'
 _OTHER_TOPICS: Final = ('/cmd_vel', '/diagnostics')
 Value = bool | int | float | str
 
@@ -161,7 +161,8 @@ def _recorder(settings: BringupSettings) -> NodeCommand:
         return _command(settings, 'recorder', 'ros2 bag record', own=own)
     own = ('-o', settings.record)
     if settings.duration:
-        own += ('--duration', f'{settings.duration:g}')
+        # On a busy machine a simulated robot may take half a minute to begin.
+        own += ('--wait', '--duration', f'{settings.duration:g}')
     if card := _card(settings):
         own += ('--card', *card)
     return _command(settings, 'recorder', 'power_daq record', own=own)

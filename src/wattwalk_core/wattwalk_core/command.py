@@ -72,6 +72,7 @@ def command_parser(name: str, description: str, epilog: str) -> argparse.Argumen
         description=description,
         epilog=epilog,
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
     )
 
 

@@ -48,7 +48,8 @@ def main(args: Sequence[str] | None = None) -> int:
         card.save(options.output)
         recorder = BackgroundRecorder(bag)
         try:
-            node = RecorderNode(recorder, topics, card, options.output, options.duration)
+            counted = (options.duration, options.wait)
+            node = RecorderNode(recorder, topics, card, options.output, *counted)
         except BaseException:
             recorder.close()
             raise
@@ -71,6 +72,9 @@ def _parse(arguments: Sequence[str]) -> argparse.Namespace:
         '--topics', nargs='+', metavar='TOPIC', help='instead of all: NAME or NAME:package/Type'
     )
     parser.add_argument('--duration', type=float, default=0.0, metavar='S', help='stop after that')
+    parser.add_argument(
+        '--wait', action='store_true', help='count the duration from the first sample of power on'
+    )
     parser.add_argument(
         '--card',
         nargs='+',

@@ -22,6 +22,7 @@ from wattwalk_core.nodes.polled_topic import PolledTopic
 from power_daq.acquisition.torque import TORQUE_AT, TORQUE_UNIT, VELOCITY
 
 _DEPTH: Final = 2000
+_POWER: Final = ('drive_supply', 'supply')
 _LOOK: Final = 0.01  # s between looks at the topics
 _HOUSEKEEPING: Final = 0.2  # s
 
@@ -31,7 +32,8 @@ class RecorderNode(Node):
     Puts the bytes of each message into the recorder, with the time of its publication.
 
     topics: their types by name. card: the user's entries, completed and saved in the folder `bag`
-    at the end. duration: s until the node ends by itself, 0 for never.
+    at the end. duration: s until the node ends by itself, 0 for never; with `wait` they count from
+    the first sample of power on, and an end without one gives code 1.
     """
 
     def __init__(
@@ -41,11 +43,14 @@ class RecorderNode(Node):
         card: Card,
         bag: Path,
         duration: float,
+        wait: bool = False,
     ) -> None:
         super().__init__('recorder')
         self.done: Future = Future()
         self._recorder = recorder
         self._card, self._bag, self._duration = card, bag, duration
+        self._awaited = {self.resolve_topic_name(name) for name in _POWER} if wait else set()
+        self._begun = 0.0
         self._best_effort: set[str] = set()
         self._types = {self.resolve_topic_name(name): topics[name] for name in topics}
         self._buffers = {
@@ -94,7 +99,14 @@ class RecorderNode(Node):
         card = card.with_torque(self._torque[TORQUE_AT], self._torque[TORQUE_UNIT])
         card.with_derived_velocity(tuple(self._torque[VELOCITY])).save(self._bag)
         print(f'{recorder.summary()}\n{self._bag}')
-        return 0 if recorder.progress().counts else 1
+        progress = recorder.progress()
+        if progress.counts and self._waiting(progress):
+            self.get_logger().error(f'no sample came on {" or ".join(sorted(self._awaited))}')
+            return 1
+        return 0 if progress.counts else 1
+
+    def _waiting(self, progress: RecordingProgress) -> bool:
+        return bool(self._awaited) and self._awaited.isdisjoint(progress.counts)
 
     def _note_conditions(self, message: DiagnosticArray) -> None:
         """Note what acquisition says about its samples, for the card."""
@@ -114,7 +126,10 @@ class RecorderNode(Node):
             self._buffers[name].destroy()
             self._buffers[name] = self._subscribe(name, ReliabilityPolicy.BEST_EFFORT)
         self._best_effort.clear()
-        over = self._duration and self._recorder.progress().seconds >= self._duration
+        progress = self._recorder.progress()
+        if self._waiting(progress):
+            self._begun = progress.seconds
+        over = self._duration and progress.seconds - self._begun >= self._duration
         if (over or self._recorder.failed is not None) and not self.done.done():
             self.done.set_result(None)
 

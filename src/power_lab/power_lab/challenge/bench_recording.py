@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-from sim_bridge.offline.run import OfflineRun, write_bag
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.world import stand_world
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 
@@ -30,6 +28,10 @@ def record_motion(
     drive: the first that the motion names, where none is given. challenge: its robot takes the
     place of the plant's unit. InputError for a drive that the bench does not have.
     """
+    # The simulated bus comes with these, which an analysis does without.
+    from sim_bridge.offline.run import OfflineRun, write_bag
+    from sim_bridge.plant.world import stand_world
+
     motion = BenchMotion(file)
     drive = drive or (motion.drives[0] if motion.drives else JOINT_NAMES[0])
     if drive not in JOINT_NAMES:

@@ -8,6 +8,7 @@ from power_recordings.quality.streams import SampleLoss, Timing
 from power_recordings.reading.reader import Recording
 
 _GAPS: Final = 0.05  # share of the recording
+_COVERED: Final = 0.9  # share of the recording, with the gaps
 _JITTER: Final = 0.5  # of a period
 _MEETING: Final = 0.5  # share of the shorter topic
 _RECORD_WITH: Final = (
@@ -23,6 +24,13 @@ def clock_findings(recording: Recording, topics: Mapping[str, Timing]) -> list[F
         longest = max(topics[name].gap_seconds for name in gappy)
         text = f'{longest:.3g} s of {recording.duration:.3g} s are gaps ({", ".join(gappy)})'
         found.append(Finding('gaps', 'warning', '', text))
+    for name in ('joint_states', 'drive_supply'):
+        if (timing := topics.get(name)) is None or not timing.rate > 0:
+            continue
+        covered = timing.samples / timing.rate + timing.gap_seconds
+        if covered < _COVERED * recording.duration:
+            text = f'{name} covers {covered:.3g} s of {recording.duration:.3g} s: begun late?'
+            found.append(Finding('coverage', 'warning', '', text))
     for name, timing in topics.items():
         steps = len(recording.breaks(name))
         if steps:

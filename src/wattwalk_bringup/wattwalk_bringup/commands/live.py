@@ -65,6 +65,8 @@ def _run(settings: BringupSettings) -> int:
     if failures:
         print(f'live: logs are in {folder}', file=sys.stderr)
         return 1
+    if settings.record:
+        print(f'next: ros2 run power_recordings info {settings.record}')
     shutil.rmtree(folder)
     return 0
 
@@ -95,6 +97,7 @@ def _parse(own: Sequence[str]) -> argparse.Namespace:
                 dest=argument.name,
                 action='store_const',
                 const='false',
+                help=f'not {argument.name}',
             )
         else:
             parser.add_argument(
