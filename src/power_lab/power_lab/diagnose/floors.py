@@ -11,7 +11,12 @@ from power_lab.compare.evidence import Evidence
 Floats = NDArray[np.float64]
 
 _OF_NOISE = 0.5  # of the meter's noise: nothing smaller is told
-_ALONE = 2.0  # times the floor, on one drive alone
+_ALONE = 2.0
+"""
+Times the floor, on one drive alone.
+
+Decides for robots of five drives and more: with n drives one alone reaches the pooled floor at √n.
+"""
 _SHARED = 0.5  # times the floor, on a second drive, of a further effect
 _BY_FAR = 4.0  # the same on one drive alone
 
