@@ -26,7 +26,8 @@ from lab_scenarios import Scenario, few_circuits, few_simulated, random_order
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
 from power_estimator.effects.signals.prepared import Prepared, prepare
-from power_lab.diagnose.diagnosis import Diagnoser, Diagnosis
+from power_lab.diagnose.diagnosis import Diagnoser
+from power_lab.diagnose.findings import Diagnosis
 from power_recordings.alignment.dataset import AlignedDataset
 from rich.progress import track
 from threadpoolctl import threadpool_limits
