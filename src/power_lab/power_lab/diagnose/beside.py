@@ -25,7 +25,7 @@ what is there to about a fiftieth of its square.
 """
 
 
-class Bench(Protocol):
+class FitsOfBase(Protocol):
     """Fits of the base that is diagnosed."""
 
     fitter: Fitter
@@ -40,7 +40,7 @@ class Bench(Protocol):
 
 
 def beside(
-    found: Diagnosis, bench: Bench, again: Callable[[Sequence[Active]], Diagnosis]
+    found: Diagnosis, bench: FitsOfBase, again: Callable[[Sequence[Active]], Diagnosis]
 ) -> Diagnosis:
     """
     Say what structure depends on that no effect explains, and name effects beside it.
@@ -72,13 +72,13 @@ def beside(
     return described
 
 
-def _remainder(bench: Bench, evidence: Evidence, number: int) -> Remainder | None:
+def _remainder(bench: FitsOfBase, evidence: Evidence, number: int) -> Remainder | None:
     return remainder(
         bench.fitter, bench.examiner, evidence, bench.structure_floor, f'free_shape_{number + 1}'
     )
 
 
-def _joined(found: Diagnosis, trial: Diagnosis, bench: Bench) -> Diagnosis:
+def _joined(found: Diagnosis, trial: Diagnosis, bench: FitsOfBase) -> Diagnosis:
     """The diagnosis of the base with the names that were found beside free shapes."""
     assert found.remainder is not None
     alone = bench.added(found.base.fit, trial.best.actives)
