@@ -5,8 +5,9 @@ Three drives of a leg as circuits: currents and voltages are worked out first, p
 product at the meter. Shapes differ from the catalogue's formulas on purpose.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,13 +72,17 @@ class Truth:
     seed: int = 0
     unit: int = 0
     faults: Faults = field(default_factory=Faults)
+    segments: Sequence[Mapping[str, Any]] = ()  # of a motion file, in place of the motion
 
 
 def record(truth: Truth) -> AlignedDataset:
     """Simulate and measure, aligned at 400 Hz."""
     rng = np.random.default_rng([truth.seed, 7])
     steps = int(truth.seconds * RATE)
-    position, velocity, torque = (_walk if truth.motion == 'walk' else _ladder)(rng, steps)
+    if truth.segments:
+        position, velocity, torque = _asked_for(rng, truth.segments)
+    else:
+        position, velocity, torque = (_walk if truth.motion == 'walk' else _ladder)(rng, steps)
     acceleration = np.gradient(velocity, 1 / RATE, axis=0)
     power, voltage, winding = _circuit(truth, position, velocity, acceleration, torque)
     return _measure(truth, rng, position, velocity, torque, power, voltage, winding)
@@ -133,8 +138,32 @@ def _ladder(rng: np.random.Generator, steps: int) -> tuple[Floats, Floats, Float
         if i + 1 < count:
             speed[i + 1] = -speed[i]
     load = rng.choice(loads, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
-    w = _smooth(np.repeat(speed, span, axis=0)[:steps], 0.03)
-    tau = _smooth(np.repeat(load, span, axis=0)[:steps], 0.05)
+    held = (np.repeat(values, span, axis=0)[:steps] for values in (speed, load))
+    return _moved(rng, *held)
+
+
+def _asked_for(
+    rng: np.random.Generator, segments: Sequence[Mapping[str, Any]]
+) -> tuple[Floats, Floats, Floats]:
+    """Execute segments of a motion file, all drives alike."""
+    speeds, loads = [], []
+    for one in segments:
+        time = np.arange(int(float(one['seconds']) * RATE)) / RATE
+        wave = 2 * np.pi * float(one.get('frequency', 0.0)) * time
+        swing = float(one.get('amplitude', 0.0)) * np.cos(wave)
+        low, high = float(one.get('low', 0.0)), float(one.get('high', 0.0))
+        load = float(one.get('load', one.get('torque', 0.0)))
+        speeds.append(float(one.get('speed', 0.0)) + swing * 2 * np.pi * one.get('frequency', 0.0))
+        loads.append(load + np.where(np.sin(wave) > 0, high, low))
+    speed, load = (np.tile(np.concatenate(parts)[:, None], 3) for parts in (speeds, loads))
+    return _moved(rng, speed, load)
+
+
+def _moved(rng: np.random.Generator, speed: Floats, load: Floats) -> tuple[Floats, Floats, Floats]:
+    """Motion at a speed and load that change at once, as a drive follows them."""
+    steps = len(speed)
+    w = _smooth(speed, 0.03)
+    tau = _smooth(load, 0.05)
     tau += 0.3 * np.gradient(w, 1 / RATE, axis=0)
     ripple = _smooth(rng.standard_normal((steps, 3)), 0.01)
     tau += 0.3 * ripple / ripple.std(axis=0)
@@ -240,7 +269,7 @@ def _measure(
     at_1k = np.round(at_1k / 0.001) * 0.001
     volts = voltage[::2] + rng.normal(0, 0.01, at_1k.shape)
     watts = at_1k * volts
-    times = np.arange(int(truth.seconds * 400) - 2) / 400.0
+    times = np.arange(int(len(q) / RATE * 400) - 2) / 400.0
     taken = np.stack([np.interp(times, t[::2], c) for c in _box(watts).T], axis=1)
     velocity = sosfilt(butter(1, faults.velocity_filter, fs=RATE, output='sos'), w, axis=0)
     bent = tau * (1 + faults.torque_bend * (np.abs(tau) / 40.0))

@@ -10,6 +10,7 @@ from power_estimator.effects.fit.per_recording import in_step
 from power_estimator.effects.fit.training import material
 from power_lab.diagnose.diagnosis import Diagnoser
 from power_lab.diagnose.measurement_check import check_measurement
+from power_lab.diagnose.next_recording import separating_motion
 from power_lab.diagnose.together import together
 from truth_circuit import Faults, Truth, record
 
@@ -84,3 +85,17 @@ def test_power_of_a_late_recording_is_put_in_step_with_the_others():
     late = prepared.recording == 1
     assert np.array_equal(moved.power[:, ~late], prepared.power[:, ~late])
     assert np.allclose(moved.power_at(0.002)[late], prepared.power_at(0.010)[late], atol=1e-3)
+
+
+def test_what_the_walk_leaves_open_is_named_with_the_recording_that_shows_it():
+    hidden = {'regeneration_limit': 1.0}
+    walk = of_unit(hidden, 'walk', 2, Faults(), 40.0)
+    alone = diagnoser(walk)[0].run()
+    assert alone.verdict == 'ambiguous', alone.steps
+    assert 'regeneration_limit' in alone.effects
+    asked = separating_motion(['regeneration_limit'], CATALOGUE, walk.names, 'to tell them apart')
+    effects = dict.fromkeys(MID, 1.0) | hidden
+    shown = record(Truth(effects, 'asked', 0.0, 3, 51, SECOND, asked.segments * 2))
+    both = diagnoser(joined(walk, shown))[0].run()
+    assert both.verdict == 'named', both.steps
+    assert both.effects == ('regeneration_limit',)
