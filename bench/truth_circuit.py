@@ -54,8 +54,8 @@ class Faults:
     """Errors of the measurement."""
 
     delay: float = 0.0015  # s, of the power
-    gain: float = 0.0
-    current_offset: float = 0.0  # A
+    gain: float | Floats = 0.0
+    current_offset: float | Floats = 0.0  # A
     torque_bias: float = 0.0  # N·m
     velocity_filter: float = 40.0  # Hz
     offset_drift: float = 0.0  # A per minute
@@ -66,13 +66,15 @@ class Faults:
 class Truth:
     """Active effects as multiples of TYPICAL, and the motion."""
 
-    effects: Mapping[str, float]
+    effects: Mapping[str, float | Floats]  # a number for all drives, or one for each
     motion: str = 'walk'
     seconds: float = 150.0
     seed: int = 0
     unit: int = 0
     faults: Faults = field(default_factory=Faults)
     segments: Sequence[Mapping[str, Any]] = ()  # of a motion file, in place of the motion
+    pace: float = 1.0  # of the gait, against the usual one
+    payload: float = 1.0  # torque against the usual one
 
 
 def record(truth: Truth) -> AlignedDataset:
@@ -81,8 +83,11 @@ def record(truth: Truth) -> AlignedDataset:
     steps = int(truth.seconds * RATE)
     if truth.segments:
         position, velocity, torque = _asked_for(rng, truth.segments)
+    elif truth.motion == 'walk':
+        position, velocity, torque = _walk(rng, steps, truth.pace)
     else:
-        position, velocity, torque = (_walk if truth.motion == 'walk' else _ladder)(rng, steps)
+        position, velocity, torque = _ladder(rng, steps)
+    torque = torque * truth.payload
     acceleration = np.gradient(velocity, 1 / RATE, axis=0)
     power, voltage, winding = _circuit(truth, position, velocity, acceleration, torque)
     return _measure(truth, rng, position, velocity, torque, power, voltage, winding)
@@ -97,10 +102,12 @@ def _smooth(values: Floats, seconds: float) -> Floats:
     return CubicSpline(known, coarse, axis=0)(np.minimum(places, known[-1]))
 
 
-def _walk(rng: np.random.Generator, steps: int) -> tuple[Floats, Floats, Floats]:
+def _walk(
+    rng: np.random.Generator, steps: int, usual: float = 1.0
+) -> tuple[Floats, Floats, Floats]:
     hold = np.repeat(rng.uniform(-1, 1, (steps // int(3 * RATE) + 1, 3)), int(3 * RATE), axis=0)
     command = _smooth(hold[:steps], 0.25)
-    pace = 1.6 + 0.25 * command[:, 2]
+    pace = (1.6 + 0.25 * command[:, 2]) * usual
     phase = 2 * np.pi * np.cumsum(pace) / RATE
     stance = 1 / (1 + np.exp(-8 * np.sin(phase)))
     speed = 0.25 + 0.55 * np.abs(command[:, 0])

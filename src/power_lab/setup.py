@@ -54,6 +54,7 @@ setup(
             'challenge = power_lab.commands.challenge:main',
             'reveal = power_lab.commands.challenge:reveal',
             'execute = power_lab.commands.execute:main',
+            'track = power_lab.commands.track:main',
             'to_plant = power_lab.commands.to_plant:main',
         ],
     },

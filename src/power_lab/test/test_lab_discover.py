@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from aligned_bag import write
 from discover_truth import recorded
 from power_estimator.effects import builtin_catalogue, load_catalogue
 from power_estimator.effects.fit.design import Active, Structure
@@ -21,26 +22,9 @@ from power_lab.discover.found import bounds_of
 from power_lab.discover.grammar import PRIMITIVES
 from power_lab.discover.memory import play
 from power_lab.discover.outcome import split
-from synthetic_walk import Walk
 
 KNOWN = ('shaft', 'copper_loss', 'viscous_friction', 'coulomb_friction', 'rotor_inertia', 'idle')
 CATALOGUE = builtin_catalogue()
-
-
-def write(folder, data):
-    """A recording of the same signals; its electrical samples are at 1 kHz."""
-    walk = Walk(seconds=len(data.time) / data.rate, names=data.names, drive_names=data.names)
-    slow = data.time - data.time[0]
-    fast = np.arange(len(walk.current)) / 1000.0
-    joint = np.arange(len(walk.position)) / 400.0
-    for name in ('position', 'velocity'):
-        given = getattr(data, name)
-        getattr(walk, name)[:] = np.stack([np.interp(joint, slow, g) for g in given.T], axis=1)
-    walk.effort[:] = np.stack([np.interp(joint, slow, g) for g in data.torque.T], axis=1)
-    walk.voltage[:] = np.stack([np.interp(fast, slow, g) for g in data.voltage.T], axis=1)
-    watts = np.stack([np.interp(fast, slow, g) for g in data.power.T], axis=1)
-    walk.current[:] = watts / walk.voltage
-    return walk.write(folder)
 
 
 def discovered(data):

@@ -1,0 +1,61 @@
+"""`ros2 run power_lab track`: which effect of which drive changes over many recordings."""
+
+from collections.abc import Sequence
+
+from wattwalk_core.command import command
+from wattwalk_core.console import check_suffix, progress, write_json
+from wattwalk_core.files import together
+
+from power_lab.commands import options as common
+
+
+@command
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    parser = common.parser(
+        'track',
+        'Fit one model to each of many recordings and find what changes over time: an effect of '
+        'a drive, or an error of its meter. At most one of twenty quiet histories raises an '
+        'alarm. Recordings are taken in the order of their time.',
+        'example: ros2 run power_lab track bags/day_* --model base.yaml --json t.json '
+        '--report t.html',
+    )
+    common.add_bags(parser)
+    parser.add_argument('--model', required=True, metavar='MODEL.yaml', help='model of effects')
+    common.add_outputs(parser)
+    options = parser.parse_args(args)
+    check_suffix(options.report, '--report', ('.html',))
+    common.check_bags(options.bags)
+    catalogue = common.catalogue_of(options)
+    common.check_models([options.model], catalogue)
+
+    from threadpoolctl import threadpool_limits
+
+    from power_lab.compare.comparison import open_model
+    from power_lab.report.track_tables import print_tracked
+    from power_lab.track.outcome import model_of, track
+
+    model = model_of(open_model(options.model, catalogue), options.model)
+    with progress('reading') as show, threadpool_limits(limits=1):
+        found = track(
+            options.bags,
+            model,
+            catalogue,
+            drives=options.drives,
+            slow=options.slow,
+            anyway=options.anyway,
+            show=show,
+        )
+        content = found.json()
+    print_tracked(common.console(), found)
+    with together():
+        if options.json is not None:
+            write_json(options.json, content)
+        if options.report:
+            from power_lab.report.track_page import write_tracked
+
+            write_tracked(options.report, found)
+    if options.report:
+        print(f'report: {options.report}')
+    print(f'next: {found.next_command(options.model)}')
+    return 0

@@ -1,0 +1,1 @@
+"""Coefficients of one model over many recordings, and which of them change."""

@@ -1,0 +1,188 @@
+"""One model fitted to one recording: estimates, covariance and response to each fault."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.blocks import Normal, drawn_blocks, modelled
+from power_estimator.effects.fit.delay_search import group_limits
+from power_estimator.effects.fit.design import Structure
+from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
+from power_estimator.effects.fit.training import material
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_recordings.alignment.dataset import AlignedDataset
+
+Floats = NDArray[np.float64]
+
+TIME_OFFSET = 'time_offset'
+_DRAWS = 120  # bootstraps of the blocks
+_DELAY_DRAWS = 20
+_FINEST_DELAY = 2e-5  # s, standard deviation that no estimate of the delay is better than
+_LEAST_SHARE = 1e-9  # of the mean of a gram matrix's diagonal, so that it can be inverted
+
+
+@dataclass(frozen=True)
+class Occasion:
+    """Identity and circumstances of a recording."""
+
+    name: str
+    time: float  # s since 1970, of the start
+    robot: str = ''
+    facts: Mapping[str, float] | None = None  # numbers of the card: temperature, payload, …
+    motions: Mapping[str, str] | None = None  # words of the card: controller, terrain
+
+
+@dataclass(frozen=True)
+class RecordingFit:
+    """
+    A structure fitted to one recording without bounds, m coefficients for each of D meters.
+
+    responses[name] [D, m] is what the estimates gain for a unit of an effect or of a fault of the
+    measurement. It says what two of them have in common: the offset of a current sensor raises
+    the same estimates as the idle draw.
+    """
+
+    occasion: Occasion
+    drives: tuple[str, ...]
+    labels: tuple[tuple[str, int], ...]  # (effect, term) of each coefficient
+    values: Floats  # [D, m]
+    covariance: Floats  # [D, m, m]
+    responses: Mapping[str, Floats]
+    watts: Floats  # W per unit [D, m], mean over the recording
+    rms: Floats  # W per unit [D, m], rms over the recording
+    conditions: Mapping[str, Floats]  # by name [D]: temperature, load, speed, voltage
+    error: Floats  # W rms [D]
+    power: Floats  # W [D, 2], mean and rms that the drive draws
+
+
+def fit_recording(
+    data: AlignedDataset,
+    model: EffectModel,
+    catalogue: Catalogue,
+    occasion: Occasion,
+    *,
+    base: NDArray[np.float32] | None = None,
+    window: float = 0.0,
+    seed: int = 0,
+) -> RecordingFit:
+    """
+    Fit the effects of a model and the errors of measurement to one recording, per drive.
+
+    data: aligned, not smoothed. base: power of the model that the effects stand on, W [T, D].
+    InputError for a recording that is too short or too still.
+    """
+    own = material(data, per='drive', base=base, catalogue=catalogue, window=window)
+    structure = own.structure(model.structure.actives)
+    terms = measurement_terms(catalogue, shaft='shaft' in structure.names)
+    fitter = own.fitter(per_drive=True)
+    fit = fitter.fit(structure.plus(*terms), iterations=4)
+    values, covariance, inverse, gram = _solved(fitter, fit, seed)
+    columns = fit.design.columns
+    labels = fit.structure.labels
+    responses = _responses(fitter, fit, inverse, gram)
+    delays = fitter.delay_draws(fit, _DELAY_DRAWS, seed)
+    spread = np.square(max(float(delays.std()), _FINEST_DELAY))
+    values, covariance, responses = _with_delay(values, covariance, responses, fit.delay, spread)
+    drawn = fitter.prepared.power_at(fit.delay)
+    rate = np.sqrt(np.nanmean(np.square(np.gradient(drawn, axis=0)))) * REDUCED_RATE
+    edge = np.full((len(values), 1), float(rate))
+    return RecordingFit(
+        occasion=occasion,
+        drives=fitter.prepared.names,
+        labels=(*labels, (TIME_OFFSET, 0)),
+        values=values,
+        covariance=covariance,
+        responses=responses,
+        watts=np.concatenate([columns.mean(axis=0), 0.0 * edge], axis=1),
+        rms=np.concatenate([np.sqrt(np.square(columns).mean(axis=0)), edge], axis=1),
+        conditions=_conditions(fitter),
+        error=np.sqrt(fit.mse),
+        power=np.stack([np.nanmean(drawn, axis=0), np.sqrt(np.nanmean(drawn**2, axis=0))], axis=1),
+    )
+
+
+def _solved(fitter: Fitter, fit: Fit, seed: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """
+    Coefficients [D, m] without bounds, their covariance, and the matrices behind them [D, m, m].
+
+    A bounded estimate is no longer linear in the power: next to a bound its mean and its spread
+    say little of a change. The prior of the errors of measurement stays.
+    """
+    normal, design = fit.normal, fit.design
+    prior = design.structure.priors(fitter.scale)
+    _, _, ridge = group_limits(design, prior, fitter.weight, fitter.groups)
+    drawn = drawn_blocks(len(normal.gram), _DRAWS, seed)
+    drives, m = normal.moment.shape[1:]
+    values, covariance = np.empty((drives, m)), np.empty((drives, m, m))
+    inverse, grams = np.empty((drives, m, m)), np.empty((drives, m, m))
+    for group, own_ridge in zip(fitter.groups, ridge, strict=True):
+        drive = group[0]
+        weight = fit.weights[:, drive] * normal.valid[:, drive]
+        gram, moment = normal.gram[:, drive], normal.moment[:, drive]
+        grams[drive] = np.tensordot(weight, gram, axes=1)
+        least = _LEAST_SHARE * float(np.trace(grams[drive])) / m
+        added = np.diag(np.nan_to_num(own_ridge, posinf=0.0) + least)
+        inverse[drive] = np.linalg.inv(grams[drive] + added)
+        values[drive] = inverse[drive] @ (weight @ moment)
+        often = drawn * weight
+        left = np.tensordot(often, gram, axes=1) + added
+        sampled = np.linalg.solve(left, (often @ moment)[..., None])[..., 0]
+        covariance[drive] = np.cov(sampled, rowvar=False)
+    return values, covariance, inverse, grams
+
+
+def _responses(fitter: Fitter, fit: Fit, inverse: Floats, gram: Floats) -> dict[str, Floats]:
+    """Estimates [D, m] per unit of each effect's first term and of each fault."""
+    structure: Structure = fit.structure
+    known = inverse @ gram
+    out: dict[str, Floats] = {}
+    for column, (name, term) in enumerate(structure.labels):
+        if term == 0:
+            out[name] = known[..., column]
+    design = fit.design
+    power = modelled(design.columns, fit.coefficients) + design.constant
+    normal = Normal.of(design.columns, power, fit.blocks)
+    moment = np.einsum('bd,bdm->dm', fit.weights * normal.valid, normal.moment)
+    out['power_gain'] = np.einsum('dij,dj->di', inverse, moment)
+    return out
+
+
+def _with_delay(
+    values: Floats,
+    covariance: Floats,
+    responses: Mapping[str, Floats],
+    delay: float,
+    spread: float,
+) -> tuple[Floats, Floats, dict[str, Floats]]:
+    """Append the delay, which all drives have in common, as a last coefficient of each."""
+    drives, m = values.shape
+    joined = np.concatenate([values, np.full((drives, 1), delay)], axis=1)
+    wider = np.zeros((drives, m + 1, m + 1))
+    wider[:, :m, :m] = covariance
+    wider[:, m, m] = spread
+    out = {
+        name: np.concatenate([own, np.zeros((drives, 1))], axis=1)
+        for name, own in responses.items()
+    }
+    out[TIME_OFFSET] = np.zeros((drives, m + 1))
+    out[TIME_OFFSET][:, m] = 1.0
+    return joined, wider, out
+
+
+def _conditions(fitter: Fitter) -> dict[str, Floats]:
+    """Circumstances of each meter [D] that its signals show."""
+    signals = fitter.prepared.signals
+    found = {
+        'load': np.sqrt(np.square(signals.torque).mean(axis=0)),
+        'speed': np.sqrt(np.square(signals.velocity).mean(axis=0)),
+        'supply voltage': np.median(signals.voltage, axis=0),
+    }
+    known = np.isfinite(signals.temperature)
+    if known.any(axis=0).all():
+        found['temperature'] = np.nanmean(signals.temperature, axis=0)
+    if fitter.prepared.whole:
+        return {name: own.mean(keepdims=True) for name, own in found.items()}
+    return found
