@@ -197,7 +197,8 @@ def test_recordings_with_a_hidden_step_of_friction_end_in_one_alarm(days, tmp_pa
     change = knee['change']
     assert change['verdict'] == 'step'
     assert change['at'] == 'walk06'
-    assert change['to'] / change['from'] == pytest.approx(1.5, abs=0.12)
+    # Half of the circuit's 1.8 N·m; the fitted level has other friction of its shape in it.
+    assert change['to'] - change['from'] == pytest.approx(0.9, abs=0.12)
     assert change['interval'][0] < change['to'] < change['interval'][1]
     changed = [key for key, one in series.items() if one['change']['verdict'] != 'steady']
     assert changed == [('LF_HFE', 'coulomb_friction')]

@@ -54,10 +54,8 @@ def common_levels(models: Sequence[ChangeModel]) -> dict[tuple[str, int], Common
         errors = np.array([level[1][i] for level, i in zip(levels, places, strict=True)])
         with np.errstate(all='ignore'):
             found = combine_effects(values, np.maximum(errors, 1e-12) ** 2, method_re='dl')
-        if not np.isfinite(found.tau2):
-            continue
-        spread = float(np.sqrt(max(found.tau2, 0.0)))
-        error = float(np.sqrt(1.0 / np.sum(1.0 / (errors**2 + found.tau2 + 1e-24))))
+        spread = float(np.sqrt(max(found.tau2, 0.0)))  # the estimate of its square may be negative
+        error = float(np.sqrt(1.0 / np.sum(1.0 / (errors**2 + spread**2 + 1e-24))))
         out[label] = Common(float(found.mean_effect_re), error, spread)
     return out
 
