@@ -1,5 +1,5 @@
 """
-The whole loop in about nine minutes, from walking to hidden effects that are found.
+The whole loop in about ten minutes, from walking to hidden effects that are found.
 
 The robot walks and is measured, a network learns and estimates live while a policy that was
 trained to save power walks, both policies are compared, a model of effects is completed by

@@ -45,7 +45,7 @@ class BringupSettings:
     restart_after: Annotated[
         float,
         Quantity(0.0, 3600.0, 's'),
-        About('s of sound inputs after a fault until it starts again; 0: never'),
+        About('s without a fault until it starts again; 0: never'),
     ] = 0.0
     velocity: Annotated[
         str, About('VX,VY,YAW to hold (m/s, m/s, rad/s), or random; empty: follow cmd_vel')
