@@ -48,6 +48,26 @@ def page_of(browser, address, complaints):
     return page
 
 
+def barriers_of(page):
+    """What axe complains of by theme and width, with all that can be unfolded unfolded."""
+    axe = pytest.importorskip('axe_playwright_python.sync_playwright')
+    found = {}
+    for part in page.locator('details').all():
+        part.evaluate('part => { part.open = true; }')
+    for scheme, width in (('light', 1280), ('dark', 1280), ('light', 390)):
+        page.emulate_media(color_scheme=scheme)
+        page.set_viewport_size({'width': width, 'height': 900})
+        page.wait_for_timeout(500)
+        seen = axe.Axe().run(page).response['violations']
+        if page.evaluate('() => document.documentElement.scrollWidth') > width:
+            seen.append({'id': 'wider than the screen', 'nodes': []})
+        for one in seen:
+            found[scheme, width, one['id']] = [node['html'] for node in one['nodes']]
+    page.emulate_media(color_scheme='light')
+    page.set_viewport_size({'width': 1280, 'height': 900})
+    return found
+
+
 def errors(bag, model, folder):
     path = folder / 'compared.json'
     assert compare_command.main([str(bag), '--models', str(model), '--json', str(path)]) == 0
@@ -109,6 +129,7 @@ def walked(bag, browser, tmp_path_factory):
         told = verdict.inner_text()
         page.locator('.candidate').first.hover()
         page.locator('#plot-traces').get_by_text('error with').first.wait_for()
+        barriers = barriers_of(page)
         page.get_by_role('button', name='Add friction that grows with load').first.click()
         stairs = page.locator('#stairs-words', has_text='From')
         stairs.wait_for()
@@ -127,6 +148,7 @@ def walked(bag, browser, tmp_path_factory):
         'verdict': told,
         'stairs': fallen,
         'complaints': complaints,
+        'barriers': barriers,
     }
 
 
@@ -138,6 +160,10 @@ def test_the_page_names_the_hidden_effect_and_the_error_falls_when_it_is_added(w
     before, after = (sum(step.rmse_w.values()) for step in session.steps[1:])
     assert after < 0.7 * before
     assert walked['complaints'] == []
+
+
+def test_axe_finds_no_barrier_in_light_and_dark_nor_on_a_phone(walked):
+    assert walked['barriers'] == {}
 
 
 def test_map_and_traces_are_linked_both_ways(walked):

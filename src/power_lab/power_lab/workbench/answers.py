@@ -124,12 +124,23 @@ def _view(view: PowerView) -> dict[str, Any]:
         'recordings': list(view.recordings),
         'seconds': view.seconds,
         'judged_seconds': round(len(view.slots) / REDUCED_RATE, 2),
+        'worst': _worst(view),
         'quantities': [{'name': name, 'unit': maps.UNITS_OF.get(name, '')} for name in view.state],
         'phases': sorted(view.words),
         'noise': maps.short(view.noise),
         'noise_w': maps.short_one(float(np.sqrt(np.nanmean(np.square(view.noise))))),
         'scores': view.content or None,
     }
+
+
+def _worst(view: PowerView) -> list[float]:
+    """Seconds between which the drives together fail most, or draw most without a model."""
+    from power_lab.report.figures import worst_stretch
+
+    values = view.measured if view.residual is None else view.residual
+    part = worst_stretch(np.sqrt(np.nansum(np.square(values, dtype=np.float64), axis=1)))
+    slots = view.slots[part]
+    return [float(slots[0]) / REDUCED_RATE, float(slots[-1]) / REDUCED_RATE]
 
 
 def view_of(desk: Desk) -> PowerView:

@@ -96,7 +96,8 @@ class Desk:
     @property
     def recordings_made(self) -> list[Path]:
         """Recordings that the simulated bench or an import has put into the session's folder."""
-        return sorted(path for path in self.folder.glob('recording_*') if path.is_dir())
+        found = self.folder.glob('recording_*/metadata.yaml')
+        return sorted(file.parent for file in found)
 
     def fresh(self, kind: str, suffix: str) -> Path:
         """A path in the session's folder that is not there yet."""

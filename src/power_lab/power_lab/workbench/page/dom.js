@@ -101,7 +101,7 @@ export function command(text) {
     }
     setTimeout(() => { button.textContent = 'Copy'; }, 2000);
   });
-  return h('div', { class: 'with-copy' }, h('pre', { class: 'command', tabindex: 0, role: 'region', 'aria-label': 'Command' }, text), button);
+  return h('div', { class: 'with-copy' }, h('pre', { class: 'command' }, text), button);
 }
 
 /** Radio buttons that look like chips. */

@@ -92,7 +92,7 @@ function measurement(found) {
     h('td', {}, name.replaceAll('_', ' ')), h('td', { class: 'number' }, `${number(term.value)} ${term.unit === '1' ? '' : term.unit}`),
     h('td', { class: 'number' }, watts(term.watts)), h('td', {}, term.matters ? 'yes' : 'no')));
   const head = ['error of the measurement', 'value', 'would cost', 'matters'].map((text, index) => h('th', { scope: 'col', class: index === 1 || index === 2 ? 'number' : '' }, text));
-  return h('details', {}, h('summary', {}, 'Is the measurement sound?'), h('div', { class: 'scroll' }, h('table', {}, h('thead', {}, h('tr', {}, head)), h('tbody', {}, rows))));
+  return h('details', {}, h('summary', {}, 'Is the measurement sound?'), h('div', { class: 'scroll', tabindex: 0, role: 'group', 'aria-label': 'Errors of the measurement' }, h('table', {}, h('thead', {}, h('tr', {}, head)), h('tbody', {}, rows))));
 }
 
 /** A form that draws another model as a line. */
@@ -118,7 +118,7 @@ export function stairs() {
     marker: { color: steps.map((_, index) => color(index ? 'better' : 'base')) }, hovertemplate: '%{y:.3f} W<extra></extra>',
   }], {
     bargap: 0.5, margin: { l: 58, r: 12, t: 16, b: 64 },
-    xaxis: { tickvals: steps.map((_, index) => index), ticktext: steps.map((one, index) => (index ? one.label : 'first model').replace(/(.{18}\S*) /g, '$1<br>')), fixedrange: true },
+    xaxis: { range: [-0.6, steps.length + 0.1], tickvals: steps.map((_, index) => index), ticktext: steps.map((one, index) => (index ? one.label : 'first model').replace(/(.{18}\S*) /g, '$1<br>')), fixedrange: true },
     yaxis: { title: { text: 'held-out error in W' }, range: [0, 1.2 * top], fixedrange: true },
     shapes: lines.map(([, level, dash]) => ({ type: 'line', xref: 'paper', x0: 0, x1: 1, y0: level, y1: level, line: { color: color('faint'), dash } })),
     annotations: lines.map(([name, level]) => ({ xref: 'paper', x: 1, xanchor: 'right', y: level, yanchor: 'bottom', showarrow: false, text: `${name} ${watts(level)}`, font: { color: color('text') } })),

@@ -43,6 +43,7 @@ export function update() {
     h('div', { class: 'plot low', id: 'plot-motion' }),
     h('div', { class: 'row' }, drives, h('button', { type: 'button', disabled: Boolean(state.job), onclick: () => attempt(() => post('bench', { drive: drives.value })) }, 'Record it on the simulated bench')),
     made.length ? h('div', {}, h('h3', {}, 'Recorded'), h('ul', { class: 'plain' }, made)) : null,
+    h('p', { class: 'faint' }, 'The bench simulates this drive of ANYmal C; of a riddle, the robot of the riddle. A motion of many minutes takes minutes; it can be cancelled.'),
     h('p', { class: 'faint' }, 'On a real drive, fitted to the limits of its joint:'),
     command(`${state.commands.motion}\nros2 run drive_bench run next.yaml --record bags/next`));
   const p = profile(motion.segments);

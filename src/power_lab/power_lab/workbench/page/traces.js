@@ -8,6 +8,7 @@ let shown = null;
 let strip = null;
 let mode = 'zoom';
 let asked = 0;
+let looked = false;
 let marked = () => {};
 let changed = () => {};
 
@@ -64,6 +65,7 @@ export function setWindow([a, b]) {
   const length = Math.min(Math.max(Math.abs(b - a), 0.2), end);
   const first = Math.min(Math.max(Math.min(a, b), 0), end - length);
   bench.window = [first, first + length];
+  looked = true;
   load();
 }
 
@@ -93,7 +95,7 @@ export function update() {
   if (fresh) build();
   drives();
   const [, end] = whole();
-  if (!bench.window || bench.window[1] > end + 0.1) bench.window = whole();
+  if (!bench.window || bench.window[1] > end + 0.1 || !looked) bench.window = [...bench.state.view.worst];
   load();
   loadStrip();
 }
@@ -156,8 +158,8 @@ export function render() {
   on(parts.plot, 'plotly_doubleclick', () => setWindow(whole()));
   [parts.from.value, parts.to.value] = bench.window.map((value) => value.toFixed(2));
   parts.legend.textContent = two
-    ? 'The grey band of the error is the meter’s noise, which no model can follow. With the plot in focus, the arrow keys move, + and − zoom.'
-    : 'Fit or load a model above to see it beside the measurement.';
+    ? 'The twelve seconds in which the model is worst, until you choose others. The grey band of the error is the meter’s noise, which no model can follow. With the plot in focus, the arrow keys move, + and − zoom.'
+    : 'The part of twelve seconds with the most power. Fit or load a model above to see it beside the measurement.';
 }
 
 const loadStrip = settled(async () => {
