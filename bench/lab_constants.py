@@ -74,6 +74,10 @@ CONSTANTS = (
     Constant(
         _LAB + 'diagnosis', 'NEXT_SHARE', (0.0, 0.01, 0.04, 0.1), 'of the others: a further effect'
     ),
+    Constant(_LAB + 'diagnosis', 'TO_THE_NOISE', (0.45, 0.8, _NEVER), 'of the rest: the same'),
+    Constant(_LAB + 'beside', 'BESIDE_SHARE', (0.0, 0.075, 0.3), 'of free shapes: a name beside'),
+    Constant(_LAB + 'beside', 'MOST_SHAPES', (0, 1, 6), 'free shapes at most'),
+    Constant(_LAB + 'free_shapes', '_LEAST', (0.15, 0.6), 'of a floor: a drive has the shape'),
     Constant(_LAB + 'diagnosis', 'NAMED_SHARE', (0.4, 0.6, 0.9), 'of what is explainable: a name'),
     Constant(
         _LAB + 'diagnosis', 'NAMED_SHARE_QUIET', (0.0, 0.25, 0.8), 'the same, little left over'
