@@ -1,12 +1,14 @@
 """Discovery of effects that no catalogue has, on circuits that do not share its formulas."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from aligned_bag import write
 from discover_truth import recorded
-from power_estimator.effects import builtin_catalogue, load_catalogue
+from power_estimator.effects import Term, builtin_catalogue, load_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.training import material
@@ -17,14 +19,45 @@ from power_lab.commands import fit as fit_command
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.drivers import FACTORS, Driver, Family
 from power_lab.discover.effect_file import Written, effect_source
-from power_lab.discover.formula import Formula, Place
-from power_lab.discover.found import bounds_of
+from power_lab.discover.formula import Formula, Place, principal
+from power_lab.discover.found import Found, bounds_of, check_bounds
 from power_lab.discover.grammar import PRIMITIVES
 from power_lab.discover.memory import play
 from power_lab.discover.outcome import split
+from power_lab.discover.words import in_short
+from power_recordings.alignment.dataset import AlignedDataset
 
 KNOWN = ('shaft', 'copper_loss', 'viscous_friction', 'coulomb_friction', 'rotor_inertia', 'idle')
 CATALOGUE = builtin_catalogue()
+
+
+def wheel(seed=3, seconds=80.0, *, rub=0.0, chopper=0.0, reversals=0.0, viscous=0.0, coulomb=0.0):
+    """A small turning drive with 1.3 W/(N·m)² of copper loss, and what is to be found in it."""
+    random = np.random.default_rng(seed)
+    time = np.arange(0.0, seconds, 0.0025)
+    phase = random.uniform(0, 6, 7)
+
+    def waves(*given):
+        return sum(size * np.sin(2 * np.pi * f * time + phase[i]) for i, (size, f) in given)
+
+    w = waves((0, (8.0, 0.31)), (1, (5.0, 0.13)), (2, (3.0, 1.1)))
+    torque = waves((3, (1.5, 0.23)), (4, (1.0, 0.71)), (5, (0.5, 1.7)))
+    q, a = np.cumsum(w) * 0.0025, np.gradient(w, 0.0025)
+    volts = 24.0 + 0.3 * np.sin(0.7 * time + phase[6]) + random.normal(0, 0.01, len(time))
+    power = torque * w + 1.3 * torque**2 + 4.2 + viscous * w**2 + coulomb * np.abs(w)
+    power = power + rub * (np.cos(q) > 0.7) * np.abs(w)
+    power = power + chopper * (volts > 24.15) + reversals * (np.abs(a) > 25.0)
+    noisy = power + random.normal(0, 0.1, len(time))
+    signals = {
+        'position': q,
+        'velocity': w + random.normal(0, 0.005, len(time)),
+        'torque': torque + random.normal(0, 0.003, len(time)),
+        'voltage': volts,
+        'current': noisy / volts,
+        'power': noisy,
+    }
+    columns = {name: values[:, None].astype(np.float32) for name, values in signals.items()}
+    return AlignedDataset.blank(400.0, ['WHEEL'], time, 'wheel', **columns)
 
 
 def discovered(data):
@@ -154,12 +187,61 @@ def test_a_play_sticks_at_its_edges_and_follows_in_between():
 
 def test_bounds_of_a_file_keep_the_sign_that_the_bootstrap_is_sure_of():
     between = np.array([[[2.0, 3.0]], [[2.5, 4.0]]])
-    ((low, high),) = bounds_of(between, np.ones((2, 1)))
+    values = between.mean(axis=2)
+    ((low, high),) = bounds_of(between, values)
     assert low == 0.0
     assert high > 4.0
-    ((low, high),) = bounds_of(-between[..., ::-1], np.ones((2, 1)))
+    ((low, high),) = bounds_of(-between[..., ::-1], -values)
     assert high == 0.0
     assert low < -4.0
+
+
+def test_bounds_of_a_file_hold_its_coefficients_wherever_the_bootstrap_put_its_interval():
+    random = np.random.default_rng(5)
+    for _ in range(200):
+        ends = np.sort(random.normal(0, 10 ** random.uniform(-3, 3), (2, 2, 2)), axis=2)
+        values = random.normal(0, 10 ** random.uniform(-3, 3), (2, 2))
+        for (low, high), own in zip(bounds_of(ends, values), values.T, strict=True):
+            assert low <= own.min()
+            assert own.max() <= high
+
+
+def test_three_effects_of_a_small_drive_are_written_with_bounds_around_their_own_coefficients(
+    tmp_path,
+):
+    fitter = material(wheel(rub=0.8, chopper=2.5, reversals=2.0)).fitter(per_drive=True)
+    assert fitter.scale.torque[0] < 0.1  # bounds of a reference drive would differ
+    actives = [Active.of(CATALOGUE[name]) for name in KNOWN]
+    structure = Structure(tuple(actives)).plus(*measurement_terms(CATALOGUE, shaft=True))
+    found = Discoverer(fitter, structure, CATALOGUE).run().found
+    assert len(found) == 3
+    check_bounds(found)
+    path = tmp_path / 'effect.py'
+    path.write_text(effect_source([one.written for one in found], ()), encoding='utf-8')
+    written = load_catalogue([path])
+    for one in found:
+        effect = written[one.name]
+        assert (effect.factors(fitter.scale) == 1.0).all()
+        for values in one.coefficients.values():
+            for term, value in zip(effect.terms, values, strict=True):
+                assert term.lower < value < term.upper
+
+
+def test_a_file_whose_bounds_exclude_its_coefficient_is_not_written():
+    term = Term('c', 'W', 0.6, 2.2)
+    effect = SimpleNamespace(terms=(term,))
+    one = Found('loss', 'speed', (0,), np.ones(1), (0.1, 0.2), effect=effect)
+    check_bounds([replace(one, coefficients={0: (1.0,)})])
+    with pytest.raises(ValueError, match=r'loss: c = 0.09831 W is outside'):
+        check_bounds([replace(one, coefficients={0: (0.09831,)})])
+
+
+def test_a_place_in_the_turn_and_a_ripple_are_told_as_a_person_says_them():
+    turn = Driver('angle', 'position', 'q within its turn', 'rad', 'signals.position[:, column]')
+    family = Family(turn, FACTORS['sign'], 'torque')
+    assert principal({'middle': 6.27})['middle'] == pytest.approx(-0.0132, abs=1e-4)
+    wave = Formula(PRIMITIVES['wave'], {0: Place(family, {'order': 2.0}, 1.0)}, 1.0)
+    assert 'rubs 2 times per turn: 0.5 N·m' in in_short(wave, {0: (0.3, 0.4)}, ['WHEEL'])
 
 
 def test_the_last_of_several_recordings_tests_what_the_others_show():

@@ -9,6 +9,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, Linearisation, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
+from threadpoolctl import threadpool_limits
 from wattwalk_core.quoting import printable
 
 from power_lab.compare.evidence import Evidence, Examiner
@@ -16,7 +17,7 @@ from power_lab.diagnose.floors import above_floor, floors, unseen
 from power_lab.discover.drivers import driver_values, families
 from power_lab.discover.effect_file import Written
 from power_lab.discover.formula import Formula, refined
-from power_lab.discover.found import Discovery, Finalist, Found, bounds_of, load_effect
+from power_lab.discover.found import Discovery, Finalist, Found, Values, load_effect
 from power_lab.discover.in_time import Course, InTime, in_time
 from power_lab.discover.problem import DriveProblem, problems
 from power_lab.discover.screening import DriverGain, DriverScreen, chance, promising
@@ -61,7 +62,11 @@ class Discoverer:
         self._trials = 0
 
     def run(self) -> Discovery:
-        """All of it."""
+        """All of it, on one thread: its matrices are small, and threads would only wait."""
+        with threadpool_limits(limits=1):
+            return self._run()
+
+    def _run(self) -> Discovery:
         self.show('fitting the model')
         self.structure = shaped(self.fitter, self.examiner.folds, self.structure)
         base = best = self._examined(self.structure)
@@ -80,7 +85,8 @@ class Discoverer:
                 break
             best = self._with(one, best)
             found.append(one)
-        return Discovery(tuple(found), base, best, floor, of_first, nothing)
+        settled = tuple(self._settled(one, best) for one in found)
+        return Discovery(settled, base, best, floor, of_first, nothing)
 
     def _examined(self, structure: Structure, start: Evidence | None = None) -> Evidence:
         whole = structure.with_discrepancies()
@@ -91,6 +97,27 @@ class Discoverer:
         assert one.effect is not None
         self.structure = self.structure.plus(Active.of(one.effect))
         return self._examined(self.structure, best)
+
+    def _values(self, name: str, drives: Sequence[int], evidence: Evidence) -> Values:
+        """Coefficients of an effect in a fit, on these drives."""
+        columns = evidence.fit.structure.columns_of(name)
+        between = self.fitter.intervals(evidence.fit, self.seed)[:, columns]
+        rows = list(drives)
+        return Values(tuple(drives), evidence.fit.coefficients[rows][:, columns], between[rows])
+
+    def _settled(self, one: Found, best: Evidence) -> Found:
+        """The effect with coefficients, bounds and words of the fit with all that was found."""
+        if one.formula is None:
+            return one
+        values = self._values(one.name, one.drives, best)
+        written = self._written(one.name, one.formula, values.by_drive, values.bounds)
+        return replace(
+            one,
+            effect=load_effect(written),
+            written=written,
+            coefficients=values.by_drive,
+            coefficient_intervals=values.intervals,
+        )
 
     def _next(
         self, best: Evidence, floor: Floats, found: Sequence[Found], number: int
@@ -286,13 +313,8 @@ class Discoverer:
         if interval[0] <= 0.0:
             return None
         formula = replace(formula, places={d: places[d] for d in own})
-        columns = after.fit.structure.columns_of(one.effect.name)
-        values = {d: tuple(after.fit.coefficients[d, columns].tolist()) for d in own}
-        between = self.fitter.intervals(after.fit, self.seed)[:, columns]
-        factors = effect.factors(self.fitter.scale)
-        written = self._written(
-            name, formula, values, bounds_of(between[list(own)], factors[list(own)])
-        )
+        trial = self._values(effect.name, own, after)
+        written = self._written(name, formula, trial.by_drive, trial.bounds)
         return Found(
             name=name,
             kind=formula.kind,
@@ -304,10 +326,8 @@ class Discoverer:
             written=written,
             shapes=option.shapes,
             kept=min(1.0, option.kept),
-            coefficients=values,
-            coefficient_intervals={
-                d: tuple((float(a), float(b)) for a, b in between[d]) for d in own
-            },
+            coefficients=trial.by_drive,
+            coefficient_intervals=trial.intervals,
             rivals=tuple(
                 (
                     one.formula.text(),

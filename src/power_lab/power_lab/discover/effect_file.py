@@ -19,7 +19,7 @@ class Written:
     formula: Formula
     drives: Sequence[str]  # names of all drives of the recording
     physics: str
-    bounds: Sequence[tuple[float, float]]  # of each coefficient, of the reference drive
+    bounds: Sequence[tuple[float, float]]  # of each coefficient, of these drives
     near: Sequence[str]
     excitation: Mapping[str, object]
     places: Mapping[str, Mapping[str, object]]  # by drive
@@ -99,6 +99,10 @@ def _class(one: Written) -> str:
         '    excitation = Excitation('
         + ', '.join(f'{k}={v!r}' if k != 'text' else repr(v) for k, v in one.excitation.items())
         + ')',
+        '',
+        '    def factors(self, scale):',
+        '        """1: the bounds are those of the drives above, not of a reference drive."""',
+        '        return np.ones((len(scale.torque), len(self.terms)))',
         '',
         '    def regressors(self, signals, **shape):',
         f'        """{_says(one)}"""',

@@ -145,4 +145,12 @@ def refined(
         options={'initial_simplex': simplex, 'maxfev': _EVALUATIONS, 'xatol': 1e-4, 'fatol': 1e-3},
     )
     best = start if not np.isfinite(found.fun) else found.x
-    return Place(place.family, dict(zip(names, best.tolist(), strict=True)), place.gain)
+    own = principal(dict(zip(names, best.tolist(), strict=True)))
+    return Place(place.family, own, place.gain)
+
+
+def principal(given: dict[str, float]) -> dict[str, float]:
+    """Return the same parameters, with a place in the turn between −π and π."""
+    if 'middle' in given:
+        given['middle'] = float(np.mod(given['middle'] + np.pi, 2.0 * np.pi) - np.pi)
+    return given

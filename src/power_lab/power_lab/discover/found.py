@@ -1,7 +1,7 @@
 """Parts of a discovery: effects, finalists, bounds and the check of a file."""
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,6 +59,35 @@ class Discovery:
 
 
 @dataclass(frozen=True)
+class Values:
+    """Coefficients of one effect and their intervals, of one and the same fit."""
+
+    drives: tuple[int, ...]
+    coefficients: Floats  # [d, n]
+    between: Floats  # [d, n, 2]
+
+    @property
+    def by_drive(self) -> dict[int, tuple[float, ...]]:
+        """Coefficients by drive."""
+        return {
+            d: tuple(own.tolist()) for d, own in zip(self.drives, self.coefficients, strict=True)
+        }
+
+    @property
+    def intervals(self) -> dict[int, tuple[tuple[float, float], ...]]:
+        """Intervals by drive."""
+        return {
+            d: tuple((float(a), float(b)) for a, b in own)
+            for d, own in zip(self.drives, self.between, strict=True)
+        }
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """Bounds of each coefficient for a file."""
+        return bounds_of(self.between, self.coefficients)
+
+
+@dataclass(frozen=True)
 class Finalist:
     """An option as the lab judges it."""
 
@@ -70,17 +99,17 @@ class Finalist:
     gain: Floats  # W² [D]
 
 
-def bounds_of(between: Floats, factors: Floats) -> list[tuple[float, float]]:
+def bounds_of(between: Floats, values: Floats) -> list[tuple[float, float]]:
     """
-    Bounds of each coefficient from intervals [d, n, 2], for the reference drive (factors [d, n]).
+    Bounds of each coefficient from intervals [d, n, 2] and coefficients [d, n] of one fit.
 
     Wider than the bootstrap's interval, so that another recording may differ; they keep the sign
-    where the interval does.
+    where interval and coefficients do, and hold all coefficients.
     """
     out = []
     for term in range(between.shape[1]):
-        low = float((between[:, term, 0] / factors[:, term]).min())
-        high = float((between[:, term, 1] / factors[:, term]).max())
+        low = float(min(between[:, term, 0].min(), values[:, term].min()))
+        high = float(max(between[:, term, 1].max(), values[:, term].max()))
         room = max(_WIDER * (high - low), 0.5 * max(abs(low), abs(high)))
         wide_low, wide_high = low - room, high + room
         if low > 0.0:
@@ -89,6 +118,20 @@ def bounds_of(between: Floats, factors: Floats) -> list[tuple[float, float]]:
             wide_high = min(wide_high, 0.0)
         out.append((float(f'{wide_low:.4g}'), float(f'{wide_high:.4g}')))
     return out
+
+
+def check_bounds(found: Sequence[Found]) -> None:
+    """ValueError for bounds of a file that exclude a coefficient of their own effect."""
+    for one in found:
+        if one.effect is None or one.coefficients is None:
+            continue
+        for values in one.coefficients.values():
+            for term, value in zip(one.effect.terms, values, strict=True):
+                if not term.lower <= value <= term.upper:
+                    raise ValueError(
+                        f'{one.name}: {term.symbol} = {value:.4g} {term.unit} is outside its '
+                        f'bounds {term.lower:.4g} … {term.upper:.4g}'
+                    )
 
 
 def load_effect(written: Written) -> Effect:

@@ -18,7 +18,7 @@ from wattwalk_core.quoting import printable
 
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
-from power_lab.discover.found import Discovery, Found
+from power_lab.discover.found import Discovery, Found, check_bounds
 from power_lab.discover.selection import KEEPS
 from power_lab.discover.transfer import OtherRecording, Transfer
 from power_lab.recordings import Loaded, base_power
@@ -46,6 +46,7 @@ class DiscoveryOutcome:
 
     def source(self) -> str:
         """Text of the file of effects."""
+        check_bounds(self.written)
         names = [entry['name'] for entry in self.loaded.identities]
         return effect_source([one.written for one in self.written if one.written], names)
 

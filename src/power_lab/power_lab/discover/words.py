@@ -112,7 +112,10 @@ def _where(formula: Formula, drive: int) -> str:
         case 'below':
             return f'below {given["limit"]} {unit} of {place.family.kind}'
         case 'wave':
-            return f'{given["order"]} times per {unit}·2π of {place.family.kind}'
+            order = place.parameters['order']
+            if unit == 'rad':
+                return f'{order:.3g} times per turn'
+            return f'with a period of {2.0 * np.pi / order:.3g} {unit} of {place.family.kind}'
         case _:
             return f'as {formula.primitive.text.format(z=symbol, **given)}'
 
