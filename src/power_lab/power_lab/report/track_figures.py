@@ -73,38 +73,8 @@ def series(found: Tracked, drive: int, column: int, changes: Sequence[Change]) -
             font={'color': COLORS['text'], 'size': 12},
         )
     unit = found.unit(name)
-    figure.update_yaxes(title_text=f'in {unit}' if unit else 'share')
+    figure.update_yaxes(title_text=f'in {unit}' if unit else 'share', automargin=True)
     return finished(figure, legend=True)
-
-
-def overview(
-    drives: Sequence[str], effects: Sequence[str], watts: Sequence[Sequence[float | None]]
-) -> Figure:
-    """Certain changes in W by drive and effect; colours for more and less, words in each cell."""
-    values = np.array([[np.nan if cell is None else cell for cell in row] for row in watts])
-    top = max(float(np.nanmax(np.abs(values), initial=0.0)), 0.1)
-    figure = go.Figure(
-        go.Heatmap(
-            x=[name.replace('_', ' ') for name in effects],
-            y=list(drives),
-            z=[short(row) for row in values],
-            zmin=-top,
-            zmax=top,
-            colorscale=[[0.0, COLORS['base']], [0.5, COLORS['ground']], [1.0, COLORS['better']]],
-            showscale=False,
-            xgap=2,
-            ygap=2,
-            text=[
-                ['' if np.isnan(v) else 'steady' if v == 0.0 else f'{v:+.2f} W' for v in row]
-                for row in values
-            ],
-            texttemplate='%{text}',
-            textfont={'color': COLORS['text']},
-            hovertemplate='%{y} %{x}: %{text}<extra></extra>',
-        )
-    )
-    figure.update_yaxes(autorange='reversed')
-    return finished(figure)
 
 
 def _date(time: float) -> str:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from wattwalk_core.pages.page import Page, escape
 
-from power_lab.report.track_figures import overview, series
+from power_lab.report.track_figures import series
 from power_lab.track.outcome import Tracked
 
 _SHOWN = ('power_gain', 'current_offset', 'torque_bias', 'time_offset')
@@ -16,7 +16,9 @@ def write_tracked(path: Path, found: Tracked) -> None:
     title = 'Changed' if changed else 'Steady'
     page = Page(f'{title}: {found.model.name}')
     page.add(f'<p class="kind {"named" if changed else "no_evidence"}">{title}</p>')
-    page.add(f'<h1 id="verdict">{escape(found.sentence)}</h1>')
+    page.add(f'<h1 id="verdict">{escape(found.headline)}</h1>')
+    for text in found.alarms:
+        page.text(text)
     first = found.histories[0]
     page.facts(
         {
@@ -53,20 +55,19 @@ def _section_overview(page: Page, found: Tracked) -> None:
         for name in dict.fromkeys(n for own in found.histories for n in own.responses)
         if name in found.model.effects or name in _SHOWN
     ]
-    cells = []
+    rows, changed = [], []
     for drive, history in enumerate(found.histories):
         sizes = {
             finding.change.hypothesis: found.watts(drive, finding.change)
             for finding in found.result.findings
             if finding.drive == drive
         }
-        cells.append(
-            [sizes.get(name, 0.0) if name in history.responses else None for name in names]
-        )
-    drives = [history.drive for history in found.histories]
-    page.add(
-        page.figure(overview(drives, names, cells), 'Changes by drive and effect', size='low')
-    )
+        told = [f'{sizes[name]:+.2f} W' if name in sizes else 'steady' for name in names]
+        rows.append([history.drive, *told])
+        if sizes:
+            changed.append(drive)
+    columns = ['drive', *(name.replace('_', ' ') for name in names)]
+    page.table(columns, rows, numbers=range(1, len(columns)), bold=changed)
 
 
 def _section_changes(page: Page, found: Tracked) -> None:

@@ -20,6 +20,7 @@ _LEAST_RAMP = 4  # recordings
 _RAMP_STEPS = 18  # places at which ramps begin or end
 _MEDIAN = 0.6745  # of the absolute value of a standard normal variate
 _LEAST = 1e-6
+_OWN_PART = 1e-3  # of the information on a change that others must leave
 _ROUNDS = 5  # of the robust slopes
 _FAR = 3.0  # standard deviations that a difference counts as at most
 
@@ -255,8 +256,10 @@ class ChangeModel:
         for column in range(directions.shape[1]):
             shared = search.courses @ own[..., column]
             bottom[:, column] -= np.einsum('nq,nq->n', shared @ inverse, shared)
-        bottom = np.maximum(bottom, 1e-9 * alone.sum(axis=0) + 1e-300)
-        return top / bottom, np.square(top) / bottom
+        own_part = np.square(search.courses) @ alone
+        known = bottom < _OWN_PART * own_part  # covariates and known changes say it already
+        bottom = np.maximum(bottom, _OWN_PART * own_part)
+        return np.where(known, 0.0, top / bottom), np.where(known, 0.0, np.square(top) / bottom)
 
     def evidence(self, change: Change) -> float:
         """Return the statistic of a change less the penalty of its profile."""

@@ -51,6 +51,17 @@ class Tracked:
         return ' '.join(self.alarms)
 
     @property
+    def headline(self) -> str:
+        """The first of the certain changes in few words, or the sentence."""
+        if not self.result.findings:
+            return self.sentence
+        finding = self.result.findings[0]
+        drive = self.histories[finding.drive].drive
+        rest = len(self.result.findings) - 1
+        more = f', and {rest} more' if rest else ''
+        return f'{_name(finding.change.hypothesis)} of {drive} changed{more}'
+
+    @property
     def alarms(self) -> list[str]:
         """Certain changes in words."""
         return [self.told(finding) for finding in self.result.findings]

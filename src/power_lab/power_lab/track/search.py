@@ -19,6 +19,7 @@ _MOST_CHANGES = 3  # of a drive
 _LIKE = 2.0  # log-likelihood: what differs by less cannot be told apart
 _PRIOR_WIDTHS = 3.0  # widths of the prior of one recording that a fault may drift by
 _SMALL = 0.25  # of the rms W of a change that goes with another of the same drive and date
+_LEAST_ALARM = 0.005  # of a drive's rms W: a smaller change is no alarm, however certain
 _ALIKE = 0.6  # correlation of the courses of two changes of the same date
 _LEAST_EXPLAINED = 0.1  # W rms
 _WITHIN = ('torque_bend', 'offset_drift')  # errors of the measurement that no time series is of
@@ -152,7 +153,9 @@ def _resolved(
 def _goes_with(
     found: CertainChange, findings: Sequence[CertainChange], history: DriveHistory
 ) -> bool:
-    """Return whether a change is a small part of another that the drive had at that date."""
+    """Return whether a change is tiny, or a small part of another of the drive and date."""
+    if watts(history, found.change) < _LEAST_ALARM * history.power:
+        return True
     for other in findings:
         if other.drive != found.drive:
             continue
