@@ -98,6 +98,35 @@ def test_a_full_disk_leaves_the_session_as_it_was(tmp_path, monkeypatch):
     desk.close()
 
 
+EFFECT = """
+from power_estimator.effects import Effect, Term
+
+class Drag(Effect):
+    name, physics, formula = 'drag', 'a cable drags', 'c'
+    terms = (Term('c', 'W', 0.0, 5.0),)
+
+    def regressors(self, signals, **shape):
+        return 0.0 * signals.torque[..., None]
+"""
+
+
+def test_effects_that_were_allowed_leave_the_model_and_what_was_learned_as_they_are(tmp_path):
+    file = tmp_path / 'effects_1.py'
+    file.write_text(EFFECT)
+    session = LabSession().do(SessionStep('open', recordings=('/no/such/bag',)))
+    session = session.do(SessionStep('fit', effects=('idle',), model='model_1.yaml'))
+    desk = Desk(tmp_path, session, lambda: None)
+    key = desk.judged
+    desk._views[key], desk._learned[key] = 'the view', {'found': 'drag'}
+    desk.take(SessionStep('effects', file=str(file)))
+    assert wait_until(lambda: len(desk.session.steps) == 3, 120), desk.error
+    assert desk.judged != key
+    assert desk.view == 'the view'
+    assert desk.learned == {'found': 'drag'}
+    assert LabSession.read(tmp_path).effect_files == (str(file),)
+    desk.close()
+
+
 def test_effects_of_a_file_that_was_not_allowed_are_not_run(tmp_path):
     opened = SessionStep('open', recordings=('/no/such/bag',))
     session = LabSession().do(opened).do(SessionStep('effects', file='/some/effect.py'))

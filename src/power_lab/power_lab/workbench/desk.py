@@ -325,10 +325,22 @@ class Desk:
                 }
             )
         session.save(self.folder)
-        self.session = session
+        before, self.session = self._key(), session
+        if step.kind == 'effects':
+            self._carry(before)
         if view is not None:
             self._keep(result)
         self._next()
+
+    def _carry(self, before: tuple[Source, str] | None) -> None:
+        """Keep what is known of the model: effects that may be run do not change it."""
+        key = self._key()
+        if before is None or key is None:
+            return
+        if before in self._views:
+            self._views[key] = self._views[before]
+        if before in self._learned:
+            self._learned[key] = self._learned[before]
 
     def _failed(self, error: str) -> None:
         self.error, self._step, self._task = error, None, None

@@ -14,7 +14,8 @@ export function update() {
   const busy = Boolean(state.job);
   const begin = h('button', { type: 'button', class: found ? '' : 'main', disabled: busy || !state.model, onclick: () => attempt(() => post('diagnose')) }, found ? 'Diagnose again' : 'Find what is missing');
   if (!found) {
-    fill(find('missing-body'), h('div', { class: 'row' }, begin), command(state.commands.diagnose));
+    fill(find('missing-body'), h('div', { class: 'row' }, begin), command(state.commands.diagnose), state.learned && state.model ? discover.section() : null);
+    if (state.learned) discover.drawShapes();
     return;
   }
   fill(find('missing-body'), verdict(state, found), candidates(state, found), measurement(found), command(state.commands.diagnose), discover.section());
