@@ -49,7 +49,7 @@ def page_of(browser, address, complaints):
 
 
 def barriers_of(page):
-    """What axe complains of by theme and width, with all that can be unfolded unfolded."""
+    """Complaints of axe by theme and width, with all that can be unfolded unfolded."""
     axe = pytest.importorskip('axe_playwright_python.sync_playwright')
     found = {}
     for part in page.locator('details').all():
