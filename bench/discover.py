@@ -89,6 +89,7 @@ def told(discovery: Discovery) -> dict[str, Any]:
     return {
         'kinds': [one.kind for one in discovery.found],
         'names': [one.name for one in discovery.found],
+        'named': [one.name for one in discovery.named],
         'formulas': [one.formula.text() if one.formula else '' for one in discovery.found],
         'explains_w': [round(one.explains, 3) for one in discovery.found],
         'kept': [round(one.kept, 3) for one in discovery.found],

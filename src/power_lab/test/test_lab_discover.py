@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from io import StringIO
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from aligned_bag import write
 from discover_truth import recorded
 from power_estimator.effects import Term, builtin_catalogue, load_catalogue
+from power_estimator.effects.catalogue import Catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.training import material
@@ -22,10 +24,14 @@ from power_lab.discover.effect_file import Written, effect_source
 from power_lab.discover.formula import Formula, Place, principal
 from power_lab.discover.found import Found, bounds_of, check_bounds
 from power_lab.discover.grammar import PRIMITIVES
+from power_lab.discover.known import same_term
 from power_lab.discover.memory import play
 from power_lab.discover.outcome import split
+from power_lab.discover.selection import without_known
 from power_lab.discover.words import in_short
+from power_lab.report.discovery_tables import print_discovery
 from power_recordings.alignment.dataset import AlignedDataset
+from rich.console import Console
 
 KNOWN = ('shaft', 'copper_loss', 'viscous_friction', 'coulomb_friction', 'rotor_inertia', 'idle')
 CATALOGUE = builtin_catalogue()
@@ -209,11 +215,12 @@ def test_bounds_of_a_file_hold_its_coefficients_wherever_the_bootstrap_put_its_i
 def test_three_effects_of_a_small_drive_are_written_with_bounds_around_their_own_coefficients(
     tmp_path,
 ):
-    fitter = material(wheel(rub=0.8, chopper=2.5, reversals=2.0)).fitter(per_drive=True)
+    fitter = material(wheel(rub=0.8, chopper=2.5, reversals=5.0)).fitter(per_drive=True)
     assert fitter.scale.torque[0] < 0.1  # bounds of a reference drive would differ
     actives = [Active.of(CATALOGUE[name]) for name in KNOWN]
     structure = Structure(tuple(actives)).plus(*measurement_terms(CATALOGUE, shaft=True))
-    found = Discoverer(fitter, structure, CATALOGUE).run().found
+    nothing_named = Catalogue([CATALOGUE[name] for name in KNOWN])
+    found = Discoverer(fitter, structure, nothing_named).run().found
     assert len(found) == 3
     check_bounds(found)
     path = tmp_path / 'effect.py'
@@ -234,6 +241,79 @@ def test_a_file_whose_bounds_exclude_its_coefficient_is_not_written():
     check_bounds([replace(one, coefficients={0: (1.0,)})])
     with pytest.raises(ValueError, match=r'loss: c = 0.09831 W is outside'):
         check_bounds([replace(one, coefficients={0: (0.09831,)})])
+
+
+def test_what_the_catalogue_names_comes_first_and_the_rest_is_found_beside_it():
+    few = [Active.of(CATALOGUE[name]) for name in ('shaft', 'copper_loss', 'idle')]
+    structure = Structure(tuple(few)).plus(*measurement_terms(CATALOGUE, shaft=True))
+    fitter = material(wheel(rub=0.75, viscous=0.05, coulomb=0.3)).fitter(per_drive=True)
+    discovery = Discoverer(fitter, structure, CATALOGUE).run()
+    assert discovery.named
+    assert {one.name for one in discovery.named} <= {
+        'viscous_friction',
+        'coulomb_friction',
+        'iron_loss',
+    }
+    assert [one.name for one in discovery.found] == ['position_rub']
+    (place,) = discovery.found[0].formula.places.values()
+    assert place.parameters['middle'] == pytest.approx(0.0, abs=0.1)
+    assert place.parameters['half'] == pytest.approx(np.arccos(0.7), abs=0.1)
+
+
+def test_a_power_that_goes_as_a_term_of_the_model_is_that_term_under_another_name():
+    fitter = material(wheel()).fitter(per_drive=True)
+    actives = [Active.of(CATALOGUE[name]) for name in KNOWN]
+    fit = fitter.fit(Structure(tuple(actives)).with_discrepancies(), iterations=2)
+    point = fitter.builder.point(fit.structure, fit.coefficients)
+    size = Driver('torque_size', 'torque', '|torque|', 'N·m', 'np.abs(signals.torque[:, column])')
+    given = {'square': {}, 'line': {}, 'above': {'limit': 1.5}}
+    repeats = {
+        name: same_term(
+            Formula(
+                PRIMITIVES[name],
+                {0: Place(Family(size, FACTORS['one'], 'power'), parameters, 1.0)},
+                1.0,
+            ),
+            (fit,),
+            point,
+            fitter.prepared,
+        )
+        for name, parameters in given.items()
+    }
+    assert repeats == {'square': 'copper_loss', 'line': '', 'above': ''}
+
+
+def test_options_that_repeat_a_term_leave_none_where_they_explain_clearly_more():
+    def option(name, score):
+        return SimpleNamespace(formula=name, score=score)
+
+    def term_of(formula):
+        return 'copper_loss' if formula == 'copper again' else ''
+
+    ranked = [option('copper again', 1.0), option('rub', 0.9)]
+    assert without_known(ranked, term_of) == (ranked[1:], 'copper_loss')
+    ranked[1] = option('rub', 0.5)
+    assert without_known(ranked, term_of) == ([], 'copper_loss')
+
+
+def test_names_of_effects_stay_whole_and_each_has_a_line_at_eighty_columns():
+    found = Found('position_load_friction', 'position', (0,), np.ones(1), (4.674, 5.046))
+    outcome = SimpleNamespace(
+        sentence='found',
+        discovery=SimpleNamespace(found=(found, replace(found, name='torque_loss'))),
+        transfers=(None, None),
+        own=SimpleNamespace(prepared=SimpleNamespace(names=('WHEEL',))),
+    )
+    text = StringIO()
+    print_discovery(Console(file=text, width=80), outcome)
+    lines = text.getvalue().splitlines()
+    assert [line.split()[0] for line in lines] == [
+        'found',
+        'effect',
+        'position_load_friction',
+        'torque_loss',
+    ]
+    assert lines[2].split()[1:] == ['position', 'WHEEL', '1.00', 'W', '4.67–5.05', 'W', '–']
 
 
 def test_a_place_in_the_turn_and_a_ripple_are_told_as_a_person_says_them():

@@ -65,15 +65,18 @@ def main(args: Sequence[str] | None = None) -> int:
             from power_lab.report.discovery_page import write_discovery
 
             write_discovery(options.report, outcome)
-    if outcome.written:
-        names = ' '.join(one.name for one in outcome.written)
-        print(
-            f'wrote {options.output}; to use it: ros2 run power_lab add {names} --to '
-            f'{options.model} --bag {options.bags[0]} -o better.yaml --effects-path '
-            f'{options.output}'
+    names = [one.name for one in outcome.discovery.named]
+    names += [one.name for one in outcome.written]
+    own = f' --effects-path {options.output}' if outcome.written else ''
+    told = f'wrote {options.output}'
+    if not outcome.written:
+        told = f'{options.output} is not written: there is no effect of the drives to write down'
+    if names:
+        told += (
+            f'; to add what is missing: ros2 run power_lab add {" ".join(names)} --to '
+            f'{options.model} --bag {options.bags[0]} -o better.yaml{own}'
         )
-    else:
-        print(f'{options.output} is not written: there is no effect of the drives to write down')
+    print(told)
     if options.report:
         print(f'report: {options.report}')
     return 0

@@ -14,15 +14,17 @@ from wattwalk_core.quoting import printable
 
 from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.diagnose.floors import above_floor, floors, unseen
+from power_lab.diagnose.verdict import in_words
 from power_lab.discover.drivers import driver_values, families
 from power_lab.discover.effect_file import Written
 from power_lab.discover.formula import Formula, refined
-from power_lab.discover.found import Discovery, Finalist, Found, Values, load_effect
+from power_lab.discover.found import Discovery, Finalist, Found, Values, interval_of, load_effect
 from power_lab.discover.in_time import Course, InTime, in_time
+from power_lab.discover.known import AS_GOOD, MOST_NAMED, Named, best_named, same_term
 from power_lab.discover.problem import DriveProblem, problems
 from power_lab.discover.screening import DriverGain, DriverScreen, chance, promising
 from power_lab.discover.search import Expression, express
-from power_lab.discover.selection import Option, handicap, options
+from power_lab.discover.selection import CLOSE, Option, handicap, options, without_known
 from power_lab.discover.shapes import LearnedShape, learn
 from power_lab.discover.words import effect_name, excitation, in_short, look_alikes
 
@@ -38,8 +40,7 @@ _NEXT_SHARE = 0.1  # in watts, of the first effect, that a further one must expl
 _LEAST_OF_TIME = 0.6  # of what time explains, that the state must explain not to be time
 _LEAST_OF_TIME_SLOW = {'voltage': 0.8, 'temperature': 1.15}
 _SLOW = 0.9  # of a driver's variance in its means over a second, that time may stand for
-_FINALISTS, _CLOSE = 3, 0.85  # options that are fitted with all else
-_BOOTSTRAPS = 200
+_FINALISTS = 3  # options that are fitted with all else
 
 
 Show = Callable[[str], None]
@@ -60,6 +61,7 @@ class Discoverer:
         self.examiner = Examiner(fitter)
         self.show, self.seed = show, seed
         self._trials = 0
+        self._names_left = True
 
     def run(self) -> Discovery:
         """All of it, on one thread: its matrices are small, and threads would only wait."""
@@ -73,20 +75,28 @@ class Discoverer:
         usual = floors(self.fitter, FLOOR, FLOOR_SHARE_OF_RMS)
         sampled = unseen(self.fitter.prepared, base.fit)
         floor = np.clip(sampled, usual, _MOST_SAMPLED * usual)
+        self._base = base.fit
         found: list[Found] = []
+        named: list[Named] = []
         of_first, nothing = 1.0, ''
-        for number in range(MOST_EFFECTS):
+        while len(found) < MOST_EFFECTS:
             first = not found
-            one, why, likely = self._next(best, floor, found, number)
+            one, why, likely = self._next(best, floor, found, len(found))
             if first:
                 of_first = likely
             if one is None:
                 nothing = why
                 break
+            if isinstance(one, Named):
+                self.structure = self.structure.plus(one.active)
+                best = one.after
+                named.append(one)
+                self._names_left = len(named) < MOST_NAMED
+                continue
             best = self._with(one, best)
             found.append(one)
         settled = tuple(self._settled(one, best) for one in found)
-        return Discovery(settled, base, best, floor, of_first, nothing)
+        return Discovery(settled, base, best, floor, of_first, nothing, tuple(named))
 
     def _examined(self, structure: Structure, start: Evidence | None = None) -> Evidence:
         whole = structure.with_discrepancies()
@@ -121,7 +131,7 @@ class Discoverer:
 
     def _next(
         self, best: Evidence, floor: Floats, found: Sequence[Found], number: int
-    ) -> tuple[Found | None, str, float]:
+    ) -> tuple[Found | Named | None, str, float]:
         fitter = self.fitter
         residual = self.examiner.residual(best)
         drives = problems(fitter, best, self.examiner.folds, residual)
@@ -141,6 +151,11 @@ class Discoverer:
             return self._course(courses, best, floor, found), '', likely
         if not ranked:
             return None, 'nothing that is larger than what can be judged', likely
+        ranked, repeated = without_known(
+            ranked, lambda one: same_term(one, (self._base, best.fit), point, self.fitter.prepared)
+        )
+        if not ranked:
+            return None, f'what is left goes as {in_words(repeated)}, which the model has', likely
         if likely > CERTAINTY and courses:
             return self._course(courses, best, floor, found), '', likely
         if likely > CERTAINTY:
@@ -237,23 +252,10 @@ class Discoverer:
             kind='time',
             drives=tuple(sorted(courses)),
             gain=gain,
-            interval=self._interval(best, after, sorted(courses)),
+            interval=interval_of(best, after, sorted(courses), self.seed),
             effect=effect,
             course=largest,
         )
-
-    def _interval(
-        self, before: Evidence, after: Evidence, drives: Sequence[int]
-    ) -> tuple[float, float]:
-        """W rms over drives, 95 %, by a bootstrap of blocks of five."""
-        fall = np.nanmean((before.mse - after.mse)[:, list(drives)], axis=1)
-        fall = np.nan_to_num(fall)
-        random = np.random.default_rng(self.seed)
-        size = min(5, len(fall))
-        starts = random.integers(0, len(fall) - size + 1, (_BOOTSTRAPS, -(-len(fall) // size)))
-        drawn = fall[(starts[..., None] + np.arange(size)).reshape(_BOOTSTRAPS, -1)].mean(axis=1)
-        low, high = np.quantile(drawn, (0.025, 0.975))
-        return float(np.sign(low) * np.sqrt(abs(low))), float(np.sqrt(max(high, 0.0)))
 
     def _finalist(
         self,
@@ -290,10 +292,10 @@ class Discoverer:
         drives: Sequence[DriveProblem],
         point: Linearisation,
         found: Sequence[Found],
-    ) -> Found | None:
+    ) -> Found | Named | None:
         """The best of the first options, once each is fitted with all else."""
         self.show('refining the formula')
-        close = [o for o in ranked[:_FINALISTS] if o.score >= _CLOSE * ranked[0].score]
+        close = [o for o in ranked[:_FINALISTS] if o.score >= CLOSE * ranked[0].score]
         finalists = [self._finalist(option, best, drives, point, found) for option in close]
         one = max(finalists, key=lambda f: f.gain.sum() * handicap(f.formula.family))
         option, name, formula, gain = one.option, one.name, one.formula, one.gain
@@ -309,9 +311,22 @@ class Discoverer:
             return None
         if found and kept_gain.sum() < _NEXT_SHARE**2 * found[0].gain.clip(0).sum():
             return None
-        interval = self._interval(best, after, own)
+        interval = interval_of(best, after, own, self.seed)
         if interval[0] <= 0.0:
             return None
+        if self._names_left:
+            least = np.maximum(0.3 * np.square(floor), 0.02 * best.mean_mse)
+            named = best_named(
+                self.fitter,
+                self.examiner,
+                self.catalogue,
+                self.structure,
+                best,
+                self._examined,
+                least,
+            )
+            if named is not None and named.gain.sum() >= AS_GOOD * kept_gain.sum():
+                return named
         formula = replace(formula, places={d: places[d] for d in own})
         trial = self._values(effect.name, own, after)
         written = self._written(name, formula, trial.by_drive, trial.bounds)
@@ -370,7 +385,3 @@ class Discoverer:
 def _unweighted(fit: Fit) -> Fit:
     """Return the fit with all blocks alike: those that an effect acts in fitted badly so far."""
     return replace(fit, weights=np.ones_like(fit.weights))
-
-
-def _root(value: float) -> float:
-    return float(np.sqrt(max(value, 0.0)))

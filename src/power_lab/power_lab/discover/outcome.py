@@ -16,6 +16,7 @@ from power_estimator.model import PowerModel
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
+from power_lab.diagnose.verdict import in_words
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
 from power_lab.discover.found import Discovery, Found, check_bounds
@@ -53,13 +54,24 @@ class DiscoveryOutcome:
     @property
     def sentence(self) -> str:
         """Result in words."""
-        found = self.discovery.found
+        found, first = self.discovery.found, self._first
         if not found:
-            return f'Nothing is proposed: {self.discovery.nothing}.'
+            beyond = 'Beyond that nothing' if first else 'Nothing'
+            return f'{first}{beyond} is proposed: {self.discovery.nothing}.'
         parts = [
             self.told(one, transfer) for one, transfer in zip(found, self.transfers, strict=True)
         ]
-        return ' '.join(parts)
+        return first + ' '.join(parts)
+
+    @property
+    def _first(self) -> str:
+        """Named effects that the model lacks, in a sentence, '' for none."""
+        named = self.discovery.named
+        if not named:
+            return ''
+        words = ' and '.join(f'{in_words(one.name)} ({one.explains:.2f} W)' for one in named)
+        them = 'it' if len(named) == 1 else 'them'
+        return f'The catalogue names {words}: add {them} first. '
 
     def told(self, one: Found, transfer: Transfer | None) -> str:
         """One effect in a sentence."""
@@ -92,6 +104,14 @@ class DiscoveryOutcome:
             'found': [
                 self._one(one, transfer)
                 for one, transfer in zip(d.found, self.transfers, strict=True)
+            ],
+            'named': [
+                {
+                    'name': one.name,
+                    'drives': [names[drive] for drive in one.drives],
+                    'explains_w': _short(one.explains),
+                }
+                for one in d.named
             ],
             'sentence': self.sentence,
             'nothing': None if d.found else d.nothing,
@@ -226,7 +246,7 @@ def _tested(
     whole = EffectCatalogue([*catalogue.values(), *effects.values()])
     base = None if model.base is None else base_power(test, model.base).power
     other = OtherRecording(test.data, own, whole)
-    actives = list(model.structure.actives)
+    actives = [*model.structure.actives, *(one.active for one in discovery.named)]
     given = None if base is None else np.asarray(base, np.float64)
     before = other.judge(actives, given)
     out: list[Transfer | None] = []

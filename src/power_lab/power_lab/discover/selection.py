@@ -1,7 +1,7 @@
 """Choice of what the missing power depends on, and of the smallest formula that says so."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from power_lab.discover.drivers import Family
@@ -12,6 +12,8 @@ from power_lab.discover.shapes import LearnedShape
 
 KEEPS = 0.9
 """Share of the shape's gain that a formula must keep to be called one."""
+CLOSE = 0.85
+"""Share of the best score from which on an option comes into question."""
 _NEAR_BEST = 0.995
 """Share of the best formula's gain that a smaller one must keep, or all but what is too small."""
 _HANDICAP = {'other_drive': 0.85}
@@ -54,6 +56,22 @@ def options(
             groups[shape.family.group][drive].append((shape, expressions))
     found = [_option(by_drive, least, floor) for by_drive in groups.values()]
     return sorted((one for one in found if one is not None), key=lambda one: -one.score)
+
+
+def without_known(
+    ranked: Sequence[Option], term_of: Callable[[Formula], str]
+) -> tuple[list[Option], str]:
+    """
+    Options that repeat no term of the model, and the first term that one repeats ('' for none).
+
+    None are left where those that repeat a term explain clearly more.
+    """
+    terms = [term_of(one.formula) for one in ranked]
+    new = [one for one, term in zip(ranked, terms, strict=True) if not term]
+    repeated = next((term for term in terms if term), '')
+    if new and new[0].score < CLOSE * ranked[0].score:
+        return [], repeated
+    return new, repeated
 
 
 def _option(

@@ -1,0 +1,136 @@
+"""Effects that have a name: candidates of the catalogue, and terms that the model has."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Catalogue
+from power_estimator.effects.effect import Effect
+from power_estimator.effects.fit.candidate_screener import CandidateScreener
+from power_estimator.effects.fit.design import Active, Linearisation, Structure
+from power_estimator.effects.fit.fitter import Fit, Fitter
+from power_estimator.effects.signals.prepared import Prepared
+
+from power_lab.compare.evidence import Evidence, Examiner
+from power_lab.diagnose.candidates import CONSTANT_TORQUE, best_shapes, candidates
+from power_lab.diagnose.floors import beyond_physics
+from power_lab.discover.formula import Formula
+from power_lab.discover.shapes import instant
+
+Floats = NDArray[np.float64]
+
+MOST_NAMED = 3
+AS_GOOD = 0.75
+"""Share of a formula's gain from which on a named effect is preferred to it."""
+_FITTED = 2  # candidates that are fitted with all else
+_SAME = 0.98
+"""R² of a formula on one term of the model above which it is that term under another name."""
+_NOTHING = 1e-9  # of a column's variance against its square
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect of the catalogue that explains what a formula would have been found for."""
+
+    name: str
+    active: Active
+    after: Evidence
+    gain: Floats  # W² [D], held out
+    drives: tuple[int, ...]
+
+    @property
+    def explains(self) -> float:
+        """W rms over its drives."""
+        return float(np.sqrt(np.maximum(self.gain[list(self.drives)], 0.0).mean()))
+
+
+def best_named(
+    fitter: Fitter,
+    examiner: Examiner,
+    catalogue: Catalogue,
+    structure: Structure,
+    best: Evidence,
+    examined: Callable[[Structure, Evidence], Evidence],
+    least: Floats,
+) -> Named | None:
+    """
+    Return the candidate of the catalogue that explains most beside a model, if any is left.
+
+    least: W² [D] that counts as explained on a drive.
+    """
+    left = candidates(fitter, best.fit.structure, catalogue)
+    left = [active for active in left if active.name != CONSTANT_TORQUE]
+    if not left:
+        return None
+    screener = CandidateScreener(fitter, examiner.folds, best.fit, left)
+    order = sorted(best_shapes(screener).values(), key=lambda one: float(one.mean_mse.sum()))
+    out: list[Named] = []
+    for screened in order[:_FITTED]:
+        active = screened.actives[0]
+        after = examined(structure.plus(active), best)
+        gain = best.mean_mse - after.mean_mse
+        drives = tuple(np.flatnonzero(gain >= least).tolist())
+        own = Evidence(after.fit, after.coefficients, after.mse, (active.name,))
+        if drives and active.name not in beyond_physics(own):
+            out.append(Named(active.name, active, after, gain, drives))
+    return max(out, key=lambda one: float(one.gain.sum()), default=None)
+
+
+def same_term(
+    formula: Formula, fits: Sequence[Fit], point: Linearisation, prepared: Prepared
+) -> str:
+    """
+    Name of a term of fitted models that the formula repeats on all its drives, '' for none.
+
+    A term counts with its allowed departure: copper loss of a bent exponent is copper loss.
+    """
+    if formula.primitive.terms > 1:
+        return ''
+    names: set[str] | None = None
+    for drive, place in formula.places.items():
+        z, weight = instant(place.family, point, drive)
+        column = formula.primitive.columns(z, dict(place.parameters)) * weight[:, None]
+        values = prepared.reduced(column)[:, 0]
+        own = {name for fit in fits for name in _alike(values, fit, drive)}
+        names = own if names is None else names & own
+    return min(names or {''})
+
+
+def _alike(values: Floats, fit: Fit, drive: int) -> list[str]:
+    structure = fit.structure
+    out = []
+    for active in structure.free:
+        if active.effect.kind != 'physics':
+            continue
+        places = structure.columns_of(active.name)
+        places += [
+            place
+            for other in structure.free
+            if _parent(other.effect) == active.name
+            for place in structure.columns_of(other.name)
+        ]
+        columns = fit.design.columns[:, drive, places]
+        if _share(values, columns) >= _SAME:
+            out.append(active.name)
+    return out
+
+
+def _parent(effect: Effect) -> str:
+    of = getattr(effect, 'of', None)
+    return '' if of is None else str(of.name)
+
+
+def _share(values: Floats, columns: Floats) -> float:
+    """R² of values [N] on columns [N, n], all about their means."""
+    rows = np.isfinite(values) & np.isfinite(columns).all(axis=1)
+    target = values[rows] - values[rows].mean()
+    total = float(target @ target)
+    known = columns[rows] - columns[rows].mean(axis=0)
+    size = np.square(known).sum(axis=0)
+    known = known[:, size > _NOTHING * np.square(columns[rows]).sum(axis=0)]
+    if total <= 0.0 or known.shape[1] == 0:
+        return 0.0
+    solved = np.linalg.lstsq(known, target, rcond=None)[0]
+    left = target - known @ solved
+    return 1.0 - float(left @ left) / total
