@@ -19,6 +19,8 @@ from wattwalk_core.processes import PATIENCE, ChildProcess, ProcessError, find_p
 # The same examples in every run; HYPOTHESIS_RANDOM=1 looks for new ones.
 settings.register_profile('same', derandomize=not os.environ.get('HYPOTHESIS_RANDOM'))
 settings.load_profile('same')
+# Tests share no index with the user nor with each other.
+os.environ['WATTWALK_INDEX'] = ''
 
 DAEMON_PORT = 11511
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)

@@ -25,6 +25,7 @@ setup(
     ],
     extras_require={
         'import': ['pyarrow', 'openpyxl', 'h5py'],
+        'export': ['pyarrow'],
         'hebi': ['hebi-py==2.16.1'],
         'test': ['pytest'],
     },
@@ -37,6 +38,7 @@ setup(
         'console_scripts': [
             'import = power_recordings.commands.import_logs:main',
             'info = power_recordings.commands.info:main',
+            'index = power_recordings.commands.index:main',
         ],
     },
 )

@@ -1,6 +1,7 @@
 """Tracking: changes are found in the right estimate, and chance raises few alarms."""
 
 import json
+import shutil
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,7 +10,10 @@ from aligned_bag import write
 from power_estimator.effects import builtin_catalogue
 from power_lab.commands import fit as fit_command
 from power_lab.commands import track as track_command
+from power_lab.recordings import load
+from power_lab.track import reading
 from power_lab.track.history import DriveHistory, histories
+from power_lab.track.kept_fit import Unfit, from_bytes, to_bytes
 from power_lab.track.recording_fit import Occasion, RecordingFit
 from power_lab.track.search import hypotheses_of, search
 from truth_circuit import Truth, record
@@ -215,3 +219,95 @@ def test_a_model_without_effects_is_refused_in_one_line(days, capsys):
     error = capsys.readouterr().err.strip()
     assert 'model.yaml' in error
     assert '\n' not in error
+
+
+@pytest.fixture
+def index(tmp_path, monkeypatch):
+    monkeypatch.setenv('WATTWALK_INDEX', str(tmp_path / 'index.sqlite3'))
+
+
+def tracked_json(bags, base, told):
+    assert track_command.main([*map(str, bags), '--model', str(base), '--json', str(told)]) == 0
+    return json.loads(told.read_text())
+
+
+def test_a_second_run_fits_nothing_and_says_the_same(days, index, tmp_path, monkeypatch):
+    bags, base = days
+    first = tracked_json(bags, base, tmp_path / 'a.json')
+    monkeypatch.setattr(reading, 'load', None)  # nothing may be read
+    assert tracked_json(bags, base, tmp_path / 'b.json') == first
+
+
+def test_another_model_is_fitted_anew(days, index, tmp_path):
+    bags, base = days
+    first = tracked_json(bags[:8], base, tmp_path / 'a.json')
+    other = tmp_path / 'other.yaml'
+    other.write_text(
+        'format: power_model/1\nname: base\n'
+        'effects: [shaft, copper_loss, viscous_friction, coulomb_friction]\n'
+    )
+    second = tracked_json(bags[:8], other, tmp_path / 'b.json')
+    effects = [{one['effect'] for one in content['series']} for content in (first, second)]
+    assert effects[0] - effects[1] == {'idle'}
+
+
+def test_after_an_interruption_finished_recordings_are_not_fitted_again(
+    days, index, tmp_path, monkeypatch, capsys
+):
+    bags, base = days
+    read = []
+
+    def interrupted(paths, *rest, **options):
+        read.append(paths[0].name)
+        if len(read) == 6:
+            raise KeyboardInterrupt
+        return load(paths, *rest, **options)
+
+    monkeypatch.setattr(reading, 'load', interrupted)
+    assert track_command.main([*bags, '--model', str(base)]) == 130
+    content = tracked_json(bags, base, tmp_path / 'a.json')
+    assert read == [f'walk{i:02d}' for i in (*range(6), *range(5, 12))]
+    assert len(content['series'][0]['points']) == 12
+
+
+def test_a_broken_recording_is_named_and_left_out(days, tmp_path):
+    bags, base = days
+    broken = tmp_path / 'broken'
+    broken.mkdir()
+    (broken / 'data_0.mcap').write_bytes(b'no recording at all')
+    content = tracked_json([bags[0], broken, *bags[1:]], base, tmp_path / 'a.json')
+    (left_out,) = content['left_out']
+    assert 'broken' in left_out
+    assert [len(one['points']) for one in content['series']] == [12] * len(content['series'])
+    assert len(content['alarms']) == 1
+
+
+def test_a_copy_counts_once_and_equal_names_become_longer(days, tmp_path):
+    bags, base = days
+    for name in ('a', 'b'):
+        shutil.copytree(bags[int(name == 'b')], tmp_path / name / 'walk')
+    paths = [tmp_path / 'a' / 'walk', tmp_path / 'b' / 'walk', *bags[1:9]]
+    content = tracked_json(paths, base, tmp_path / 'a.json')
+    (left_out,) = content['left_out']
+    assert left_out.startswith(bags[1])
+    assert 'taken once' in left_out
+    names = [point['recording'] for point in content['series'][0]['points']]
+    assert names[:3] == ['a/walk', 'b/walk', 'walk02']
+
+
+def test_a_recording_that_is_not_there_is_refused(days, capsys):
+    bags, base = days
+    assert track_command.main([*bags, 'nowhere', '--model', str(base)]) == 2
+    assert 'there is no recording nowhere' in capsys.readouterr().err
+
+
+def test_a_kept_fit_is_the_fit_that_was_kept():
+    (fit,) = made(9, 1)
+    again = from_bytes(to_bytes(fit))
+    assert isinstance(again, RecordingFit)
+    assert (again.occasion, again.drives, again.labels) == (fit.occasion, fit.drives, fit.labels)
+    for name in ('values', 'covariance', 'watts', 'rms', 'error', 'power'):
+        np.testing.assert_array_equal(getattr(again, name), getattr(fit, name))
+    for name, response in fit.responses.items():
+        np.testing.assert_array_equal(again.responses[name], response)
+    assert from_bytes(to_bytes(Unfit('too still'))) == Unfit('too still')

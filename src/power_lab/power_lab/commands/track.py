@@ -25,27 +25,26 @@ def main(args: Sequence[str] | None = None) -> int:
     common.add_outputs(parser)
     options = parser.parse_args(args)
     check_suffix(options.report, '--report', ('.html',))
-    common.check_bags(options.bags)
+    common.check_bags([path for path in options.bags if not path.exists()])
     catalogue = common.catalogue_of(options)
     common.check_models([options.model], catalogue)
 
+    from power_recordings.index.store import RecordingIndex, usual_path
     from threadpoolctl import threadpool_limits
 
     from power_lab.compare.comparison import open_model
     from power_lab.report.track_tables import print_tracked
+    from power_lab.track.kept_fit import key_of
     from power_lab.track.outcome import model_of, track
+    from power_lab.track.reading import Request
 
     model = model_of(open_model(options.model, catalogue), options.model)
+    how = (options.drives, options.slow, options.anyway)
+    key = key_of(model, options.model, options.effects_path, how)
+    request = Request(model, catalogue, *how, key)
     with progress('reading') as show, threadpool_limits(limits=1):
-        found = track(
-            options.bags,
-            model,
-            catalogue,
-            drives=options.drives,
-            slow=options.slow,
-            anyway=options.anyway,
-            show=show,
-        )
+        with RecordingIndex(usual_path()) as index:
+            found = track(options.bags, request, index, show)
         content = found.json()
     print_tracked(common.console(), found)
     with together():

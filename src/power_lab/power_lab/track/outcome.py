@@ -10,21 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.model_file.model import EffectModel
-from power_recordings.reading.reader import Recording
+from power_recordings.index.store import RecordingIndex
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
-from power_lab.recordings import Loaded, base_power, load
 from power_lab.track.change_test import LEAST_RECORDINGS, Change
 from power_lab.track.history import DriveHistory, histories
-from power_lab.track.recording_fit import Occasion, RecordingFit, fit_recording
+from power_lab.track.reading import Request, read_fits
+from power_lab.track.recording_fit import RecordingFit
 from power_lab.track.search import FALSE_ALARMS, CertainChange, Explained, Search, search
 from power_lab.track.shared import Common, Points, common_levels, shrunk
 
 Floats = NDArray[np.float64]
 
 _WIDTH = 1.96  # standard errors of a 95 % interval
-_WORDS = ('controller', 'terrain')  # of a card, that say how a robot moved
 
 
 @dataclass(frozen=True)
@@ -247,42 +246,21 @@ def model_of(model: object, spec: str) -> EffectModel:
 
 def track(
     paths: Sequence[Path],
-    model: EffectModel,
-    catalogue: Catalogue,
-    *,
-    drives: Sequence[str] = (),
-    slow: bool = False,
-    anyway: bool = False,
+    request: Request,
+    index: RecordingIndex,
     show: Callable[[str], None] = lambda text: None,
 ) -> Tracked:
     """
     Fit a model to each recording and find what changes.
 
-    Recordings that are too short or too still are left out. InputError where none is left.
+    Recordings that are damaged, too short or too still are left out. InputError where none is
+    left.
     """
-    fits: list[RecordingFit] = []
-    left_out: list[str] = []
-    for place, path in enumerate(paths, start=1):
-        show(f'fitting {place} of {len(paths)}: {path.name}')
-        loaded = load([path], drives, slow=slow, anyway=anyway)
-        base = None if model.base is None else base_power(loaded, model.base).power
-        try:
-            fits.append(
-                fit_recording(
-                    loaded.data,
-                    model,
-                    catalogue,
-                    occasion_of(loaded),
-                    base=base,
-                    window=loaded.window,
-                )
-            )
-        except InputError as error:
-            left_out.append(str(error))
-    if not fits:
-        raise InputError(f'no recording says anything: {left_out[0]}')
+    read = read_fits(paths, request, index, show)
+    if not read.fits:
+        raise InputError(f'no recording says anything: {read.left_out[0]}')
     show('searching for changes')
-    return tracked(fits, model, catalogue, left_out)
+    return tracked(read.fits, request.model, request.catalogue, read.left_out)
 
 
 def tracked(
@@ -304,37 +282,6 @@ def tracked(
         common=common,
         left_out=tuple(left_out),
     )
-
-
-def occasion_of(loaded: Loaded) -> Occasion:
-    """Name, start and circumstances of a recording, from its card and its stamps."""
-    recording: Recording = loaded.recordings[0]
-    card = recording.card
-    facts = {
-        name: float(value)
-        for name, value in card.other.items()
-        if isinstance(value, int | float) and not isinstance(value, bool)
-    }
-    words = {name: str(getattr(card, name)) for name in _WORDS if getattr(card, name)}
-    return Occasion(
-        name=loaded.identities[0]['name'],
-        time=_start(recording),
-        robot=' '.join(part for part in (card.robot, card.unit) if part),
-        facts=facts,
-        motions=words,
-    )
-
-
-def _start(recording: Recording) -> float:
-    """The date of the card, which a simulation's stamps lack, or the first stamp; s since 1970."""
-    created = recording.card.created
-    if created:
-        try:
-            moment = datetime.fromisoformat(created)
-        except ValueError:
-            return recording.start_ns / 1e9
-        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-    return recording.start_ns / 1e9
 
 
 def _at(history: DriveHistory, change: Change) -> str:

@@ -33,6 +33,7 @@ class Occasion:
     robot: str = ''
     facts: Mapping[str, float] | None = None  # numbers of the card: temperature, payload, …
     motions: Mapping[str, str] | None = None  # words of the card: controller, terrain
+    sha256: str = ''  # of the recording's data
 
 
 @dataclass(frozen=True)

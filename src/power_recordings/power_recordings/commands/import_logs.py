@@ -69,7 +69,7 @@ def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.N
     from power_recordings.commands.info import print_quality
     from power_recordings.importing.convert import import_logs
     from power_recordings.importing.map_file import ImportMap
-    from power_recordings.quality.check import check_recording
+    from power_recordings.index.kept_quality import Checked
     from power_recordings.reading.reader import Recording
 
     assert isinstance(mapping, ImportMap)
@@ -98,9 +98,9 @@ def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.N
     recording = Recording.open(result.path, _CHECKED)
     if sum(topic.count for topic in recording.topics.values()) < result.messages:
         print(f'checked: the first {recording.duration:.0f} s; `info {result.path}` checks all')
-    quality = check_recording(recording)
-    print_quality(recording, quality)
-    if any(finding.severity == 'error' for finding in quality.findings):
+    checked = Checked.of(recording)
+    print_quality(checked)
+    if any(finding.severity == 'error' for finding in checked.quality.findings):
         print('next: mend the map as said above, and import again with --overwrite')
         return
     effects = 'shaft,copper_loss,idle'

@@ -10,8 +10,7 @@ _WIDTH = 110
 
 if TYPE_CHECKING:
     from power_recordings.card import Card
-    from power_recordings.quality.check import Quality
-    from power_recordings.reading.reader import Recording
+    from power_recordings.index.kept_quality import Checked
 
 _EXAMPLE = """example:
   ros2 run power_recordings info bags/walk_small --json info.json"""
@@ -29,15 +28,15 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG')
     parser.add_argument('--json', type=Path, metavar='F', help='also write the figures as JSON')
     options = parser.parse_args(own_arguments(args))
-    from power_recordings.quality.check import check_recording
-    from power_recordings.reading.reader import Recording
+    from power_recordings.index.kept_quality import checked
+    from power_recordings.index.store import RecordingIndex, usual_path
 
     found = {}
-    for path in options.bags:
-        recording = Recording.open(path)
-        quality = check_recording(recording)
-        print_quality(recording, quality)
-        found[str(path)] = quality.content()
+    with RecordingIndex(usual_path()) as index:
+        for path in options.bags:
+            one = checked(path, index)
+            print_quality(one)
+            found[str(path)] = one.quality.content()
     if options.json is not None:
         import json
 
@@ -47,7 +46,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def print_quality(recording: 'Recording', quality: 'Quality') -> None:
+def print_quality(checked: 'Checked') -> None:
     """Print a recording's card, its topics, a table by drive and what is amiss."""
     from rich import box
     from rich.console import Console
@@ -55,10 +54,10 @@ def print_quality(recording: 'Recording', quality: 'Quality') -> None:
 
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, _WIDTH)
-    card = recording.card
+    card, quality = checked.card, checked.quality
     about = ', '.join(text for text in (card.robot, card.unit, card.controller) if text)
     console.print(
-        f'[bold]{_plain(str(recording.path))}[/]  {quality.seconds:.1f} s  {_plain(about)}'
+        f'[bold]{_plain(str(checked.path))}[/]  {quality.seconds:.1f} s  {_plain(about)}'
     )
     for name, timing in quality.topics.items():
         gaps = f', {timing.gaps} gaps of {timing.gap_seconds:.2f} s in all' if timing.gaps else ''
@@ -92,7 +91,7 @@ def print_quality(recording: 'Recording', quality: 'Quality') -> None:
     if card.derived_velocity:
         drives = _plain(', '.join(card.derived_velocity))
         console.print(f'  note: velocity is the rate of the position, not measured: {drives}')
-    for problem in recording.problems:
+    for problem in checked.problems:
         console.print(f'  note: {_plain(problem)}')
     for finding in quality.findings:
         mend = f'; in the map: {finding.mend}' if finding.mend else ''

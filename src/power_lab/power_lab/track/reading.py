@@ -1,0 +1,144 @@
+"""Fits of many recordings: from the index, or read, fitted and kept there one by one."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from power_estimator.effects import Catalogue
+from power_estimator.effects.model_file.model import EffectModel
+from power_recordings.index.stamp import Stamp
+from power_recordings.index.store import IndexAnswer, RecordingFacts, RecordingIndex
+from power_recordings.reading.reader import Recording
+from wattwalk_core.errors import InputError
+
+from power_lab.recordings import Loaded, base_power, load
+from power_lab.track.kept_fit import KIND, Unfit, figures_of, from_bytes, to_bytes
+from power_lab.track.recording_fit import Occasion, RecordingFit, fit_recording
+
+_WORDS = ('controller', 'terrain')  # of a card, that say how a robot moved
+
+
+@dataclass(frozen=True)
+class Request:
+    """A model and the way that recordings are read; key is the hash of all of it."""
+
+    model: EffectModel
+    catalogue: Catalogue
+    drives: Sequence[str] = ()
+    slow: bool = False
+    anyway: bool = False
+    key: str = ''
+
+
+@dataclass(frozen=True)
+class Read:
+    """Fits of recordings, and those that were left out, with the reasons."""
+
+    fits: tuple[RecordingFit, ...]
+    left_out: tuple[str, ...]
+
+
+def read_fits(
+    paths: Sequence[Path],
+    request: Request,
+    index: RecordingIndex,
+    show: Callable[[str], None] = lambda text: None,
+) -> Read:
+    """
+    Fit the model to each recording that the index has no fit of.
+
+    A recording that is damaged, too short or too still, or there twice, is left out.
+    """
+    fits: list[RecordingFit] = []
+    left_out: list[str] = []
+    known: dict[str, Path] = {}
+    for path, name in _named(paths):
+        show(f'fitting {len(fits) + len(left_out) + 1} of {len(paths)}: {name}')
+        try:
+            found = _kept(path, request, index)
+        except InputError as error:
+            found = Unfit(str(error))
+        if isinstance(found, Unfit):
+            left_out.append(found.reason)
+            continue
+        digest = found.occasion.sha256
+        if digest and digest in known:
+            left_out.append(f'{path} holds the same as {known[digest]}: taken once')
+            continue
+        known[digest] = path
+        fits.append(replace(found, occasion=replace(found.occasion, name=name)))
+    return Read(tuple(fits), tuple(left_out))
+
+
+def _named(paths: Sequence[Path]) -> Iterator[tuple[Path, str]]:
+    """Recordings with names: those of their folders, longer where two have the same."""
+    parts = {path: path.resolve().parts for path in paths}
+    length = dict.fromkeys(parts, 1)
+    while True:
+        names = {path: '/'.join(own[-length[path] :]) for path, own in parts.items()}
+        often = Counter(names.values())
+        alike = [p for p, n in names.items() if often[n] > 1 and length[p] < len(parts[p])]
+        if not alike:
+            return iter(names.items())
+        for path in alike:
+            length[path] += 1
+
+
+def _kept(path: Path, request: Request, index: RecordingIndex) -> RecordingFit | Unfit:
+    stamp = Stamp.of(path)
+    content = index.answer(stamp, KIND, request.key)
+    if content is not None:
+        return from_bytes(content)
+    loaded = load([path], request.drives, slow=request.slow, anyway=request.anyway)
+    recording = loaded.recordings[0]
+    base = None if request.model.base is None else base_power(loaded, request.model.base).power
+    found: RecordingFit | Unfit
+    try:
+        found = fit_recording(
+            loaded.data,
+            request.model,
+            request.catalogue,
+            occasion_of(loaded),
+            base=base,
+            window=loaded.window,
+        )
+        figures = figures_of(found, request.model.name, request.catalogue)
+    except InputError as error:
+        found, figures = Unfit(f'{path}: {error}'), []
+    about = RecordingFacts(recording.card, start_of(recording), recording.duration)
+    index.keep(stamp, about, IndexAnswer(KIND, request.key, to_bytes(found), figures))
+    return found
+
+
+def occasion_of(loaded: Loaded) -> Occasion:
+    """Name, start and circumstances of a recording, from its card and its stamps."""
+    recording: Recording = loaded.recordings[0]
+    card = recording.card
+    facts = {
+        name: float(value)
+        for name, value in card.other.items()
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    }
+    words = {name: str(getattr(card, name)) for name in _WORDS if getattr(card, name)}
+    return Occasion(
+        name=loaded.identities[0]['name'],
+        time=start_of(recording),
+        robot=' '.join(part for part in (card.robot, card.unit) if part),
+        facts=facts,
+        motions=words,
+        sha256=loaded.identities[0]['sha256'],
+    )
+
+
+def start_of(recording: Recording) -> float:
+    """The date of the card, which a simulation's stamps lack, or the first stamp; s since 1970."""
+    created = recording.card.created
+    if created:
+        try:
+            moment = datetime.fromisoformat(created)
+        except ValueError:
+            return recording.start_ns / 1e9
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    return recording.start_ns / 1e9

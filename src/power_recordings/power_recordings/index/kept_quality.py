@@ -1,0 +1,65 @@
+"""Quality of a recording from the index, or checked and kept there."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from wattwalk_core.fingerprint import code_fingerprint
+
+from power_recordings.card import Card
+from power_recordings.index.stamp import Stamp
+from power_recordings.index.store import (
+    DriveFigure,
+    IndexAnswer,
+    RecordingFacts,
+    RecordingIndex,
+    card_content,
+)
+from power_recordings.quality.check import Quality, check_recording
+from power_recordings.reading.reader import Recording
+
+KIND = 'quality'
+_UNITS = {'updates_hz': 'Hz', 'power_slope': '', 'velocity_slope': '', 'cells': ''}
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Quality of a recording, its card and the notes of its reader."""
+
+    path: Path
+    card: Card
+    problems: tuple[str, ...]
+    quality: Quality
+
+    @classmethod
+    def of(cls, recording: Recording) -> 'Checked':
+        """Check a recording; InputError where a topic is there but cannot be read."""
+        quality = check_recording(recording)
+        return cls(recording.path, recording.card, recording.problems, quality)
+
+
+def checked(path: Path, index: RecordingIndex) -> Checked:
+    """Return what the index has of a recording; else read, check and keep it."""
+    stamp, key = Stamp.of(path), code_fingerprint('power_recordings')
+    kept = index.answer(stamp, KIND, key)
+    if kept is not None:
+        known = json.loads(kept)
+        card = Card.of(known['card'])
+        return Checked(path, card, tuple(known['problems']), Quality.of(known['quality']))
+    recording = Recording.open(path)
+    found = Checked.of(recording)
+    content = {
+        'card': card_content(found.card),
+        'problems': found.problems,
+        'quality': found.quality.content(),
+    }
+    figures = [
+        DriveFigure(drive, name, float(getattr(own, name)), unit)
+        for drive, own in found.quality.drives.items()
+        for name, unit in _UNITS.items()
+    ]
+    about = RecordingFacts(found.card, recording.start_ns / 1e9, recording.duration)
+    index.keep(
+        stamp, about, IndexAnswer(KIND, key, json.dumps(content, default=str).encode(), figures)
+    )
+    return found

@@ -1,0 +1,316 @@
+"""SQLite store of cards, quality and fits by recording; a cache that may be deleted."""
+
+import fcntl
+import json
+import os
+import sqlite3
+import zlib
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self, TypeVar
+
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import advice
+
+from power_recordings.card import Card
+from power_recordings.index.stamp import Stamp
+
+T = TypeVar('T')
+
+ENVIRONMENT = 'WATTWALK_INDEX'
+"""Variable that names the file of the index; empty for none."""
+VERSION = 1
+_APPLICATION = 0x77617474  # 'watt', in the header of the file
+_MAGIC = b'SQLite format 3\0'
+_PLACE = 68  # of the application's number in the header
+_PAGE = 32768  # bytes; a fit of twelve drives takes two
+_PATIENCE = 5.0  # s that another process may hold the file
+_TABLES = """
+CREATE TABLE recordings (
+    id INTEGER PRIMARY KEY, path TEXT UNIQUE NOT NULL, size INTEGER, changed INTEGER,
+    name TEXT, robot TEXT, unit TEXT, controller TEXT, terrain TEXT, created TEXT,
+    start REAL, seconds REAL, card TEXT);
+CREATE INDEX by_robot ON recordings (robot, unit, start);
+CREATE TABLE answers (
+    recording INTEGER NOT NULL REFERENCES recordings ON DELETE CASCADE,
+    kind TEXT NOT NULL, key TEXT NOT NULL, checksum INTEGER NOT NULL, content BLOB NOT NULL,
+    UNIQUE (recording, kind, key));
+CREATE TABLE figures (
+    recording INTEGER NOT NULL REFERENCES recordings ON DELETE CASCADE,
+    kind TEXT NOT NULL, key TEXT NOT NULL, model TEXT, drive TEXT, name TEXT, term INTEGER,
+    unit TEXT, value REAL, error REAL);
+CREATE INDEX by_recording ON figures (recording, kind, key);
+"""
+
+
+@dataclass(frozen=True)
+class RecordingFacts:
+    """Card of a recording, and its start [s since 1970] and length [s] where they are known."""
+
+    card: Card
+    start: float | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class DriveFigure:
+    """A number of one drive that an answer holds, for tables: value ± standard error."""
+
+    drive: str
+    name: str
+    value: float
+    unit: str = ''
+    term: int = 0
+    error: float | None = None
+    model: str = ''
+
+
+@dataclass(frozen=True)
+class IndexAnswer:
+    """Bytes that a program worked out of a recording; key says by what: a model's hash."""
+
+    kind: str
+    key: str
+    content: bytes
+    figures: Sequence[DriveFigure] = ()
+
+
+def usual_path() -> Path | None:
+    """Return the file that WATTWALK_INDEX names, else one in the user's cache; None for none."""
+    named = os.environ.get(ENVIRONMENT)
+    if named is not None:
+        return Path(named) if named else None
+    cache = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
+    return Path(cache) / 'wattwalk' / 'recordings.sqlite3'
+
+
+class RecordingIndex:
+    """
+    Answers by recording, in a file that several processes may use at once.
+
+    An answer counts for the stamp that it was kept with: a recording that changed has none. Each
+    is on disk when `keep` returns. A file that is torn, or of another version, is begun anew; one
+    that cannot be used at all leaves the index empty, and `off` says why.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        """Open or create the index at path; InputError for a file of another program."""
+        self.path = path
+        self.off = '' if path is not None else 'no index is wanted'
+        self._database: sqlite3.Connection | None = None
+        self._lock: IO[str] | None = None
+        if path is None:
+            return
+        try:
+            _refuse_foreign(path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._lock = path.with_name(path.name + '.lock').open('a')
+            fcntl.flock(self._lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except OSError as error:
+            self._end(f'the index {path} cannot be used: {advice(error)}')
+            return
+        self._guarded(self._connect, None)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._end(self.off)
+
+    def answer(self, stamp: Stamp, kind: str, key: str) -> bytes | None:
+        """Return what was kept of the recording as it is now, None where there is nothing."""
+
+        def look(database: sqlite3.Connection) -> bytes | None:
+            row = database.execute(
+                'SELECT checksum, content FROM answers JOIN recordings ON recording = id '
+                'WHERE path = ? AND size = ? AND changed = ? AND kind = ? AND key = ?',
+                (stamp.path, stamp.size, stamp.changed, kind, key),
+            ).fetchone()
+            whole = row is not None and zlib.crc32(row[1]) == row[0]
+            return row[1] if whole else None
+
+        return self._asked(look, None)
+
+    def knows(self, stamp: Stamp) -> bool:
+        """Return whether the card of the recording as it is now is in the index."""
+
+        def look(database: sqlite3.Connection) -> bool:
+            query = 'SELECT 1 FROM recordings WHERE path = ? AND size = ? AND changed = ?'
+            row = database.execute(query, (stamp.path, stamp.size, stamp.changed)).fetchone()
+            return row is not None
+
+        return self._asked(look, False)
+
+    def keep(self, stamp: Stamp, about: RecordingFacts, answer: IndexAnswer | None = None) -> None:
+        """Keep a card, and an answer in place of a former one of its kind and key."""
+        self._asked(lambda database: _keep(database, stamp, about, answer), None)
+
+    def rows(self, query: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
+        """Return the rows of an SQL query over `recordings`, `answers` and `figures`."""
+        return self._asked(lambda database: database.execute(query, values).fetchall(), [])
+
+    def forget_lost(self) -> int:
+        """Forget recordings whose files are gone; return their number."""
+        lost = [
+            (number,)
+            for number, path in self.rows('SELECT id, path FROM recordings')
+            if not Path(path).exists()
+        ]
+
+        def forget(database: sqlite3.Connection) -> None:
+            with database:
+                database.executemany('DELETE FROM recordings WHERE id = ?', lost)
+
+        self._asked(forget, None)
+        return len(lost)
+
+    def _asked(self, ask: Callable[[sqlite3.Connection], T], nothing: T) -> T:
+        def asked() -> T:
+            return nothing if self._database is None else ask(self._database)
+
+        return self._guarded(asked, nothing)
+
+    def _guarded(self, act: Callable[[], T], nothing: T) -> T:
+        """Act; begin a torn file anew, and go on without one that cannot be used."""
+        try:
+            return act()
+        except sqlite3.OperationalError as error:
+            self._end(f'the index {self.path} cannot be used: {error}')
+        except sqlite3.DatabaseError as error:
+            self._renew(str(error))
+        return nothing
+
+    def _connect(self) -> None:
+        assert self.path is not None
+        database = sqlite3.connect(self.path, timeout=_PATIENCE, isolation_level='IMMEDIATE')
+        self._database = database
+        # A power cut may tear the file, which is seen and costs no more than to begin anew.
+        database.execute('PRAGMA synchronous = OFF')
+        database.execute(f'PRAGMA page_size = {_PAGE}')  # of a file that is made now
+        database.execute('PRAGMA foreign_keys = ON')
+        if self._version() != VERSION:
+            self._create()
+
+    def _version(self) -> int:
+        assert self._database is not None
+        return int(self._database.execute('PRAGMA user_version').fetchone()[0])
+
+    def _create(self) -> None:
+        """Make the tables, in place of those of another version."""
+        assert self._database is not None
+        with self._database as database:
+            database.execute('BEGIN EXCLUSIVE')
+            if self._version() == VERSION:
+                return  # another process was first
+            tables = "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name"
+            for (name,) in database.execute(tables).fetchall():
+                database.execute(f'DROP TABLE IF EXISTS "{name}"')
+            for statement in filter(str.strip, _TABLES.split(';')):
+                database.execute(statement)
+            database.execute(f'PRAGMA application_id = {_APPLICATION}')
+            database.execute(f'PRAGMA user_version = {VERSION}')
+
+    def _renew(self, why: str) -> None:
+        """Delete a torn file and begin anew, unless another process has it open."""
+        assert self.path is not None
+        self._close()
+        try:
+            assert self._lock is not None
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for end in ('', '-journal', '-wal', '-shm'):
+                self.path.with_name(self.path.name + end).unlink(missing_ok=True)
+            self._connect()
+            fcntl.flock(self._lock, fcntl.LOCK_SH)
+        except (OSError, sqlite3.Error) as error:
+            self._end(f'the index {self.path} is torn ({why}) and cannot be renewed: {error}')
+
+    def _close(self) -> None:
+        if self._database is not None:
+            with suppress(sqlite3.Error):
+                self._database.close()
+            self._database = None
+
+    def _end(self, why: str) -> None:
+        self.off = why
+        self._close()
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+
+def card_content(card: Card) -> dict[str, Any]:
+    """Return the keys of a card that say something, as `Card.of` takes them."""
+    content = asdict(card)
+    content |= content.pop('other')
+    return {key: value for key, value in content.items() if value not in ('', None, (), {})}
+
+
+def _refuse_foreign(path: Path) -> None:
+    """InputError for a file that is no index, so that none of another program is overwritten."""
+    if not path.exists():
+        return
+    if not path.is_file():
+        raise InputError(f'the index {path} is no file: name another by {ENVIRONMENT}')
+    with path.open('rb') as file:
+        head = file.read(_PLACE + 4)
+    number = int.from_bytes(head[_PLACE:], 'big')
+    lost = not head.strip(b'\0')  # what a power cut may leave
+    if not lost and not (head.startswith(_MAGIC) and number == _APPLICATION):
+        raise InputError(
+            f'{path} is no index of recordings: delete it or name another by {ENVIRONMENT}'
+        )
+
+
+def _keep(
+    database: sqlite3.Connection, stamp: Stamp, about: RecordingFacts, answer: IndexAnswer | None
+) -> None:
+    with database:
+        query = 'SELECT id, size, changed FROM recordings WHERE path = ?'
+        row = database.execute(query, (stamp.path,)).fetchone()
+        if row is not None and row[1:] != (stamp.size, stamp.changed):
+            database.execute('DELETE FROM recordings WHERE id = ?', (row[0],))
+            row = None
+        number = _added(database, stamp, about) if row is None else int(row[0])
+        if about.start is not None:
+            database.execute(
+                'UPDATE recordings SET start = ?, seconds = ? WHERE id = ?',
+                (about.start, about.seconds, number),
+            )
+        if answer is None:
+            return
+        place = (number, answer.kind, answer.key)
+        database.execute(
+            'INSERT OR REPLACE INTO answers VALUES (?, ?, ?, ?, ?)',
+            (*place, zlib.crc32(answer.content), answer.content),
+        )
+        database.execute('DELETE FROM figures WHERE recording = ? AND kind = ? AND key = ?', place)
+        database.executemany(
+            'INSERT INTO figures VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)',
+            (
+                (*place, f.model, f.drive, f.name, f.term, f.unit, f.value, f.error)
+                for f in answer.figures
+            ),
+        )
+
+
+def _added(database: sqlite3.Connection, stamp: Stamp, about: RecordingFacts) -> int:
+    card = about.card
+    added = database.execute(
+        'INSERT INTO recordings (path, size, changed, name, robot, unit, controller, terrain, '
+        'created, start, seconds, card) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)',
+        (
+            *(stamp.path, stamp.size, stamp.changed, Path(stamp.path).name),
+            *(card.robot, card.unit, card.controller, card.terrain, card.created),
+            *(about.start, about.seconds, json.dumps(card_content(card), default=str)),
+        ),
+    )
+    assert added.lastrowid is not None
+    return added.lastrowid

@@ -1,0 +1,126 @@
+"""Tables of the index: recordings that fit a question, and Parquet files for other programs."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+
+from power_recordings.card import FILE, Card
+from power_recordings.index.stamp import Stamp
+from power_recordings.index.store import RecordingFacts, RecordingIndex
+
+_COLUMNS = (
+    *('path', 'name', 'robot', 'unit', 'controller', 'terrain', 'created'),
+    *('start', 'seconds', 'size', 'card'),
+)
+_FIGURES = ('model', 'drive', 'name', 'term', 'unit', 'value', 'error')
+FILES = ('recordings.parquet', 'quality.parquet', 'coefficients.parquet')
+
+
+@dataclass(frozen=True)
+class Question:
+    """Recordings to list: of a robot and unit, created in [since, until); '' for any."""
+
+    robot: str = ''
+    unit: str = ''
+    since: str = ''
+    until: str = ''
+
+    @property
+    def where(self) -> tuple[str, list[str]]:
+        """An SQL condition and its values."""
+        asked = {
+            'robot = ?': self.robot,
+            'unit = ?': self.unit,
+            'created >= ?': self.since,
+            "created < ? AND created <> ''": self.until,
+        }
+        given = {condition: value for condition, value in asked.items() if value}
+        return ' AND '.join(given) or '1', list(given.values())
+
+
+def listed(index: RecordingIndex, question: Question) -> list[dict[str, Any]]:
+    """Return the cards that fit a question, by robot, unit and date."""
+    where, values = question.where
+    rows = index.rows(
+        f'SELECT {", ".join(_COLUMNS)} FROM recordings WHERE {where} '
+        'ORDER BY robot, unit, created, start, path',
+        values,
+    )
+    return [dict(zip(_COLUMNS, row, strict=True)) for row in rows]
+
+
+def recordings_below(folder: Path) -> Iterator[Path]:
+    """Yield the bag folders in a folder, at any depth; InputError where there is no folder."""
+    if not folder.is_dir():
+        raise InputError(f'there is no folder {folder}')
+    for where, folders, files in os.walk(folder):
+        if 'metadata.yaml' in files or any(name.endswith('.mcap') for name in files):
+            folders.clear()
+            yield Path(where)
+        else:
+            folders.sort()
+
+
+def add_cards(index: RecordingIndex, folders: Sequence[Path]) -> tuple[int, list[str]]:
+    """
+    Put the cards of all recordings in folders into the index.
+
+    Return the number of those that are new or changed, and the reasons for those left out.
+    """
+    added, left_out = 0, []
+    for folder in folders:
+        for path in recordings_below(folder):
+            try:
+                stamp = Stamp.of(path)
+                if index.knows(stamp):
+                    continue
+                card = Card.load(path) if (path / FILE).exists() else Card()
+            except InputError as error:
+                left_out.append(str(error))
+                continue
+            index.keep(stamp, RecordingFacts(card))
+            added += 1
+    return added, left_out
+
+
+def export(index: RecordingIndex, folder: Path) -> None:
+    """
+    Write three Parquet files into a folder: recordings, and figures by recording and drive.
+
+    InputError where pyarrow is not installed; RecordingError where a file cannot be written.
+    """
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError:
+        raise InputError('--export needs pyarrow: pip install pyarrow') from None
+
+    text, number, whole = pa.string(), pa.float64(), pa.int64()
+    kinds = {'start': number, 'seconds': number, 'value': number, 'error': number}
+    kinds |= {'size': whole, 'term': whole}
+    tables: list[tuple[Sequence[str], list[tuple[Any, ...]]]] = [
+        (_COLUMNS, index.rows(f'SELECT {", ".join(_COLUMNS)} FROM recordings ORDER BY path'))
+    ]
+    columns = ('path', *_FIGURES)
+    names = ', '.join(f'figures.{name}' for name in _FIGURES)
+    for kind in ('quality', 'fit'):
+        query = (
+            f'SELECT path, {names} FROM figures JOIN recordings ON recording = id '
+            'WHERE kind = ? ORDER BY path, figures.rowid'
+        )
+        tables.append((columns, index.rows(query, (kind,))))
+    folder.mkdir(parents=True, exist_ok=True)
+    for file, (names_of, rows) in zip(FILES, tables, strict=True):
+        values = list(zip(*rows, strict=True)) or [()] * len(names_of)
+        arrays = [
+            pa.array(own, kinds.get(name, text))
+            for name, own in zip(names_of, values, strict=True)
+        ]
+        sink = pa.BufferOutputStream()
+        parquet.write_table(pa.table(arrays, names=list(names_of)), sink)
+        write_whole(folder / file, sink.getvalue().to_pybytes())
