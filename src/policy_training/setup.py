@@ -35,6 +35,7 @@ setup(
         'console_scripts': [
             'train = policy_training.commands.train:main',
             'evaluate = policy_training.commands.evaluate:main',
+            'export = policy_training.commands.export:main',
         ],
     },
 )

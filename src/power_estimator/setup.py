@@ -36,6 +36,7 @@ setup(
             'replay = power_estimator.commands.replay:main',
             'sweep = power_estimator.commands.sweep:main',
             'distil = power_estimator.commands.distil:main',
+            'export = power_estimator.commands.export:main',
         ],
     },
 )

@@ -9,6 +9,7 @@ from policy_runner.policies.by_name import load_policy
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.observations import CLOCKED, STANDARD
+from policy_runner.policies.torchscript import write_torchscript
 from policy_runner.supervisor.handover import Handover
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.errors import InputError
@@ -167,6 +168,28 @@ def test_without_a_measured_velocity_it_is_estimated_from_the_legs(inputs):
     for index in range(20):
         policy.step(0.02 * index, COMMAND, inputs, None)
     assert np.abs(network.seen[-1][:3]).max() > 0.01
+
+
+@pytest.mark.parametrize('activation', ['elu', 'relu', 'tanh'])
+def test_a_policy_exported_as_torchscript_acts_as_its_folder_does(tmp_path, inputs, activation):
+    folder = policy_folders.save(tmp_path / 'p', scale=0.3)
+    card = folder / 'policy.yaml'
+    content = yaml.safe_load(card.read_text())
+    content['network']['activation'] = activation
+    card.write_text(yaml.safe_dump(content))
+    assert write_torchscript(folder, tmp_path / 'twin.pt') == tmp_path / 'twin.yaml'
+    policies = [
+        load_policy(str(folder)),
+        load_policy(str(tmp_path / 'twin.pt'), trust_code=True),
+    ]
+    for one in policies:
+        one.take_over()
+    for index in range(3):
+        arguments = (0.02 * index, COMMAND, inputs, VELOCITY)
+        mine, twins = (one.step(*arguments) for one in policies)
+        np.testing.assert_allclose(twins, mine, rtol=1e-5, atol=1e-6)
+    many = torch.jit.load(str(tmp_path / 'twin.pt'))(torch.zeros(7, 48))
+    assert many.shape == (7, 12)
 
 
 def test_torchscript_with_a_contract_beside_it_runs_as_the_folder_does(tmp_path, inputs):

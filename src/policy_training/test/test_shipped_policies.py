@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from policy_runner.policies.by_name import SHIPPED, shipped
+from policy_runner.policies.by_name import SHIPPED, load_policy, shipped
 from policy_runner.policies.folder import read_folder
 from policy_runner.policies.perceptron import Perceptron
+from policy_training.commands import export
 from policy_training.evaluation.measured_walk import measure_walk
 from policy_training.evaluation.robustness import LIMITS, RobustnessConfig, evaluate_robustness
 from policy_training.evaluation.tasks import TASKS
@@ -46,3 +47,15 @@ def test_four_times_the_weight_on_power_draws_less_than_the_torque_term_on_the_s
         watts[name] = walk.data.supply[walk.steady].mean()
     assert watts['pmp_heavy'] < watts['baseline']
     assert watts['pmp'] < 1.05 * watts['baseline']
+
+
+def test_a_shipped_policy_is_exported_by_name_with_its_contract(tmp_path, capsys):
+    assert export.main(['pmp', '-o', str(tmp_path / 'pmp.pt')]) == 0
+    assert '--policy' in capsys.readouterr().out
+    assert load_policy(str(tmp_path / 'pmp.pt'), trust_code=True).rate == 50.0
+
+
+def test_a_scripted_gait_has_no_network_to_export(tmp_path, capsys):
+    assert export.main(['trot', '-o', str(tmp_path / 'trot.pt')]) == 2
+    assert "no learned policy 'trot'" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -2,17 +2,18 @@
 
 import io
 import warnings
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
-from wattwalk_core.files import read_bytes
+from wattwalk_core.files import read_bytes, together, write_whole
 from wattwalk_core.schema import parse
 from wattwalk_core.tensors import SIZE
-from wattwalk_core.yaml_file import read_yaml
+from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
-from policy_runner.policies.folder import CARD, Contract
+from policy_runner.policies.folder import CARD, Contract, read_folder
 from policy_runner.policies.learned import LearnedPolicy
 
 SUFFIXES = ('.pt', '.pth', '.jit', '.ts')
@@ -39,6 +40,37 @@ def load_torchscript(file: Path, *, trust_code: bool = False) -> LearnedPolicy:
         content.setdefault('network', {'hidden': []})
     contract = parse(Contract, content, f'policy {card}')
     return LearnedPolicy(contract, _TorchNetwork(file, contract))
+
+
+def write_torchscript(folder: Path, file: Path) -> Path:
+    """
+    Write the network of a policy folder as TorchScript [N, size] → [N, 12]; return its contract.
+
+    The contract NAME.yaml beside NAME.pt says how observations are made and what actions mean.
+    InputError names what is wrong in the folder.
+    """
+    import torch
+    from torch import nn
+
+    contract, tensors = read_folder(folder)
+    kinds = {'elu': nn.ELU, 'relu': nn.ReLU, 'tanh': nn.Tanh}
+    layers: list[nn.Module] = []
+    for index in range(len(tensors) // 2):
+        weight, bias = (torch.from_numpy(tensors[f'layer{index}.{x}']) for x in ('weight', 'bias'))
+        linear = nn.Linear(weight.shape[1], weight.shape[0])
+        linear.load_state_dict({'weight': weight, 'bias': bias})
+        layers += [linear, kinds[contract.network.activation]()]
+    stream = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', DeprecationWarning)
+        torch.jit.save(torch.jit.script(nn.Sequential(*layers[:-1]).requires_grad_(False)), stream)
+    card = asdict(contract)  # type: ignore[call-overload]
+    card['observation'] = contract.observation.content()
+    beside = file.with_suffix('.yaml')
+    with together():
+        write_whole(file, stream.getvalue())
+        write_whole(beside, dump_yaml(card))
+    return beside
 
 
 class _TorchNetwork:

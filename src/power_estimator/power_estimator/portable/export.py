@@ -1,0 +1,84 @@
+"""Export of a network as a power term for the training of others."""
+
+import io
+import json
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import together, write_whole
+
+from power_estimator.network.checkpoint import Checkpoint, Network
+from power_estimator.network.features import FEATURES
+from power_estimator.portable import power_term
+
+MODULE: Final = 'power_term.py'
+TENSORS: Final = 'power_term.safetensors'
+SCRIPT: Final = 'power_term.pt'
+
+
+def export(
+    checkpoint: Checkpoint, folder: Path, drives: Sequence[str], sample_rate: float
+) -> list[Path]:
+    """
+    Write the module and its tensors; with drives TorchScript too, which fixes their order.
+
+    sample_rate: in Hz, of the samples that the TorchScript file takes. Returns the files.
+    InputError for a drive of no type or a rate that is no whole part of the network's.
+    """
+    from safetensors.numpy import save
+
+    tensors = {
+        f'{network.type.name}/{name}': np.ascontiguousarray(values, np.float32)
+        for network in checkpoint.networks
+        for name, values in _in_si_units(network).items()
+    }
+    card = {
+        'format': power_term.FORMAT,
+        'rate': checkpoint.config.rate,
+        'warm_up': checkpoint.config.warm_up,
+        'types': {n.type.name: list(n.type.patterns) for n in checkpoint.networks},
+        'features': list(FEATURES),
+        'recordings': [recording.name for recording in checkpoint.recordings],
+    }
+    files = [folder / MODULE, folder / TENSORS]
+    folder.mkdir(parents=True, exist_ok=True)
+    with together():
+        write_whole(files[0], Path(power_term.__file__).read_bytes())
+        write_whole(files[1], save(tensors, {'power_term': json.dumps(card)}))
+    if drives:
+        files.append(folder / SCRIPT)
+        write_whole(files[2], _scripted(files[1], drives, sample_rate))
+    return files
+
+
+def _in_si_units(network: Network) -> dict[str, NDArray[np.float64]]:
+    """Return the weights with the scaling folded in: SI units to watts."""
+    weights, scaling = network.weights, network.scaling
+    scaled = weights.input.astype(float) / np.array(scaling.scale)
+    return {
+        'input': scaled,
+        'recurrent': weights.recurrent.astype(float),
+        'bias': weights.bias - scaled @ np.array(scaling.mean),
+        'output': weights.output.astype(float) * scaling.power_scale,
+        'output_bias': weights.output_bias.astype(float) * scaling.power_scale
+        + scaling.power_mean,
+    }
+
+
+def _scripted(file: Path, drives: Sequence[str], sample_rate: float) -> bytes:
+    import torch
+
+    try:
+        term = power_term.PowerTerm.load(file, drives, sample_rate)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    stream = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', DeprecationWarning)
+        torch.jit.save(torch.jit.script(term), stream)
+    return stream.getvalue()
