@@ -26,7 +26,7 @@ ANALYSES = (
     'power_calibration.analyser',
     'power_calibration.timing',
 )
-LIVE = ('power_estimator.live.node',)
+LIVE = ('power_estimator.live.node', 'power_lab.workbench.live.node')
 """Modules of analysing packages that are nodes."""
 
 

@@ -4,15 +4,17 @@ import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.quoting import quoted
-from wattwalk_core.schema import parse, schema
+from wattwalk_core.schema import Length, parse, schema
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 FILE = 'card.yaml'
+NOTE = 'note'
+"""Key of a report on `diagnostics` whose value a recorder keeps in the card."""
 DRIVE_TYPES = ('HAA', 'HFE', 'KFE')
 _TEXTS = ('robot', 'unit', 'controller', 'terrain', 'notes', 'software', 'calibration', 'created')
 _AT: Mapping[str, Literal['joint', 'motor']] = {'joint': 'joint', 'motor': 'motor'}
@@ -27,6 +29,14 @@ def drive_type(name: str) -> str:
 
 
 @schema
+class CardNote:
+    """A note that was taken during a recording, with its ROS time in ISO 8601."""
+
+    time: str
+    text: str
+
+
+@schema
 class Card:
     """
     Content of `card.yaml` in the folder of a recording.
@@ -34,7 +44,8 @@ class Card:
     Texts may stay empty. `drives` are those whose electrical power was measured. `created` is a
     date in ISO 8601; `seed` is that of a simulation. `torque` says for each drive whether its
     torque is that at the joint or that of the motor, computed from its current; `torque_unit` is A
-    where the current itself stands for it. Unknown keys are kept in `other`.
+    where the current itself stands for it. `marks` were noted while it was
+    recorded. Unknown keys are kept in `other`.
     """
 
     robot: str = ''
@@ -49,6 +60,7 @@ class Card:
     created: str = ''
     torque: Mapping[str, Literal['joint', 'motor']] = field(default_factory=dict)
     torque_unit: Mapping[str, Literal['N*m', 'A']] = field(default_factory=dict)
+    marks: Annotated[tuple[CardNote, ...], Length(0)] = ()
     other: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -125,6 +137,12 @@ class Card:
         velocity = {'velocity': dict.fromkeys(drives, 'rate of position')}
         return replace(self, other={**self.other, 'imported': velocity})
 
+    def with_mark(self, stamp_ns: int, text: str) -> Self:
+        """Return the card with a note of the time stamp_ns."""
+        when = datetime.datetime.fromtimestamp(stamp_ns / 1e9, datetime.UTC)
+        mark = CardNote(when.isoformat(timespec='milliseconds'), text)
+        return replace(self, marks=(*self.marks, mark))
+
     def save(self, bag_dir: Path) -> Path:
         """Write card.yaml into a recording's folder, whole or not at all, and return its path."""
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'other'}
@@ -133,5 +151,8 @@ class Card:
             content[name] = dict(content[name])
             if not content[name]:
                 del content[name]
+        content['marks'] = [{'time': mark.time, 'text': mark.text} for mark in self.marks]
+        if not self.marks:
+            del content['marks']
         write_whole(Path(bag_dir) / FILE, dump_yaml({**content, **self.other}))
         return Path(bag_dir) / FILE

@@ -8,9 +8,9 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.messages.samples import DriveSamples, EstimateSamples, SupplySamples
+from power_recordings.reading.topic_buffers import TopicBuffer, TopicCounter
 from power_recordings.writing.background import SequenceCheck
 
-from power_daq.monitor.topic_buffers import TopicBuffer, TopicCounter
 from power_daq.supply.energy_counters import EnergyCounter
 
 TOPICS = ('drive_supply', 'joint_states', 'supply', 'power_estimate', 'diagnostics')

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from power_recordings.card import Card
+from power_recordings.card import NOTE, Card
 from power_recordings.messages.types import message_class
 from power_recordings.writing.background import BackgroundRecorder, RecordingProgress
 from rclpy.clock import Clock, ClockType
@@ -25,6 +26,7 @@ _DEPTH: Final = 2000
 _POWER: Final = ('drive_supply', 'supply')
 _LOOK: Final = 0.01  # s between looks at the topics
 _HOUSEKEEPING: Final = 0.2  # s
+_LONGEST_NOTE: Final = 500  # characters
 
 
 class RecorderNode(Node):
@@ -114,9 +116,16 @@ class RecorderNode(Node):
             for pair in status.values:
                 if pair.key == 'calibration':
                     self._calibrations[pair.value] = None
+                if pair.key == NOTE:
+                    self._keep_note(message.header.stamp, pair.value[:_LONGEST_NOTE])
                 for prefix, noted in self._torque.items():
                     if pair.key.startswith(prefix):
                         noted[pair.key.removeprefix(prefix)] = pair.value
+
+    def _keep_note(self, stamp: Time, text: str) -> None:
+        """Put a note into the card at once: an end by kill -9 would lose it."""
+        self._card = self._card.with_mark(stamp.sec * 1_000_000_000 + stamp.nanosec, text)
+        self._card.save(self._bag)
 
     def _keep_house(self) -> None:
         if self._best_effort:
@@ -150,6 +159,7 @@ class RecorderNode(Node):
         values |= {f'{name} messages': str(count) for name, count in now.counts.items()}
         values |= {'size [B]': str(now.size), 'waiting [B]': str(now.waiting)}
         values['samples lost'] = str(self._recorder.sequence.lost)
+        values['bag'] = str(self._bag.resolve())
         self._reporter.publish(Report(level, sentence, values))
 
 

@@ -10,6 +10,7 @@ from power_lab.workbench import answers, maps
 from power_lab.workbench.bench import Bench
 from power_lab.workbench.desk import Desk
 from power_lab.workbench.folders import Folders
+from power_lab.workbench.live.notes import keep_note
 from power_lab.workbench.session import SessionStep
 
 _Seconds = Annotated[float, Quantity(-1e9, 1e9, 's')]
@@ -61,6 +62,13 @@ class OneModel:
     model: Name
 
 
+@schema
+class LiveNote:
+    """A note on a running robot."""
+
+    text: Annotated[str, Printable(0, 500)]
+
+
 def take(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
     """Take a step: open, load, fit, add, remove, effects."""
     step = parse(SessionStep, content, 'step')
@@ -72,9 +80,9 @@ def take(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
     if step.kind == 'effects':
         folders.within(step.file)
     elif step.kind == 'load':
-        _check_spec(bench, desk, step.file)
+        check_spec(bench, desk, step.file)
     if step.base:
-        _check_spec(bench, desk, step.base)
+        check_spec(bench, desk, step.base)
     desk.take(step)
 
 
@@ -83,7 +91,7 @@ def _folders(bench: Bench, desk: Desk) -> Folders:
     return bench.folders.with_root(desk.folder)
 
 
-def _check_spec(bench: Bench, desk: Desk, spec: str) -> None:
+def check_spec(bench: Bench, desk: Desk, spec: str) -> None:
     """InputError for a model whose file is not in a folder that was named."""
     if spec.endswith(('.yaml', '.yml')):
         _folders(bench, desk).within(spec)
@@ -119,7 +127,7 @@ def record(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
 def line(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
     """Begin to judge another model beside the present one."""
     spec = parse(OneModel, content, 'line').model
-    _check_spec(bench, desk, spec)
+    check_spec(bench, desk, spec)
     desk.line(spec)
 
 
@@ -131,6 +139,17 @@ def cancel(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
 def allow(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
     """Let a file of effects be run."""
     desk.approve(parse(Allowed, content, 'file').file)
+
+
+def note(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Keep a note with its time: in the card of what is being recorded, and in the session."""
+    text = parse(LiveNote, content, 'note').text.strip()
+    if not text:
+        raise InputError('the note is empty; say what happened')
+    recording = desk.live.recorder
+    desk.live.note(text)
+    keep_note(desk.folder, text, recording)
+    return {'recording': recording}
 
 
 def select(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -166,5 +185,6 @@ ACTIONS: Mapping[str, Callable[[Bench, Desk, Mapping[str, Any]], dict[str, Any] 
     'line': line,
     'cancel': cancel,
     'allow': allow,
+    'note': note,
     'select': select,
 }

@@ -19,7 +19,7 @@ from power_lab.workbench.pyramid import Span, masked
 from power_lab.workbench.session import LabSession, SessionStep
 from power_lab.workbench.view import PowerView, Singles, with_sum
 
-KEPT = re.compile(r'(session|model_\d+|next_\d+)\.yaml|report_\d+\.html|effects_\d+\.py')
+KEPT = re.compile(r'(session|notes|model_\d+|next_\d+)\.yaml|report_\d+\.html|effects_\d+\.py')
 """Files of a session that the page may have."""
 SUM = 'sum'
 """Name of the column that adds up all meters."""

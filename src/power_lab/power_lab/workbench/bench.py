@@ -30,6 +30,8 @@ class Bench:
     start: tuple[SessionStep, ...] = ()  # of a new session
     approved: tuple[str, ...] = ()  # files of effects named with the command
     changed: Callable[[], None] = lambda: None
+    streamed: Callable[[], None] = lambda: None
+    ending: bool = False
     desks: dict[str, Desk] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -92,6 +94,12 @@ class Bench:
                 )
         return found
 
+    def end(self) -> None:
+        """Let all who wait for news go."""
+        self.ending = True
+        self.changed()
+        self.streamed()
+
     def close(self) -> None:
         """End all workers."""
         for desk in self.desks.values():
@@ -103,7 +111,8 @@ class Bench:
             if not idle:
                 raise InputError(f'{len(self.desks)} sessions are at work; wait for one of them')
             self.desks.pop(idle[0]).close()
-        desk = Desk(self.folder / name, session, lambda: self.changed())
+        folder = self.folder / name
+        desk = Desk(folder, session, lambda: self.changed(), lambda: self.streamed())
         desk.approved.update(self.approved)
         self.desks[name] = desk
         return desk

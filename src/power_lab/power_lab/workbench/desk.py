@@ -10,6 +10,7 @@ from typing import Any
 from wattwalk_core.errors import InputError
 
 from power_lab.workbench.jobs import JobRunner, SessionJob
+from power_lab.workbench.live.feed import LiveFeed
 from power_lab.workbench.session import LabSession, SessionStep
 from power_lab.workbench.shown import Commands
 from power_lab.workbench.view import PowerView
@@ -34,7 +35,13 @@ class Desk:
     Methods may be called from any thread. `changed` is called after every change of `revision`.
     """
 
-    def __init__(self, folder: Path, session: LabSession, changed: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        session: LabSession,
+        changed: Callable[[], None],
+        streamed: Callable[[], None] = lambda: None,
+    ) -> None:
         self.folder, self.session = folder, session
         self.revision = 0
         self.error = ''
@@ -42,6 +49,7 @@ class Desk:
         self.approved: set[str] = set()
         self.commands = Commands(folder)
         self.runner = JobRunner(self._heard)
+        self.live = LiveFeed(streamed)
         self._changed = changed
         self._lock = threading.RLock()
         self._waiting: deque[SessionStep] = deque()
@@ -63,6 +71,11 @@ class Desk:
             if file not in self.approved:
                 raise InputError(f'the session uses effects of {file}; allow this file to be run')
         return Source.of(opened, self.session.effect_files)
+
+    @property
+    def allowed_effects(self) -> tuple[str, ...]:
+        """Files of effects of the session that may be run."""
+        return tuple(file for file in self.session.effect_files if file in self.approved)
 
     @property
     def spec(self) -> str:
@@ -221,7 +234,8 @@ class Desk:
         self.runner.cancel()
 
     def close(self) -> None:
-        """End the worker; the session stays on disk."""
+        """End the processes; the session stays on disk."""
+        self.live.close()
         self.runner.close()
 
     def _require_idle(self) -> None:

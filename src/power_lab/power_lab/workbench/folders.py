@@ -58,6 +58,12 @@ class Folders:
                     found[path] = _described(path)
         return sorted(found.values(), key=lambda one: str(one['path']))
 
+    def models(self) -> list[str]:
+        """Files below the roots that may be models, and networks as `ppn:RUN`."""
+        networks = [Path(path) for path in self.files(('.safetensors',))]
+        runs = [f'ppn:{path.parent}' for path in networks if path.name == 'model.safetensors']
+        return [*runs, *self.files(('.yaml', '.yml'))]
+
     def files(self, suffixes: Sequence[str]) -> list[str]:
         """Files below the roots with one of the suffixes."""
         found = {

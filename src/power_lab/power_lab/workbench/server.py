@@ -2,8 +2,8 @@
 
 import asyncio
 import json
-from collections.abc import Callable, Mapping
-from functools import cache
+from collections.abc import AsyncIterator, Callable, Mapping
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from power_estimator.effects import load_catalogue
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from wattwalk_core.errors import InputError
 
@@ -21,6 +21,8 @@ from power_lab.workbench.desk import Desk
 
 _PAGE = Path(__file__).parent / 'page'
 _KINDS = {'.html': 'text/html', '.js': 'text/javascript', '.css': 'text/css'}
+TOPIC = 'topic'
+"""In place of a model: what the nodes publish on `power_estimate`."""
 _PATIENCE = 25.0  # s, that a question for news is held
 _FRESH = {'Cache-Control': 'no-store'}
 
@@ -29,6 +31,8 @@ def application(bench: Bench) -> Starlette:
     """The routes of a workbench; every request passes a `PageGuard` before."""
     news = _News()
     bench.changed = news.tell
+    stream = _News()
+    bench.streamed = stream.tell
 
     def session(route: Callable[[Desk, Request], Any]) -> Callable[[Request], Any]:
         """A route of one session whose work is done beside the event loop."""
@@ -68,8 +72,43 @@ def application(bench: Bench) -> Starlette:
             desk = await run_in_threadpool(bench.desk, request.path_params['session'])
         except InputError as error:
             return _json({'error': str(error)}, 404)
-        await news.wait(lambda: desk.revision > after, _PATIENCE)
+        await news.wait(lambda: desk.revision > after or bench.ending, _PATIENCE)
         return await _told(lambda: _json(answers.state(desk)))
+
+    async def live(request: Request) -> Response:
+        """Return the news of running nodes as events, for as long as the page listens."""
+        given = request.query_params.get('model', '')
+
+        def model() -> tuple[str, tuple[str, ...]]:
+            return (given or desk.spec if given != TOPIC else ''), desk.allowed_effects
+
+        def more(desk: Desk, seen: int) -> bool:
+            return bench.ending or desk.live.has_more(seen)
+
+        def begin() -> Desk:
+            desk = bench.desk(request.path_params['session'])
+            if given not in ('', TOPIC):
+                actions.check_spec(bench, desk, given)
+            desk.live.join()
+            return desk
+
+        async def events() -> AsyncIterator[str]:
+            seen = 0
+            try:
+                while not bench.ending:
+                    spec, effect_files = model()
+                    await run_in_threadpool(desk.live.use, spec, effect_files)
+                    await stream.wait(partial(more, desk, seen), _PATIENCE)
+                    seen, new = desk.live.after(seen)
+                    yield ''.join(f'data: {json.dumps(one)}\n\n' for one in new) or ':\n\n'
+            finally:
+                desk.live.leave()
+
+        try:
+            desk = await run_in_threadpool(begin)
+        except InputError as error:
+            return _json({'error': str(error)}, 400)
+        return StreamingResponse(events(), media_type='text/event-stream', headers=_FRESH)
 
     async def sessions(request: Request) -> Response:
         if request.method == 'POST':
@@ -81,7 +120,7 @@ def application(bench: Bench) -> Starlette:
             return _json(
                 {
                     'recordings': bench.folders.recordings(),
-                    'models': bench.folders.files(('.yaml', '.yml')),
+                    'models': bench.folders.models(),
                     'catalogue': answers.catalogue_content(load_catalogue()),
                     'folders': [str(root) for root in bench.folders.roots],
                 }
@@ -98,6 +137,7 @@ def application(bench: Bench) -> Starlette:
             Route('/api/known', known),
             Route('/api/sessions', sessions, methods=['GET', 'POST']),
             Route(f'{here}/state', state),
+            Route(f'{here}/live', live),
             Route(f'{here}/traces', session(_traces)),
             Route(f'{here}/strip', session(_strip)),
             Route(f'{here}/map', session(_map)),

@@ -5,6 +5,7 @@ import socket
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 import uvicorn
 from power_recordings.reading.bag_folder import find
@@ -98,10 +99,23 @@ def serve(opening: Opening) -> int:
         if opening.browser:
             webbrowser.open(address)
         try:
-            uvicorn.Server(config).run(sockets=[listener])
+            _EndingServer(config, bench).run(sockets=[listener])
         finally:
             bench.close()
     return 0
+
+
+class _EndingServer(uvicorn.Server):
+    """Answers those who wait for news before it ends, so that nothing has to be cut off."""
+
+    def __init__(self, config: uvicorn.Config, bench: Bench) -> None:
+        super().__init__(config)
+        self._bench = bench
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Take Ctrl-C or SIGTERM."""
+        self._bench.end()
+        super().handle_exit(sig, frame)
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -323,6 +323,7 @@ def _described(recording: Any) -> dict[str, Any]:
             for name in ('robot', 'unit', 'controller', 'terrain', 'notes')
             if getattr(card, name)
         },
+        'notes': [{'time': mark.time, 'text': mark.text} for mark in card.marks],
         'rates': {name: round(float(t.rate), 2) for name, t in quality.topics.items()},
         'torque': dict(quality.torque_at),
         'drives': [

@@ -91,6 +91,8 @@ def print_quality(checked: 'Checked') -> None:
     if card.derived_velocity:
         drives = _plain(', '.join(card.derived_velocity))
         console.print(f'  note: velocity is the rate of the position, not measured: {drives}')
+    for mark in card.marks:
+        console.print(f'  noted {_plain(mark.time)}: {_plain(mark.text)}')
     for problem in checked.problems:
         console.print(f'  note: {_plain(problem)}')
     for finding in quality.findings:

@@ -35,7 +35,8 @@ function described(one) {
     Object.entries(one.rates).map(([topic, rate]) => `${topic} ${number(rate)} Hz`).join(', '),
     motor ? `torque at the motor of ${motor} drives` : 'torque at the joint',
   ];
-  const marks = [...one.findings.map((f) => `${f.severity}: ${f.drive ? `${f.drive}: ` : ''}${f.text}`), ...one.problems];
+  const noted = (one.notes || []).map((note) => `noted ${note.time.slice(11, 19)}: ${note.text}`);
+  const marks = [...noted, ...one.findings.map((f) => `${f.severity}: ${f.drive ? `${f.drive}: ` : ''}${f.text}`), ...one.problems];
   return h('div', {}, h('h3', {}, one.name), h('p', { class: 'faint' }, facts.filter(Boolean).join(' · ')),
     marks.length ? h('ul', {}, marks.map((text) => h('li', {}, text))) : h('p', {}, 'Quality: nothing is amiss.'));
 }
