@@ -19,6 +19,7 @@ setup(
         'mujoco',
         'torch',
         'rsl-rl-lib',
+        'cma',
         'tensorboard',
         'tensordict',
         'pyyaml',
@@ -36,6 +37,7 @@ setup(
             'train = policy_training.commands.train:main',
             'evaluate = policy_training.commands.evaluate:main',
             'export = policy_training.commands.export:main',
+            'optimise_gait = policy_training.commands.optimise_gait:main',
         ],
     },
 )

@@ -1,7 +1,16 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from policy_runner.policies.kinematics import forward, inverse
-from policy_runner.policies.trot import TARGET_LIMITS, TROTS, Feedback, ScriptedTrot, TrotConfig
+from policy_runner.policies.trot import (
+    TARGET_LIMITS,
+    TROTS,
+    Feedback,
+    ScriptedTrot,
+    ScriptedTrots,
+    TrotConfig,
+)
 from policy_runner.policies.trot_gait import GaitCycle
 from wattwalk_core.anymal import DEFAULT_POSE, LIMITS
 from wattwalk_core.errors import InputError
@@ -23,12 +32,17 @@ def targets(command, seconds=6.0, gravity=LEVEL, spin=STILL, velocity=STILL, tro
 
 
 def walking_cycle(seconds, config=TROTS['trot']):
-    cycle = GaitCycle(config)
+    cycle = GaitCycle()
     swinging = []
     for _ in range(round(seconds / 0.005)):
-        cycle.advance(0.005, config.frequency, requested=True, settled=True)
-        swinging.append(cycle.swinging.copy())
+        advance(cycle, config, requested=True, settled=True)
+        swinging.append(cycle.swinging[0].copy())
     return np.array(swinging)
+
+
+def advance(cycle, config, *, requested, settled):
+    shape = (np.array([value]) for value in (0.005, config.frequency, config.duty))
+    cycle.advance(*shape, requested=np.array([requested]), settled=np.array([settled]))
 
 
 def test_diagonal_feet_swing_together_and_the_pairs_take_turns():
@@ -48,15 +62,15 @@ def test_feet_are_on_the_ground_for_the_duty_of_the_gait(name):
 
 
 def test_it_stops_stepping_only_with_all_feet_down_and_everything_settled():
-    cycle = GaitCycle(TROTS['trot'])
+    cycle, config = GaitCycle(), TROTS['trot']
     for _ in range(150):
-        cycle.advance(0.005, 1.9, requested=True, settled=True)
+        advance(cycle, config, requested=True, settled=True)
     for _ in range(400):
-        cycle.advance(0.005, 1.9, requested=False, settled=False)
-    assert cycle.walking
-    while cycle.walking:
+        advance(cycle, config, requested=False, settled=False)
+    assert cycle.walking[0]
+    while cycle.walking[0]:
         down = ~cycle.swinging
-        cycle.advance(0.005, 1.9, requested=False, settled=True)
+        advance(cycle, config, requested=False, settled=True)
     assert down.sum() >= 2
     assert not cycle.swinging.any()
     assert cycle.load.min() >= 0.0
@@ -95,7 +109,7 @@ def test_feet_are_lifted_by_the_swing_height():
     heights = []
     for k in range(1200, 1400):
         trot.step(0.005 * k, np.array([0.3, 0, 0]), DEFAULT_POSE, LEVEL, STILL, STILL)
-        heights.append(forward(trot._angles.ravel()).feet[:, 2])
+        heights.append(forward(trot.planned.ravel()).feet[:, 2])
     rise = np.max(heights, axis=0) - np.median(heights, axis=0)
     assert np.allclose(rise, trot.config.swing_height, atol=0.015)
 
@@ -123,10 +137,63 @@ def test_a_push_to_the_left_moves_the_coming_footholds_to_the_left():
             pushed = np.array(velocity) if k > 600 else STILL
             trot.step(0.005 * k, np.array([0.1, 0, 0]), DEFAULT_POSE, LEVEL, STILL, pushed)
             if k > 600:
-                sides.append(forward(trot._angles.ravel()).feet[:, 1])
+                sides.append(forward(trot.planned.ravel()).feet[:, 1])
         return np.max(sides, axis=0)
 
     assert np.all(highest_side([0, 0.6, 0]) > highest_side([0, 0, 0]) + 0.02)
+
+
+def test_robots_side_by_side_walk_as_each_does_alone():
+    random = np.random.default_rng(3)
+    configs = [
+        *(replace(TROTS[name], cadence_adaptation=(3.0, 0.25, 0.6)) for name in TROTS),
+        replace(TROTS['trot'], urgent_foot_y=0.34, urgent_height=0.48, frequency_per_speed=0.6),
+    ]
+    count = len(configs)
+    together, alone = ScriptedTrots(configs), [ScriptedTrot(config) for config in configs]
+    for k in range(1200):
+        if k == 700:
+            together.reset(np.array([1]))
+            alone[1].reset()
+        inputs = [
+            np.tile([0.5, 0.1, 0.3], (count, 1)) * (k < 900),
+            DEFAULT_POSE + random.normal(0, 0.02, (count, 12)),
+            LEVEL + random.normal(0, 0.03, (count, 3)),
+            random.normal(0, 0.1, (count, 3)),
+            random.normal([0.5, 0.1, 0.0], 0.3, (count, 3)),
+        ]
+        found = together.step(0.005 * k, *inputs)
+        expected = [trot.step(0.005 * k, *(x[i] for x in inputs)) for i, trot in enumerate(alone)]
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_a_robot_in_a_hurry_takes_the_urgent_stance_and_a_calm_one_does_not():
+    config = replace(
+        TROTS['trot'], cadence_adaptation=(3.0, 0.25, 0.6), urgent_foot_y=0.34, foot_y=0.24
+    )
+    sides = []
+    for error in (0.0, 2.0):
+        trot = ScriptedTrot(config)
+        for k in range(800):
+            velocity = np.array([0.3 + error * (k > 600), 0.0, 0.0])
+            trot.step(0.005 * k, np.array([0.3, 0, 0]), DEFAULT_POSE, LEVEL, STILL, velocity)
+        sides.append(np.abs(forward(trot.planned.ravel()).feet[:, 1]).max())
+    assert sides[0] == pytest.approx(0.24, abs=0.01)
+    assert sides[1] == pytest.approx(0.34, abs=0.02)
+
+
+def test_the_stride_rate_rises_with_the_speed_that_is_asked_for():
+    config = replace(TROTS['trot'], frequency=1.3, frequency_per_speed=0.5)
+    lifts = []
+    for speed in (0.2, 0.8):
+        trot, before = ScriptedTrot(config), 0.0
+        command, count = np.array([speed, 0, 0]), 0
+        for k in range(2800):
+            trot.step(0.005 * k, command, DEFAULT_POSE, LEVEL, STILL, command)
+            count += k >= 800 and trot.stride < before
+            before = trot.stride
+        lifts.append(count / 10.0)
+    assert lifts == pytest.approx([1.4, 1.7], abs=0.1)
 
 
 def test_targets_stay_finite_and_in_range_for_wild_inputs():

@@ -198,15 +198,18 @@ class CurriculumConfig:
 class ImitationConfig:
     """Imitation of a scripted gait before PPO, see `imitation.py`."""
 
-    gait: str = ''  # such as trot_even; empty: none, the networks are random
+    gait: str = ''  # a name, or a file of optimise_gait; empty: none
     robots: Annotated[int, Quantity(2, 4096, '', 'led by the gait')] = 128
     seconds: Annotated[float, Quantity(2.0, 600.0, 's', 'of walking in each round')] = 8.0
     epochs: Annotated[int, Quantity(2, 1000, '', 'of learning after each round')] = 24
     critic_rounds: Annotated[int, Quantity(0, 1000, '', 'of the critic alone')] = 15
 
     def __post_init__(self) -> None:
-        if self.gait and self.gait not in TROTS:
-            raise InputError(f'gait is {self.gait!r}; it must be one of {", ".join(TROTS)}')
+        if self.gait and self.gait not in TROTS and not Path(self.gait).exists():
+            raise InputError(
+                f'gait is {self.gait!r}; it must be one of {", ".join(TROTS)}, or a file of '
+                'optimise_gait'
+            )
 
 
 @schema
@@ -220,6 +223,7 @@ class TrainingConfig:
     steps: Annotated[float, Quantity(1.0, 1e12, '', 'policy steps of all environments')] = 20e6
     action_scale: Annotated[float, Quantity(0.01, 5.0, 'rad', 'per unit of action')] = 0.5
     stride_frequency: Annotated[float, Quantity(0.8, 3.0, 'Hz')] = CLOCKED.stride_frequency
+    frequency_per_speed: Annotated[float, Quantity(0.0, 3.0, 'Hz·s/m', 'by command')] = 0.0
     cadence_adaptation: tuple[float, ...] = CADENCE_ADAPTATION
     command_rate_limit: tuple[Annotated[float, Quantity(0.1, 100.0)], ...] = COMMAND_RATE_LIMIT
     checkpoint_every: Annotated[int, Quantity(1, 10**6, 'iterations')] = 50
@@ -247,6 +251,7 @@ class TrainingConfig:
         return replace(
             CLOCKED,
             stride_frequency=self.stride_frequency,
+            frequency_per_speed=self.frequency_per_speed,
             cadence_adaptation=self.cadence_adaptation,
             command_rate_limit=self.command_rate_limit,
         )

@@ -52,19 +52,34 @@ def capture_point_error(velocity_error: Floats, tilt: Floats) -> Floats:
     return np.asarray(np.sqrt(squares))
 
 
-def urgency(adaptation: Sequence[float], error: Floats) -> Floats:
+def urgency(adaptation: Sequence[float] | Floats, error: Floats) -> Floats:
     """Return the share of the cadence adaptation, 0..1 [...], at capture-point errors, m/s."""
     _, onset, full = adaptation
-    return np.asarray(np.clip((error - onset) / (full - onset), 0.0, 1.0))
+    share = (error - onset) / (full - onset)
+    return np.asarray(np.minimum(np.maximum(share, 0.0), 1.0))
 
 
-def stride_frequency(frequency: float, adaptation: Sequence[float], error: Floats) -> Floats:
+def cadence(frequency: Floats | float, per_speed: Floats | float, command: Floats) -> Floats:
+    """
+    Return stride frequencies without disturbance, Hz [N], at velocity commands [N, 3].
+
+    frequency: at rest, Hz. per_speed: added with the size of vx, vy, Hz·s/m: the stride that costs
+    least is faster at speed (docs/explanation/policies.md).
+    """
+    return np.asarray(frequency + per_speed * np.hypot(command[:, 0], command[:, 1]))
+
+
+def stride_frequency(
+    frequency: Floats | float, adaptation: Sequence[float], error: Floats
+) -> Floats:
     """
     Return stride frequencies, Hz [...], at capture-point errors, m/s [...].
 
-    A body falls away from its feet exponentially, so an earlier foothold helps most.
+    frequency: without disturbance, Hz [...] or one for all. A body falls away from its feet
+    exponentially, so an earlier foothold helps most.
     """
-    return np.asarray(frequency + urgency(adaptation, error) * (adaptation[0] - frequency))
+    faster = np.maximum(adaptation[0] - frequency, 0.0)
+    return np.asarray(frequency + urgency(adaptation, error) * faster)
 
 
 class CommandRateLimiter:
@@ -76,13 +91,19 @@ class CommandRateLimiter:
 
     def __init__(self, limits: Sequence[float], count: int = 1) -> None:
         self._limits = np.array(limits or (np.inf,) * 3)
+        self._limited = bool(np.isfinite(self._limits).all())
         self.values = np.zeros((count, 3))  # m/s, m/s, rad/s
 
-    def advance(self, seconds: float, commands: Floats) -> Floats:
-        """Advance towards commands [N, 3] by some seconds; return the limited commands [N, 3]."""
-        if np.isfinite(self._limits).all():
+    def advance(self, seconds: float | Floats, commands: Floats) -> Floats:
+        """
+        Advance towards commands [N, 3] and return the limited commands [N, 3].
+
+        seconds: one for all, or [N, 1].
+        """
+        if self._limited:
             most = self._limits * seconds
-            self.values = self.values + np.clip(commands - self.values, -most, most)
+            away = commands - self.values
+            self.values = self.values + np.minimum(np.maximum(away, -most), most)
         else:
             self.values = np.array(commands, np.float64)
         return self.values
@@ -97,8 +118,17 @@ class GaitPhase:
     to rest in a pose from which it never takes a step.
     """
 
-    def __init__(self, frequency: float, adaptation: Sequence[float] = (), count: int = 1) -> None:
+    def __init__(
+        self,
+        frequency: float,
+        adaptation: Sequence[float] = (),
+        count: int = 1,
+        *,
+        per_speed: float = 0.0,
+    ) -> None:
+        """frequency, per_speed: see `cadence`; adaptation: see CADENCE_ADAPTATION."""
         self._frequency = frequency
+        self._per_speed = per_speed
         self._adaptation = tuple(adaptation)
         self._error = np.zeros((count, 4))  # of the velocity, m/s, and tilt
         self.phase = np.zeros(count)  # share of a stride [N]
@@ -122,12 +152,12 @@ class GaitPhase:
         """
         asked = np.linalg.norm(limited, axis=1) >= DEAD_ZONE
         asked |= np.linalg.norm(commands, axis=1) >= DEAD_ZONE
-        frequency = np.full(len(asked), self._frequency)
+        frequency = cadence(self._frequency, self._per_speed, limited)
         if self._adaptation:
             error = np.concatenate([limited[:, :2] - velocity[:, :2], gravity[:, :2]], axis=1)
             self._error = self._error + min(1.0, seconds / _ERROR_FILTER) * (error - self._error)
             away = capture_point_error(self._error[:, :2], self._error[:, 2:])
-            frequency = stride_frequency(self._frequency, self._adaptation, away)
+            frequency = stride_frequency(frequency, self._adaptation, away)
             asked |= away > np.where(self.walking, 0.5, 1.0) * self._adaptation[1]
         on = asked & self.walking
         self.phase = np.where(on, (self.phase + frequency * seconds) % 1.0, 0.0)

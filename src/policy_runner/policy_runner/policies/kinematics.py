@@ -41,44 +41,50 @@ _MOMENT_ASIDE: Final = (
 class LegState:
     """Feet and their Jacobians at given joint angles, in the base's frame."""
 
-    angles: Floats = field(repr=False)  # rad [4, 3]
-    feet: Floats  # m [4, 3], centres of the foot spheres
-    jacobian: Floats = field(repr=False)  # m/rad [4, 3, 3]
+    angles: Floats = field(repr=False)  # rad [..., 4, 3]
+    feet: Floats  # m [..., 4, 3], centres of the foot spheres
+    jacobian: Floats = field(repr=False)  # m/rad [..., 4, 3, 3]
+
+
+def clipped(values: Floats, low: Floats | float, high: Floats | float) -> Floats:
+    """Return values within low..high; `np.clip` takes several times as long for a few numbers."""
+    return np.asarray(np.minimum(np.maximum(values, low), high))
 
 
 def forward(position: Floats) -> LegState:
-    """Return feet and Jacobians at joint angles, rad [12]."""
-    angles = np.reshape(position, (4, 3))
-    haa, hfe, kfe = angles.T
+    """Return feet and Jacobians at joint angles, rad [..., 12]."""
+    angles = np.reshape(position, (*np.shape(position)[:-1], 4, 3))
+    haa, hfe, kfe = angles[..., 0], angles[..., 1], angles[..., 2]
     shank_angle = hfe + kfe + _BEND
     knee_x, knee_z = -_THIGH * np.sin(hfe), -_THIGH * np.cos(hfe)
     shank_x, shank_z = -_SHANK * np.sin(shank_angle), -_SHANK * np.cos(shank_angle)
     x, z = knee_x + shank_x, knee_z + shank_z
     c, s = np.cos(haa), np.sin(haa)
-    feet = np.empty((4, 3))
-    feet[:, 0] = _AHEAD + x
-    feet[:, 1] = _ASIDE * c - z * s
-    feet[:, 2] = _ASIDE * s + z * c
-    jacobian = np.zeros((4, 3, 3))
-    jacobian[:, 1, 0] = -feet[:, 2]
-    jacobian[:, 2, 0] = feet[:, 1]
-    jacobian[:, 0, 1] = z
-    jacobian[:, 1, 1] = x * s
-    jacobian[:, 2, 1] = -x * c
-    jacobian[:, 0, 2] = shank_z
-    jacobian[:, 1, 2] = shank_x * s
-    jacobian[:, 2, 2] = -shank_x * c
+    feet = np.empty(angles.shape)
+    feet[..., 0] = _AHEAD + x
+    feet[..., 1] = _ASIDE * c - z * s
+    feet[..., 2] = _ASIDE * s + z * c
+    jacobian = np.zeros((*angles.shape, 3))
+    jacobian[..., 1, 0] = -feet[..., 2]
+    jacobian[..., 2, 0] = feet[..., 1]
+    jacobian[..., 0, 1] = z
+    jacobian[..., 1, 1] = x * s
+    jacobian[..., 2, 1] = -x * c
+    jacobian[..., 0, 2] = shank_z
+    jacobian[..., 1, 2] = shank_x * s
+    jacobian[..., 2, 2] = -shank_x * c
     feet += _HIP
     return LegState(angles=angles, feet=feet, jacobian=jacobian)
 
 
 def inverse(feet: Floats) -> Floats:
     """
-    Return joint angles, rad [4, 3], for feet at places in the base's frame, m [4, 3].
+    Return joint angles, rad [..., 4, 3], for feet at places in the base's frame, m [..., 4, 3].
 
     Knees point inwards as in DEFAULT_POSE. Places out of reach give the nearest straight leg.
     """
-    x, y, z = (feet - _HIP).T
+    place = feet - _HIP
+    x, y, z = place[..., 0], place[..., 1], place[..., 2]
     side = np.hypot(y, z)
     drop = -np.sqrt(np.maximum(side**2 - _ASIDE**2, 1e-4))
     haa = np.arctan2(z, y) - np.arctan2(drop, _ASIDE)
@@ -88,19 +94,19 @@ def inverse(feet: Floats) -> Floats:
     fold = np.arccos((reach**2 - _THIGH**2 - _SHANK**2) / (2 * _THIGH * _SHANK))
     knee = -FRONT * fold
     hfe = np.arctan2(-x, -drop) - np.arctan2(_SHANK * np.sin(knee), _THIGH + _SHANK * np.cos(knee))
-    return np.column_stack([haa, hfe, knee - _BEND])
+    return np.stack([haa, hfe, knee - _BEND], axis=-1)
 
 
 def leg_weight_torque(angles: Floats, gravity: Floats) -> Floats:
     """
-    Return joint torques that compensate the legs' own weight, N·m [4, 3].
+    Return joint torques that compensate the legs' own weight, N·m [..., 4, 3].
 
-    angles: rad [4, 3]. gravity: direction of gravity in the base's frame, unit vector [3].
+    angles: rad [..., 4, 3]. gravity: its direction in the base's frame, unit vector [..., 3].
     """
-    haa, hfe, kfe = angles.T
+    haa, hfe, kfe = angles[..., 0], angles[..., 1], angles[..., 2]
     c, s = np.cos(haa), np.sin(haa)
-    pull = GRAVITY * gravity
-    pull_x, pull_y, pull_z = pull[0], c * pull[1] + s * pull[2], c * pull[2] - s * pull[1]
+    pull_x, y, z = (GRAVITY * gravity[..., axis, None] for axis in range(3))
+    pull_y, pull_z = c * y + s * z, c * z - s * y
     centre_x, centre_z = SHANK_CENTRE[0] * FRONT, SHANK_CENTRE[2]
     knee_x, knee_z = -_THIGH * np.sin(hfe), -_THIGH * np.cos(hfe)
     share = -THIGH_CENTRE[2] / _THIGH
@@ -109,10 +115,11 @@ def leg_weight_torque(angles: Floats, gravity: Floats) -> Floats:
     shank_x, shank_z = centre_x * cs + centre_z * ss, centre_z * cs - centre_x * ss
     moment_x = THIGH_MASS * thigh_x + SHANK_MASS * (knee_x + shank_x)
     moment_z = THIGH_MASS * thigh_z + SHANK_MASS * (knee_z + shank_z)
-    return np.column_stack(
+    return np.stack(
         [
             moment_z * pull_y - _MOMENT_ASIDE * pull_z,
             moment_x * pull_z - moment_z * pull_x,
             SHANK_MASS * (shank_x * pull_z - shank_z * pull_x),
-        ]
+        ],
+        axis=-1,
     )

@@ -66,7 +66,9 @@ class LearnedPolicy:
         self._action = np.zeros(12)
         seen = self.contract.observation
         self._limiter = CommandRateLimiter(seen.command_rate_limit)
-        self._phase = GaitPhase(seen.stride_frequency, seen.cadence_adaptation)
+        self._phase = GaitPhase(
+            seen.stride_frequency, seen.cadence_adaptation, per_speed=seen.frequency_per_speed
+        )
         self._velocity.reset()
         self._standing_up = True
 

@@ -71,7 +71,8 @@ class Observation:
     """
     Terms in the order of the network's inputs, scaled, then clipped to ±clip.
 
-    stride_frequency: of gait_clock at rest, Hz. cadence_adaptation: see
+    stride_frequency: of gait_clock at rest, Hz; frequency_per_speed: what a command of vx and vy
+    adds to it. cadence_adaptation: see
     `gait_phase.CADENCE_ADAPTATION`; empty for none. command_rate_limit: of the velocity command
     that the policy is given, m/s², m/s² and rad/s²; empty for none.
     """
@@ -81,6 +82,7 @@ class Observation:
     terms: tuple[ObservationTerm, ...]
     clip: Annotated[float, Quantity(1e-3, 1e6)] = 100.0
     stride_frequency: Annotated[float, Quantity(0.2, 5.0, 'Hz')] = 1.9
+    frequency_per_speed: Annotated[float, Quantity(0.0, 3.0, 'Hz·s/m')] = 0.0
     cadence_adaptation: tuple[float, ...] = ()
     command_rate_limit: tuple[Annotated[float, Quantity(0.1, 100.0, 'm/s² or rad/s²')], ...] = ()
 
@@ -126,6 +128,8 @@ class Observation:
         """Return keys and values as policy.yaml holds them, empty ones left out."""
         found: dict[str, Any] = asdict(self)  # type: ignore[call-overload]
         lists = {key: list(value) for key, value in found.items() if isinstance(value, tuple)}
+        if not self.frequency_per_speed:
+            del found['frequency_per_speed']
         return {key: value for key, value in (found | lists).items() if value != []}
 
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_RADIUS, FRONT, LEFT
 from wattwalk_core.schema import Quantity, check_quantities
 
+from policy_runner.policies.kinematics import clipped
+
 Floats = NDArray[np.float64]
 
 _OFFSETS: Final = np.array([0.0, 0.5, 0.5, 0.0])
@@ -46,10 +48,11 @@ class TrotConfig:
     """
     Shape of the gait and gains of the drives; InputError for a value out of range.
 
-    frequency: of strides, without disturbance. cadence_adaptation: see
-    `gait_phase.CADENCE_ADAPTATION`; empty for none. stance_speed: velocity of stance feet over the
-    command. duty: share of a stride that a foot is on the ground. height: base over ground.
-    urgent_swing_height: that at full urgency. foot_x, foot_y: feet from the base's centre.
+    frequency: of strides, at rest and without disturbance; frequency_per_speed: what a command
+    adds to it. cadence_adaptation: see `gait_phase.CADENCE_ADAPTATION`; empty for none.
+    stance_speed: velocity of stance feet over the command. duty: share of a stride that a foot is
+    on the ground. height: base over ground. foot_x, foot_y: feet from the base's centre. urgent_…:
+    the same at full urgency, None as without it.
     max_forward, max_lateral, max_yaw: limits of commands. ramp: from the measured pose to
     standing. stiffness: position gain of the drives. damping: their velocity gain and viscous
     gear friction that targets compensate. friction: Coulomb friction that they compensate. Both
@@ -57,14 +60,19 @@ class TrotConfig:
     """
 
     frequency: Annotated[float, Quantity(0.8, 3.0, 'Hz')] = 1.9
+    frequency_per_speed: Annotated[float, Quantity(0.0, 3.0, 'Hz·s/m')] = 0.0
     cadence_adaptation: tuple[float, ...] = ()
     stance_speed: Annotated[float, Quantity(0.5, 1.5)] = 1.0
     duty: Annotated[float, Quantity(0.5, 0.85)] = 0.58
-    height: Annotated[float, Quantity(0.40, 0.58, 'm')] = 0.52
-    swing_height: Annotated[float, Quantity(0.02, 0.2, 'm')] = 0.07
-    urgent_swing_height: Annotated[float, Quantity(0.02, 0.2, 'm')] = 0.07
+    height: Annotated[float, Quantity(0.40, 0.62, 'm')] = 0.52
+    swing_height: Annotated[float, Quantity(0.01, 0.2, 'm')] = 0.07
+    urgent_swing_height: Annotated[float, Quantity(0.01, 0.2, 'm')] = 0.07
     foot_x: Annotated[float, Quantity(0.25, 0.5, 'm')] = 0.40
-    foot_y: Annotated[float, Quantity(0.2, 0.36, 'm')] = 0.28
+    foot_y: Annotated[float, Quantity(0.12, 0.36, 'm')] = 0.28
+    urgent_duty: Annotated[float, Quantity(0.5, 0.85)] | None = None
+    urgent_height: Annotated[float, Quantity(0.40, 0.62, 'm')] | None = None
+    urgent_foot_x: Annotated[float, Quantity(0.25, 0.5, 'm')] | None = None
+    urgent_foot_y: Annotated[float, Quantity(0.12, 0.36, 'm')] | None = None
     max_forward: Annotated[float, Quantity(0.0, 1.5, 'm/s')] = 0.8
     max_lateral: Annotated[float, Quantity(0.0, 1.0, 'm/s')] = 0.6
     max_yaw: Annotated[float, Quantity(0.0, 2.0, 'rad/s')] = 0.9
@@ -82,6 +90,15 @@ class TrotConfig:
         """Feet of a standing robot in the base's frame, m [4, 3]."""
         depth = np.full(4, FOOT_RADIUS - self.height)
         return np.column_stack([self.foot_x * FRONT, self.foot_y * LEFT, depth])
+
+    def stance(self, urgency: float) -> tuple[float, float, float, float]:
+        """Return duty, height, foot_x and foot_y at an urgency of 0..1."""
+
+        def between(name: str) -> float:
+            calm, urgent = getattr(self, name), getattr(self, f'urgent_{name}')
+            return float(calm if urgent is None else calm + urgency * (urgent - calm))
+
+        return between('duty'), between('height'), between('foot_x'), between('foot_y')
 
 
 DEFAULT_TROT: Final = TrotConfig()
@@ -107,61 +124,64 @@ tracks its command without an integrator, whose state is no input of a network.
 
 
 class GaitCycle:
-    """Gait cycle of the trot: walking or standing, and the phase of each foot."""
+    """Gait cycle of N robots that trot: walking or standing, and the phase of each foot."""
 
-    def __init__(self, config: TrotConfig) -> None:
-        self._config = config
-        self.reset()
-
-    def reset(self) -> None:
-        """Reset to standing."""
-        self.walking = False
-        self.phase = np.zeros(4)  # share of the stride since touchdown
-        self.swinging = np.zeros(4, dtype=bool)
-        self.load = np.ones(4)  # share of the weight that a foot may bear, 0..1
-        self._stride = 0.0
-        self._settled_time = 0.0
-
-    @property
-    def stride(self) -> float:
+    def __init__(self, count: int = 1) -> None:
+        self.walking = np.zeros(count, bool)
+        self.stride = np.zeros(count)
         """Phase of the first pair of legs, 0..1; the second pair is half a stride ahead."""
-        return self._stride
+        self.phase = np.zeros((count, 4))  # share of the stride since touchdown
+        self.swinging = np.zeros((count, 4), bool)
+        self.load = np.ones((count, 4))  # share of the weight that a foot may bear, 0..1
+        self._settled_time = np.zeros(count)
+        self._duty = np.full(count, 0.5)
+
+    def reset(self, ids: NDArray[np.intp]) -> None:
+        """Reset the robots of these indices to standing."""
+        self.walking[ids] = False
+        self.stride[ids] = 0.0
+        self.phase[ids] = 0.0
+        self.swinging[ids] = False
+        self.load[ids] = 1.0
+        self._settled_time[ids] = 0.0
 
     @property
     def swing_progress(self) -> Floats:
-        """Completed share of the swing [4], of swinging feet."""
-        duty = self._config.duty
-        return (self.phase - duty) / (1.0 - duty)
+        """Completed share of the swing [N, 4], of swinging feet."""
+        duty = self._duty[:, None]
+        return np.asarray((self.phase - duty) / (1.0 - duty))
 
-    def advance(self, dt: float, frequency: float, *, requested: bool, settled: bool) -> None:
+    def advance(
+        self,
+        dt: Floats,
+        frequency: Floats,
+        duty: Floats,
+        *,
+        requested: NDArray[np.bool_],
+        settled: NDArray[np.bool_],
+    ) -> None:
         """
-        Advance by dt s at a stride frequency, Hz.
+        Advance by dt s at a stride frequency, Hz, and a duty [N].
 
         requested: a command or a disturbance calls for steps. settled: body and feet are where
-        they should be, so that standing is safe. Walking ends with all feet down, after half a
+        they should be, so that standing is safe [N]. Walking ends with all feet down, after half a
         settled stride.
         """
-        if self.walking:
-            self._advance_stride(dt, frequency, settled and not requested)
-        elif requested:
-            self.walking = True
-            self._stride = self._settled_time = 0.0
-        if self.walking:
-            self.phase = (self._stride + _OFFSETS) % 1.0
-            self.swinging = self.phase >= self._config.duty
-            border = np.minimum(self.phase, self._config.duty - self.phase) / _SHIFT_WEIGHT
-            load = np.minimum(np.maximum(border, 0.0), 1.0)
-        else:
-            self.phase = np.zeros(4)
-            self.swinging = np.zeros(4, dtype=bool)
-            load = np.ones(4)
-        self.load = self.load + min(1.0, dt / 0.015) * (load - self.load)
+        self._duty = duty
+        going, begins = self.walking, ~self.walking & requested
+        before = self.stride
+        after = (before + frequency * dt) % 1.0
+        quiet = settled & ~requested
+        time = np.where(quiet, self._settled_time + dt, 0.0)
+        touchdown = after % 0.5 < before % 0.5
+        ends = going & touchdown & (time > 0.5 / frequency)
+        self.stride = np.where(going, after, np.where(begins, 0.0, before))
+        self._settled_time = np.where(going, time, np.where(begins, 0.0, self._settled_time))
+        self.walking = (going | begins) & ~ends
+        walking = self.walking[:, None]
+        self.phase = np.where(walking, (self.stride[:, None] + _OFFSETS) % 1.0, 0.0)
+        self.swinging = walking & (self.phase >= duty[:, None])
+        border = np.minimum(self.phase, duty[:, None] - self.phase) / _SHIFT_WEIGHT
+        load = np.where(walking, clipped(border, 0.0, 1.0), 1.0)
+        self.load = self.load + np.minimum(1.0, dt / 0.015)[:, None] * (load - self.load)
         self.load[self.swinging] = 0.0
-
-    def _advance_stride(self, dt: float, frequency: float, settled: bool) -> None:
-        before = self._stride
-        self._stride = (self._stride + frequency * dt) % 1.0
-        self._settled_time = self._settled_time + dt if settled else 0.0
-        touchdown = self._stride % 0.5 < before % 0.5
-        if touchdown and self._settled_time > 0.5 / self._config.frequency:
-            self.walking = False

@@ -53,6 +53,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     config = TrainingConfig.load(options.config).with_values({} if options.resume else changes)
 
+    from policy_training.learning.gait_files import with_clock_of_gait
     from policy_training.learning.run_folder import RunFolder, fitting_checkpoint, read_checkpoint
     from policy_training.learning.training import imitate_expert, make_learner, train
 
@@ -61,6 +62,8 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.resume:
         config, state = folder.resume()
         config = config.with_values(changes)
+    elif config.imitation.gait:
+        config = with_clock_of_gait(config)
     learner = make_learner(config, options.device)
     anchored = config.ppo.anchor_rate > 0.0 and not config.imitation.gait
     if anchored and state is None and options.source is None:

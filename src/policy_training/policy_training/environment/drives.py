@@ -74,6 +74,8 @@ class BatchDrives:
         self._rotor = np.zeros((count, 12))
         self._speed = np.zeros((count, 12))
         self._given = np.zeros((count, 12))
+        self.rotor_speed = np.zeros((count, 12))
+        """Mean of the last time step, rad/s, in turns of the joint."""
 
     def start(self, ids: NDArray[np.intp], pose: Floats) -> None:
         """Reset the drives of some robots to rest in a pose, rad [len(ids), 12]."""
@@ -115,6 +117,7 @@ class BatchDrives:
             mean_speed += speed
         self._rotor, self._speed = rotor, speed
         share = 1.0 / _ROTOR_STEPS
+        self.rotor_speed = mean_speed * share
         self._given = self._spring * (mean_rotor * share - position)
         self._given += self._damper * (mean_speed * share)
         return mean_motor * share, self._given

@@ -66,7 +66,10 @@ class WalkingEnvironment:
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
         self.limiter = CommandRateLimiter(observation.command_rate_limit, count)
         self.gait_phase = GaitPhase(
-            observation.stride_frequency, observation.cadence_adaptation, count
+            observation.stride_frequency,
+            observation.cadence_adaptation,
+            count,
+            per_speed=observation.frequency_per_speed,
         )
         self._last_action = np.zeros((count, 12))
         self._last_velocity = np.zeros((count, 12))
@@ -183,9 +186,13 @@ class WalkingEnvironment:
             self.commands.draw(np.flatnonzero(fresh), self.steps)
         pushed = (self.age % self._new_push == 0) & ~done & bool(self.config.random.push)
         if pushed.any():
-            self.robots.push(np.flatnonzero(pushed))
-            self.motion = self.robots.motion(self.motion.torque)
+            self.push(np.flatnonzero(pushed))
         return np.asarray(fresh | pushed)
+
+    def push(self, ids: NDArray[np.intp]) -> None:
+        """Push the robots of these indices."""
+        self.robots.push(ids)
+        self.motion = self.robots.motion(self.motion.torque)
 
     def _start(self, ids: NDArray[np.intp]) -> RobotMotion:
         self.robots.start(ids)

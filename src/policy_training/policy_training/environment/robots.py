@@ -49,6 +49,8 @@ class Substep:
     position_error: Floats  # rad, target in force minus position
     torque: Floats  # N·m, on the joint's side of the drive
     velocity: Floats  # rad/s
+    motor: Floats  # N·m, air gap
+    rotor_speed: Floats  # rad/s, mean of the step, in turns of the joint
 
 
 class Robots:
@@ -150,6 +152,8 @@ class Robots:
                     position_error=drives.target - position,
                     torque=drives.output(velocity),
                     velocity=velocity.copy(),
+                    motor=motor,
+                    rotor_speed=drives.rotor_speed,
                 )
             )
         return self.motion(np.sqrt(squares / self.decimation))

@@ -14,13 +14,13 @@ from typing import Final
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from policy_runner.policies.trot import TROTS
 from torch import nn
 
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.expert_policy import RAMP, ExpertPolicy
 from policy_training.environment.vec_env import Mirror
+from policy_training.learning.gait_files import load_gait
 
 Floats = NDArray[np.float32]
 
@@ -66,8 +66,9 @@ class _Demonstrator:
     def __init__(self, config: TrainingConfig) -> None:
         plan, commands = config.imitation, config.commands
         gait = replace(
-            TROTS[plan.gait],
+            load_gait(plan.gait),
             frequency=config.stride_frequency,
+            frequency_per_speed=config.frequency_per_speed,
             cadence_adaptation=config.cadence_adaptation,
             max_forward=min(commands.forward, 1.5),
             max_lateral=min(commands.lateral, 1.0),
@@ -80,7 +81,7 @@ class _Demonstrator:
             'random.velocity': 0.3,
         }
         self._environment = WalkingEnvironment(config.with_values(changes))
-        self._expert = ExpertPolicy(self._environment, gait)
+        self._expert = ExpertPolicy(self._environment, [gait])
         self._random = np.random.default_rng([config.seed, 1])
         self._steps = round(plan.seconds / config.step_time)
         self._standing_up = round(RAMP / config.step_time) + 5  # steps, not demonstrated

@@ -1,0 +1,165 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from policy_runner.policies.trot_gait import TROTS
+from policy_training.commands import optimise_gait
+from policy_training.config import TrainingConfig
+from policy_training.environment.environment import WalkingEnvironment
+from policy_training.environment.plant_power import PlantPower
+from policy_training.environment.robots import Substep
+from policy_training.learning.gait_files import GaitSearchFolder, load_gait, with_clock_of_gait
+from policy_training.learning.gait_search import (
+    RANGES,
+    GaitSearch,
+    GaitSearchConfig,
+    GaitTrial,
+    start_of,
+    to_gait,
+    to_point,
+)
+from sim_bridge.plant.parameters import Plant
+from wattwalk_core.errors import InputError
+
+START = start_of(TROTS['trot_even'])
+SMALL = GaitSearchConfig(population=4, calm=1, pushed=1, seconds=5.0)
+
+
+def quadratic(gait):
+    return 400.0 * (gait.height - 0.56) ** 2 + (gait.foot_y - 0.2) ** 2
+
+
+def walk(search, generations):
+    for _ in range(generations):
+        search.tell([quadratic(gait) for gait in search.ask()])
+    return search
+
+
+def test_a_gait_and_its_point_are_the_same_within_the_ranges():
+    point = np.linspace(0.1, 0.9, len(RANGES))
+    np.testing.assert_allclose(to_point(to_gait(START, point)), point, atol=1e-9)
+
+
+def test_an_urgent_value_that_is_none_starts_at_the_calm_one():
+    place = list(RANGES).index('urgent_foot_y')
+    low, high = RANGES['urgent_foot_y']
+    assert to_point(START)[place] == pytest.approx((START.foot_y - low) / (high - low))
+
+
+def test_the_search_finds_the_bottom_of_a_bowl():
+    found = walk(GaitSearch(replace(SMALL, population=12), START), 60).centre
+    assert found.height == pytest.approx(0.56, abs=0.01)
+    assert found.foot_y == pytest.approx(0.2, abs=0.03)
+
+
+def test_a_search_that_is_told_its_costs_again_asks_for_the_same_gaits(tmp_path):
+    folder, search = GaitSearchFolder(tmp_path / 'g'), GaitSearch(SMALL, START)
+    folder.start(SMALL, 'trot_even')
+    costs = []
+    for _ in range(5):
+        costs.append([quadratic(gait) for gait in search.ask()])
+        search.tell(costs[-1])
+    lines = ''.join(json.dumps({'costs': row}) + '\n' for row in costs)
+    (tmp_path / 'g' / 'generations.jsonl').write_text(lines + '{"costs": [1.0, 2')
+    np.random.seed(99)  # noqa: NPY002  # nobody's global numbers count
+    again = GaitSearch(folder.resume()[0], START)
+    folder.replay(again)
+    assert again.generation == 5
+    assert again.ask() == search.ask()
+    assert (tmp_path / 'g' / 'generations.jsonl').read_text() == lines
+
+
+@pytest.fixture(scope='module')
+def scores():
+    """Scores of the gait that policies imitate, and of one with wide, deep steps."""
+    wide = replace(START, foot_y=0.34, height=0.46, swing_height=0.14)
+    return GaitTrial(SMALL, 2, threads=1).run([START, wide], seed=3)
+
+
+def test_wide_deep_and_high_steps_draw_more(scores):
+    even, wide = scores
+    assert even.power > 150.0
+    assert wide.power > 1.3 * even.power
+    assert even.cost >= even.power
+
+
+def test_a_score_names_every_task_and_its_sum_is_their_mean(scores):
+    assert list(scores[0].by_task) == ['forward', 'fast', 'turn', 'sideways']
+    assert scores[0].power == pytest.approx(np.mean(list(scores[0].by_task.values())))
+
+
+def test_the_plants_power_of_a_still_motor_is_copper_loss_and_idle():
+    plant = Plant.load('anymal_c')
+    torque, still = np.full((1, 12), 20.0), np.zeros((1, 12))
+
+    def watts(motor):
+        step = Substep(still, still, still, motor, still)
+        return PlantPower(plant, 1, 0.005).drives([step, step])
+
+    loaded, idle = watts(torque), watts(still)
+    resistance = plant.resolve(['LF_HAA'])['resistance'][0]
+    constant = plant.resolve(['LF_HAA'])['torque_constant'][0]
+    assert (idle > 0.0).all()
+    assert loaded[0, 0] - idle[0, 0] > 0.9 * resistance * (20.0 / constant) ** 2
+    assert np.allclose(watts(-torque), loaded), 'a still motor loses the same either way'
+
+
+def test_a_robots_power_does_not_depend_on_its_neighbours():
+    plant, random = Plant.load('anymal_c'), np.random.default_rng(0)
+    motor, speed = random.normal(0, 20, (3, 12)), random.normal(0, 3, (3, 12))
+    many = PlantPower(plant, 3, 0.005).drives([Substep(motor, motor, speed, motor, speed)])
+    one = PlantPower(plant, 1, 0.005).drives(
+        [Substep(*(x[1:2] for x in (motor, motor, speed, motor, speed)))]
+    )
+    np.testing.assert_allclose(many[1], one[0], rtol=1e-9)
+
+
+def test_a_found_gait_sets_the_clock_of_the_policy_that_imitates_it(tmp_path):
+    values = {'frequency': 1.4, 'frequency_per_speed': 0.5, 'height': 0.58, 'urgent_foot_y': 0.3}
+    (tmp_path / 'gait.yaml').write_text(json.dumps({'base': 'trot_even', 'values': values}))
+    gait = load_gait(str(tmp_path))
+    assert (gait.height, gait.urgent_foot_y) == (0.58, 0.3)
+    config = TrainingConfig().with_values({'imitation.gait': str(tmp_path)})
+    clocked = with_clock_of_gait(config)
+    assert clocked.observation.stride_frequency == 1.4
+    assert clocked.observation.frequency_per_speed == 0.5
+    environment = WalkingEnvironment(clocked.with_values({'physics.environments': 2}))
+    assert environment.observation.frequency_per_speed == 0.5
+
+
+@pytest.mark.parametrize(
+    ('content', 'words'),
+    [
+        ({'base': 'gallop', 'values': {}}, 'gallop'),
+        ({'base': 'trot', 'values': {'wings': 2.0}}, 'wings'),
+        ({'base': 'trot', 'values': {'height': 0.9}}, '0.9'),
+    ],
+)
+def test_a_bad_gait_file_is_refused_with_the_value_that_is_wrong(tmp_path, content, words):
+    (tmp_path / 'gait.yaml').write_text(json.dumps(content))
+    with pytest.raises(InputError, match=words):
+        load_gait(str(tmp_path / 'gait.yaml'))
+
+
+def test_the_command_searches_goes_on_and_writes_a_gait_that_loads(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(
+        'policy_training.learning.gait_search.GaitTrial.run',
+        lambda self, gaits, seed: [fake_score(gait) for gait in gaits],
+    )
+    run = str(tmp_path / 'run')
+    assert optimise_gait.main(['-o', run, '--generations', '2', '--population', '4']) == 0
+    assert optimise_gait.main(['-o', run, '--generations', '3', '--resume']) == 0
+    assert 'imitation.gait=' in capsys.readouterr().out
+    rows = (tmp_path / 'run' / 'generations.jsonl').read_text().splitlines()
+    assert [json.loads(row)['generation'] for row in rows] == [1, 2, 3]
+    assert load_gait(run).height > 0.4
+    assert optimise_gait.main(['-o', run]) == 2
+    assert '--resume' in capsys.readouterr().err
+
+
+def fake_score(gait):
+    from policy_training.learning.gait_search import GaitScore
+
+    cost = quadratic(gait)
+    return GaitScore(cost, cost, 1.0, 0.0, 0.0, 0.0, {'forward': cost})
