@@ -1,22 +1,16 @@
 """Tracking: changes are found in the right estimate, and chance raises few alarms."""
 
-import json
-import shutil
 from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from aligned_bag import write
 from power_estimator.effects import builtin_catalogue
-from power_lab.commands import fit as fit_command
-from power_lab.commands import track as track_command
-from power_lab.recordings import load
-from power_lab.track import reading
 from power_lab.track.history import DriveHistory, histories
 from power_lab.track.kept_fit import Unfit, from_bytes, to_bytes
 from power_lab.track.recording_fit import Occasion, RecordingFit
 from power_lab.track.search import hypotheses_of, search
-from truth_circuit import Truth, record
+from power_lab.track.shared import common_levels
+from power_lab.track.unmodelled import growths
 
 CATALOGUE = builtin_catalogue()
 NAMES = ('viscous_friction', 'coulomb_friction', 'idle', 'power_gain', 'current_offset')
@@ -160,145 +154,91 @@ def test_recordings_are_taken_in_the_order_of_their_time():
     assert 'torque_bend' not in hypotheses_of(history)
 
 
+@pytest.mark.parametrize('count', [1, 2, 3])
+def test_a_few_recordings_have_levels_and_no_alarm(count):
+    found = run(made(15, count))
+    assert not found.findings
+    for model in found.models:
+        level, error = model.levels
+        assert np.isfinite(level).all()
+        assert np.isfinite(error).all()
+        np.testing.assert_allclose(level, LEVEL, atol=1.0)
+
+
 def test_too_few_recordings_raise_no_alarm():
     fits = made(8, 6, added={'LF_HAA': step(3, np.array([0.0, 0.0, 5.0, 0.0, 0.0]), 6)})
     assert not run(fits).findings
 
 
-KNOWN = ('copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')
+def test_an_estimate_that_never_varies_spoils_no_other():
+    """A delay on a grid is the same in every recording: its scatter is that of the grid."""
+    fits = made(10, added={'LF_HFE': step(22, np.array([0.0, 0.5, 0.0, 0.0, 0.0]))})
+    for fit in fits:
+        fit.values[:, 4] = 0.002
+    found = run(fits)
+    (finding,) = found.findings
+    assert finding.change.hypothesis == 'coulomb_friction'
+    level, error = found.models[finding.drive].levels
+    np.testing.assert_allclose(level, [*LEVEL[:4], 0.002], atol=0.1)
+    assert (error > 0).all()
 
 
-@pytest.fixture(scope='module')
-def days(tmp_path_factory):
-    """Twelve short walks by date of which the last six have half as much friction again."""
-    folder = tmp_path_factory.mktemp('days')
-    bags = []
-    for index in range(12):
-        effects = dict.fromkeys(KNOWN, 1.0)
-        if index >= 6:
-            effects['coulomb_friction'] = np.array([1.0, 1.5, 1.0])
-        bag = write(folder / f'walk{index:02d}', record(Truth(effects, 'walk', 20.0, index, 3)))
-        (bag / 'card.yaml').write_text(
-            f"robot: leg\ncreated: '2026-03-{index + 1:02d}T08:00:00'\ntemperature: 20\n"
-        )
-        bags.append(str(bag))
-    base = folder / 'base.yaml'
-    assert (
-        fit_command.main([bags[0], '--effects', ','.join(('shaft', *KNOWN)), '-o', str(base)]) == 0
-    )
-    return bags, base
+def delayed(fits: list[RecordingFit], at: int) -> list[RecordingFit]:
+    """Name the last estimate of all drives the common delay, and let it move at a recording."""
+    for index, fit in enumerate(fits):
+        fit.values[:, 4] = 0.00175 + 0.00025 * (index >= at)
+        responses = dict(fit.responses)
+        responses['time_offset'] = responses.pop('current_offset')
+        labels = (*fit.labels[:4], ('time_offset', 0))
+        object.__setattr__(fit, 'responses', responses)
+        object.__setattr__(fit, 'labels', labels)
+        fit.covariance[:, :, 4] = fit.covariance[:, 4] = 0.0
+        fit.covariance[:, 4, 4] = (0.00025 / 12**0.5) ** 2
+        fit.rms[:, 4] = 2000.0
+    return fits
 
 
-def test_recordings_with_a_hidden_step_of_friction_end_in_one_alarm(days, tmp_path, capsys):
-    bags, base = days
-    told, page = tmp_path / 't.json', tmp_path / 't.html'
-    outputs = ['--json', str(told), '--report', str(page)]
-    assert track_command.main([*bags[::-1], '--model', str(base), *outputs]) == 0
-    content = json.loads(told.read_text())
-    series = {(one['drive'], one['effect']): one for one in content['series']}
-    knee = series['LF_HFE', 'coulomb_friction']
-    assert [point['recording'] for point in knee['points']] == [f'walk{i:02d}' for i in range(12)]
-    change = knee['change']
-    assert change['verdict'] == 'step'
-    assert change['at'] == 'walk06'
-    # Half of the circuit's 1.8 N·m; the fitted level has other friction of its shape in it.
-    assert change['to'] - change['from'] == pytest.approx(0.9, abs=0.12)
-    assert change['interval'][0] < change['to'] < change['interval'][1]
-    changed = [key for key, one in series.items() if one['change']['verdict'] != 'steady']
-    assert changed == [('LF_HFE', 'coulomb_friction')]
-    (alarm,) = content['alarms']
-    assert 'LF_HFE: coulomb friction changed' in alarm
-    assert '2026-03-07' in alarm
-    assert 'coulomb friction' in page.read_text()
-    assert 'power_lab diagnose walk06' in capsys.readouterr().out.replace('\n', ' ')
+def test_a_change_of_the_delay_of_all_drives_is_one_alarm():
+    found = run(delayed(made(11), 20))
+    assert [finding.change.hypothesis for finding in found.findings] == ['time_offset']
 
 
-def test_a_model_without_effects_is_refused_in_one_line(days, capsys):
-    bags, _ = days
-    assert track_command.main([bags[0], '--model', 'torque_squared']) == 2
-    error = capsys.readouterr().err.strip()
-    assert 'model.yaml' in error
-    assert '\n' not in error
+def test_a_delay_that_another_change_moves_is_no_alarm():
+    fits = made(12, added={'LF_HFE': step(20, np.array([0.0, 0.5, 0.0, 0.0, 0.0]))})
+    found = run(delayed(fits, 20))
+    assert [finding.change.hypothesis for finding in found.findings] == ['coulomb_friction']
 
 
-@pytest.fixture
-def index(tmp_path, monkeypatch):
-    monkeypatch.setenv('WATTWALK_INDEX', str(tmp_path / 'index.sqlite3'))
+def test_a_delay_that_all_drives_have_in_common_has_a_level():
+    fits = delayed(made(16), 40)
+    common = common_levels(run(fits).models)['time_offset', 0]
+    assert (common.value, common.spread) == (pytest.approx(0.00175), 0.0)
 
 
-def tracked_json(bags, base, told):
-    assert track_command.main([*map(str, bags), '--model', str(base), '--json', str(told)]) == 0
-    return json.loads(told.read_text())
+def with_errors(fits: list[RecordingFit], errors: np.ndarray) -> list[RecordingFit]:
+    for fit, own in zip(fits, errors, strict=True):
+        object.__setattr__(fit, 'error', own)
+    return fits
 
 
-def test_a_second_run_fits_nothing_and_says_the_same(days, index, tmp_path, monkeypatch):
-    bags, base = days
-    first = tracked_json(bags, base, tmp_path / 'a.json')
-    monkeypatch.setattr(reading, 'load', None)  # nothing may be read
-    assert tracked_json(bags, base, tmp_path / 'b.json') == first
+def test_growth_of_what_the_model_misses_is_seen_and_less_of_it_is_not():
+    random = np.random.default_rng(13)
+    errors = 0.8 * np.exp(random.normal(0.0, 0.05, (40, 3)))
+    grown = errors.copy()
+    grown[25:, 2] *= 1.5
+    (growth,) = growths(histories(with_errors(made(13), grown)))
+    assert growth.drive == 2
+    assert growth.change.profile.end == 25
+    assert growth.before == pytest.approx(0.8, rel=0.05)
+    assert growth.after == pytest.approx(1.2, rel=0.05)
+    assert not growths(histories(with_errors(made(13), errors)))
+    assert not growths(histories(with_errors(made(13), grown[::-1])))
 
 
-def test_another_model_is_fitted_anew(days, index, tmp_path):
-    bags, base = days
-    first = tracked_json(bags[:8], base, tmp_path / 'a.json')
-    other = tmp_path / 'other.yaml'
-    other.write_text(
-        'format: power_model/1\nname: base\n'
-        'effects: [shaft, copper_loss, viscous_friction, coulomb_friction]\n'
-    )
-    second = tracked_json(bags[:8], other, tmp_path / 'b.json')
-    effects = [{one['effect'] for one in content['series']} for content in (first, second)]
-    assert effects[0] - effects[1] == {'idle'}
-
-
-def test_after_an_interruption_finished_recordings_are_not_fitted_again(
-    days, index, tmp_path, monkeypatch, capsys
-):
-    bags, base = days
-    read = []
-
-    def interrupted(paths, *rest, **options):
-        read.append(paths[0].name)
-        if len(read) == 6:
-            raise KeyboardInterrupt
-        return load(paths, *rest, **options)
-
-    monkeypatch.setattr(reading, 'load', interrupted)
-    assert track_command.main([*bags, '--model', str(base)]) == 130
-    content = tracked_json(bags, base, tmp_path / 'a.json')
-    assert read == [f'walk{i:02d}' for i in (*range(6), *range(5, 12))]
-    assert len(content['series'][0]['points']) == 12
-
-
-def test_a_broken_recording_is_named_and_left_out(days, tmp_path):
-    bags, base = days
-    broken = tmp_path / 'broken'
-    broken.mkdir()
-    (broken / 'data_0.mcap').write_bytes(b'no recording at all')
-    content = tracked_json([bags[0], broken, *bags[1:]], base, tmp_path / 'a.json')
-    (left_out,) = content['left_out']
-    assert 'broken' in left_out
-    assert [len(one['points']) for one in content['series']] == [12] * len(content['series'])
-    assert len(content['alarms']) == 1
-
-
-def test_a_copy_counts_once_and_equal_names_become_longer(days, tmp_path):
-    bags, base = days
-    for name in ('a', 'b'):
-        shutil.copytree(bags[int(name == 'b')], tmp_path / name / 'walk')
-    paths = [tmp_path / 'a' / 'walk', tmp_path / 'b' / 'walk', *bags[1:9]]
-    content = tracked_json(paths, base, tmp_path / 'a.json')
-    (left_out,) = content['left_out']
-    assert left_out.startswith(bags[1])
-    assert 'taken once' in left_out
-    names = [point['recording'] for point in content['series'][0]['points']]
-    assert names[:3] == ['a/walk', 'b/walk', 'walk02']
-
-
-def test_a_recording_that_is_not_there_is_refused(days, capsys):
-    bags, base = days
-    assert track_command.main([*bags, 'nowhere', '--model', str(base)]) == 2
-    assert 'there is no recording nowhere' in capsys.readouterr().err
+def test_growth_that_is_certain_but_tiny_is_none():
+    errors = 0.10 * np.exp(np.random.default_rng(14).normal(0.0, 0.01, (40, 3)))
+    errors[20:] *= 1.2
+    assert not growths(histories(with_errors(made(14), errors)))
 
 
 def test_a_kept_fit_is_the_fit_that_was_kept():

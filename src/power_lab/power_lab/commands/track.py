@@ -41,7 +41,7 @@ def main(args: Sequence[str] | None = None) -> int:
     model = model_of(open_model(options.model, catalogue), options.model)
     how = (options.drives, options.slow, options.anyway)
     key = key_of(model, options.model, options.effects_path, how)
-    request = Request(model, catalogue, *how, key)
+    request = Request(model, catalogue, options.model, *how, key)
     with progress('reading') as show, threadpool_limits(limits=1):
         with RecordingIndex(usual_path()) as index:
             found = track(options.bags, request, index, show)

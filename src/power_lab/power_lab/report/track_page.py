@@ -12,7 +12,7 @@ _SHOWN = ('power_gain', 'current_offset', 'torque_bias', 'time_offset')
 
 def write_tracked(path: Path, found: Tracked) -> None:
     """Write the page of `track`."""
-    changed = bool(found.result.findings)
+    changed = bool(found.alarms)
     title = 'Changed' if changed else 'Steady'
     page = Page(f'{title}: {found.model.name}')
     page.add(f'<p class="kind {"named" if changed else "no_evidence"}">{title}</p>')

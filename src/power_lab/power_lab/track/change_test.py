@@ -104,6 +104,7 @@ class ChangeModel:
     history: DriveHistory
     time: Floats  # [M], that ramps are straight in
     scale: Floats  # [m], unit of each estimate
+    own: Floats  # [m], scaled standard error of a usual recording
     excess: Floats  # [M, m, m], scaled, by which a recording says less than the others
     changes: tuple[Change, ...] = ()
     known_scatter: Floats | None = None  # [m, m], taken from another model of the history
@@ -120,7 +121,7 @@ class ChangeModel:
         relative = history.covariance / (scale[:, None] * scale)
         values, vectors = np.linalg.eigh(relative - np.median(relative, axis=0))
         wider = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
-        return cls(history, time, scale, wider)
+        return cls(history, time, scale, np.maximum(own / scale, _LEAST), wider)
 
     def reordered(self, order: NDArray[np.intp]) -> 'ChangeModel':
         """Return the model of the same recordings, as if made in another order."""
@@ -172,10 +173,13 @@ class ChangeModel:
 
         It is that of the differences of successive recordings, which a change that is not known
         yet hardly moves; one that stands out, as that across a step, counts as three standard
-        deviations.
+        deviations. Recordings scatter by no less than their own errors; a few that decide nothing,
+        by the unit of each estimate.
         """
         if self.known_scatter is not None:
             return self.known_scatter
+        if len(self.time) < LEAST_RECORDINGS:
+            return np.eye(len(self.scale))
         rest = self.values
         if self.changes:
             sizes = np.array([change.size for change in self.changes])
@@ -184,7 +188,7 @@ class ChangeModel:
         solver, told = np.linalg.pinv(moves), np.zeros_like(steps)
         for _ in range(_ROUNDS):
             size = np.sqrt(np.median(np.square(steps - told), axis=0)) / _MEDIAN
-            size = np.maximum(size, _LEAST)
+            size = np.maximum(size, self.own)
             clipped = np.clip((steps - told) / size, -_FAR, _FAR) * size
             told = moves @ (solver @ (told + clipped))
         scaled = np.clip((steps - told) / size, -_FAR, _FAR)

@@ -24,7 +24,8 @@ class DriveHistory:
     Covariates have mean 0 and standard deviation 1.
     """
 
-    drive: str
+    drive: str  # its name, behind the robot's where there are several robots
+    joint: str  # its name
     recordings: tuple[str, ...]
     time: Floats  # s [M]
     labels: tuple[tuple[str, int], ...]
@@ -35,6 +36,7 @@ class DriveHistory:
     rms: Floats  # [m], rms W per unit
     power: float  # W rms, of the drive
     mean_power: float  # W
+    errors: Floats  # W rms that the fit leaves [M]
     covariates: Floats  # [M, K]
     names: tuple[str, ...]  # of the covariates
 
@@ -78,6 +80,7 @@ def _history(label: str, drive: str, fits: Sequence[RecordingFit]) -> DriveHisto
     matrix = np.concatenate([np.empty((len(fits), 0)), *columns], axis=1)
     return DriveHistory(
         drive=label,
+        joint=drive,
         recordings=tuple(fit.occasion.name for fit in fits),
         time=np.array([fit.occasion.time for fit in fits]),
         labels=labels,
@@ -91,6 +94,7 @@ def _history(label: str, drive: str, fits: Sequence[RecordingFit]) -> DriveHisto
         rms=np.median([fit.rms[d] for fit, d in pairs], axis=0),
         power=float(np.median([fit.power[d, 1] for fit, d in pairs])),
         mean_power=float(np.median([fit.power[d, 0] for fit, d in pairs])),
+        errors=np.array([fit.error[d] for fit, d in pairs]),
         covariates=matrix,
         names=names,
     )

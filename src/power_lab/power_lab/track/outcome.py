@@ -1,7 +1,7 @@
 """Outcome of tracking: series, changes, alarms in words, and JSON."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,15 @@ from wattwalk_core.quoting import printable
 from power_lab.track.change_test import LEAST_RECORDINGS, Change
 from power_lab.track.history import DriveHistory, histories
 from power_lab.track.reading import Request, read_fits
-from power_lab.track.recording_fit import RecordingFit
+from power_lab.track.recording_fit import TIME_OFFSET, RecordingFit
 from power_lab.track.search import FALSE_ALARMS, CertainChange, Explained, Search, search
 from power_lab.track.shared import Common, Points, common_levels, shrunk
+from power_lab.track.unmodelled import Growth, Unmodelled, explain, growths
 
 Floats = NDArray[np.float64]
 
 _WIDTH = 1.96  # standard errors of a 95 % interval
+_MOST_EXPLAINED = 2  # drives of which growth of what the model misses is diagnosed
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Tracked:
     points: tuple[Points, ...]  # [D]
     common: Mapping[tuple[str, int], Common]
     left_out: tuple[str, ...] = ()  # recordings that say nothing, with the reason
+    unmodelled: Mapping[str, Unmodelled] = field(default_factory=dict)  # by drive
 
     @property
     def sentence(self) -> str:
@@ -45,7 +48,7 @@ class Tracked:
         drives = ', '.join(own.drive for own in self.histories)
         if count < LEAST_RECORDINGS:
             return f'{count} recordings decide nothing; {LEAST_RECORDINGS} or more do'
-        if not self.result.findings:
+        if not self.alarms:
             return f'Nothing changed on {drives} over {count} recordings that is certain.'
         return ' '.join(self.alarms)
 
@@ -53,7 +56,8 @@ class Tracked:
     def headline(self) -> str:
         """The first of the certain changes in few words, or the sentence."""
         if not self.result.findings:
-            return self.sentence
+            grown = next(iter(self.unmodelled), None)
+            return self.sentence if grown is None else f'What the model misses on {grown} grew'
         finding = self.result.findings[0]
         drive = self.histories[finding.drive].drive
         rest = len(self.result.findings) - 1
@@ -63,7 +67,20 @@ class Tracked:
     @property
     def alarms(self) -> list[str]:
         """Certain changes in words."""
-        return [self.told(finding) for finding in self.result.findings]
+        tracked = {self._unmodelled(finding) for finding in self.result.findings}
+        first = [
+            f'{drive}: {one.course}. {one.cause}'
+            for drive, one in self.unmodelled.items()
+            if drive not in tracked
+        ]
+        return first + [self.told(finding) for finding in self.result.findings]
+
+    def _unmodelled(self, finding: CertainChange) -> str:
+        """Return the drive of a finding if its effect was added to the model, else ''."""
+        drive = self.histories[finding.drive].drive
+        found = self.unmodelled.get(drive)
+        added = () if found is None else [active.name for active in found.added]
+        return drive if finding.change.hypothesis in added else ''
 
     @property
     def explained(self) -> list[str]:
@@ -72,6 +89,10 @@ class Tracked:
 
     def next_command(self, spec: str) -> str:
         """Return what to type next: look into the recordings after a change, or record on."""
+        unknown = next((one for one in self.unmodelled.values() if one.discovered), None)
+        if unknown is not None:
+            names = ' '.join(map(printable, unknown.after.recordings))
+            return f'ros2 run power_lab discover {names} --model {spec} -o effect.py'
         if not self.result.findings:
             return 'record on, and track again with the new recordings'
         finding = self.result.findings[0]
@@ -100,6 +121,10 @@ class Tracked:
                 for rival in finding.rivals
             )
             text += f' These recordings cannot tell it from {others}.'
+        if drive := self._unmodelled(finding):
+            text += f' The model lacks it. {self.unmodelled[drive].cause}'
+        elif history.drive in self.unmodelled:
+            text += ' It may be a part of what the model misses.'
         return text
 
     def _explained(self, one: Explained) -> str:
@@ -129,13 +154,19 @@ class Tracked:
         return before, before + change.size
 
     def percent(self, drive: int, change: Change) -> float | None:
-        """Return the change in per cent of what was before, of a gain in per cent."""
+        """
+        Return the change in per cent of what was before, of a gain in per cent.
+
+        None for errors of the measurement, and where nothing was there before for certain.
+        """
         if change.hypothesis == 'power_gain':
             return 100.0 * change.size
         if self.catalogue[change.hypothesis.split('.')[0]].kind == 'measurement':
             return None
         before, _ = self.ends(drive, change)
-        return 100.0 * change.size / before if abs(before) > 1e-12 else None
+        place = self.histories[drive].labels.index((change.hypothesis, 0))
+        least = _WIDTH * float(self.points[drive].level_errors[place])
+        return 100.0 * change.size / before if before > max(least, 1e-12) else None
 
     def watts(self, drive: int, change: Change) -> float:
         """Return the change in mean W, as these recordings were."""
@@ -172,6 +203,7 @@ class Tracked:
                 for (name, term), own in self.common.items()
                 if term == 0
             },
+            'unmodelled': [one.json(drive) for drive, one in self.unmodelled.items()],
             'left_out': list(self.left_out),
         }
 
@@ -253,14 +285,43 @@ def track(
     """
     Fit a model to each recording and find what changes.
 
-    Recordings that are damaged, too short or too still are left out. InputError where none is
-    left.
+    Recordings that are damaged, too short or too still are left out. Of the drives that changed
+    most, recordings before and after are diagnosed; an effect that they name is tracked, too.
+    InputError where no recording is left.
     """
     read = read_fits(paths, request, index, show)
     if not read.fits:
         raise InputError(f'no recording says anything: {read.left_out[0]}')
     show('searching for changes')
-    return tracked(read.fits, request.model, request.catalogue, read.left_out)
+    found = tracked(read.fits, request.model, request.catalogue, read.left_out)
+    unmodelled: dict[str, Unmodelled] = {}
+    seen: set[str] = set()
+    while len(seen) < _MOST_EXPLAINED and (suspect := _suspect(found, seen)) is not None:
+        drive, change, growth = suspect
+        history = found.histories[drive]
+        seen.add(history.drive)
+        one = explain(history, change, growth, read.paths, request, show)
+        if one is None:
+            continue
+        unmodelled[history.drive] = one
+        if one.added:
+            request = request.with_effects(one.added)
+            read = read_fits(paths, request, index, show)
+            found = tracked(read.fits, request.model, request.catalogue, read.left_out)
+    return replace(found, unmodelled=unmodelled)
+
+
+def _suspect(found: Tracked, seen: Collection[str]) -> tuple[int, Change, Growth | None] | None:
+    """Return the drive that the model may miss more of than before, since when, and the growth."""
+    grown = growths(found.histories)
+    changed = [f for f in found.result.findings if f.change.hypothesis != TIME_OFFSET]
+    every = [(growth.drive, growth.change) for growth in grown]
+    every += [(finding.drive, finding.change) for finding in changed]
+    by_drive = {growth.drive: growth for growth in grown}
+    for drive, change in every:
+        if found.histories[drive].drive not in seen:
+            return drive, change, by_drive.get(drive)
+    return None
 
 
 def tracked(

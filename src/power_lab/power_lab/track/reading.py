@@ -1,12 +1,13 @@
 """Fits of many recordings: from the index, or read, fitted and kept there one by one."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
 from power_recordings.index.stamp import Stamp
 from power_recordings.index.store import IndexAnswer, RecordingFacts, RecordingIndex
@@ -26,18 +27,27 @@ class Request:
 
     model: EffectModel
     catalogue: Catalogue
+    spec: str = ''  # file of the model
     drives: Sequence[str] = ()
     slow: bool = False
     anyway: bool = False
     key: str = ''
 
+    def with_effects(self, actives: Sequence[Active]) -> 'Request':
+        """Return the same with more effects in the model."""
+        structure = self.model.structure.plus(*actives)
+        added = ' '.join(repr(active.key) for active in actives)
+        model = replace(self.model, structure=structure)
+        return replace(self, model=model, key=f'{self.key} with {added}')
+
 
 @dataclass(frozen=True)
 class Read:
-    """Fits of recordings, and those that were left out, with the reasons."""
+    """Fits of recordings, their files by name, and those left out, with the reasons."""
 
     fits: tuple[RecordingFit, ...]
     left_out: tuple[str, ...]
+    paths: Mapping[str, Path]
 
 
 def read_fits(
@@ -54,6 +64,7 @@ def read_fits(
     fits: list[RecordingFit] = []
     left_out: list[str] = []
     known: dict[str, Path] = {}
+    taken: dict[str, Path] = {}
     for path, name in _named(paths):
         show(f'fitting {len(fits) + len(left_out) + 1} of {len(paths)}: {name}')
         try:
@@ -67,9 +78,9 @@ def read_fits(
         if digest and digest in known:
             left_out.append(f'{path} holds the same as {known[digest]}: taken once')
             continue
-        known[digest] = path
+        known[digest] = taken[name] = path
         fits.append(replace(found, occasion=replace(found.occasion, name=name)))
-    return Read(tuple(fits), tuple(left_out))
+    return Read(tuple(fits), tuple(left_out), taken)
 
 
 def _named(paths: Sequence[Path]) -> Iterator[tuple[Path, str]]:

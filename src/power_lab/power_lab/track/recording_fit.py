@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Normal, drawn_blocks, modelled
-from power_estimator.effects.fit.delay_search import group_limits
+from power_estimator.effects.fit.delay_search import FINE_STEP, group_limits
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
 from power_estimator.effects.fit.training import material
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 TIME_OFFSET = 'time_offset'
 _DRAWS = 120  # bootstraps of the blocks
 _DELAY_DRAWS = 20
-_FINEST_DELAY = 2e-5  # s, standard deviation that no estimate of the delay is better than
+_FINEST_DELAY = FINE_STEP / np.sqrt(12.0)  # s, standard deviation by the grid of the delay
 _LEAST_SHARE = 1e-9  # of the mean of a gram matrix's diagonal, so that it can be inverted
 
 

@@ -9,11 +9,13 @@ from power_estimator.effects import Catalogue
 
 from power_lab.track.change_test import ALONE, LEAST_RECORDINGS, Change, ChangeModel
 from power_lab.track.history import DriveHistory
+from power_lab.track.recording_fit import TIME_OFFSET
 
 Floats = NDArray[np.float64]
 
 FALSE_ALARMS = 0.05
-"""Share of quiet histories of a robot that raise any alarm, over all its drives and effects."""
+"""Share of quiet histories that raise any alarm, over all drives and effects."""
+_OF_COEFFICIENTS = 0.04  # of them; the rest is for growth of what the model misses
 _ORDERS = 199
 _MOST_CHANGES = 3  # of a drive
 _LIKE = 2.0  # log-likelihood: what differs by less cannot be told apart
@@ -80,8 +82,8 @@ def search(histories: Sequence[DriveHistory], catalogue: Catalogue) -> Search:
         if not leaders:
             break
         drive = max(leaders, key=lambda i: models[i].evidence(leaders[i]))
-        p = _chance_of(models[drive].evidence(leaders[drive]), limit)
-        if p > FALSE_ALARMS:
+        p = chance_of(models[drive].evidence(leaders[drive]), limit)
+        if p > _OF_COEFFICIENTS:
             break
         change, rivals, models[drive] = _resolved(models[drive], leaders[drive], catalogue)
         rounds[drive] += 1
@@ -89,10 +91,35 @@ def search(histories: Sequence[DriveHistory], catalogue: Catalogue) -> Search:
         if not _goes_with(found, findings, histories[drive]):
             findings.append(found)
         chance[drive] = _chance(models[drive])
+    findings = _one_delay(findings, histories)
     certainties = _certainties(models, chance, long)
     explained = _explained(histories, findings, chance)
     findings = [_latest(finding, models[finding.drive]) for finding in findings]
     return Search(tuple(models), tuple(findings), tuple(explained), tuple(certainties))
+
+
+def _one_delay(
+    findings: Sequence[CertainChange], histories: Sequence[DriveHistory]
+) -> list[CertainChange]:
+    """
+    Leave out changes of the delay that go with another change of the robot.
+
+    The delay is estimated for all drives of a robot together: what changes on one of them may
+    move it, and a change of the delay itself is seen on each.
+    """
+    out: list[CertainChange] = []
+    for own in sorted(findings, key=lambda finding: finding.change.hypothesis == TIME_OFFSET):
+        history = histories[own.drive]
+        course = own.change.profile.over(history.time)
+        same = [
+            other.change.profile.over(history.time)
+            for other in out
+            if histories[other.drive].recordings == history.recordings
+        ]
+        known = any(np.corrcoef(course, other)[0, 1] > _ALIKE for other in same)
+        if own.change.hypothesis != TIME_OFFSET or not known:
+            out.append(own)
+    return out
 
 
 def _latest(finding: CertainChange, model: ChangeModel) -> CertainChange:
@@ -103,13 +130,17 @@ def _latest(finding: CertainChange, model: ChangeModel) -> CertainChange:
 
 
 def _chance(model: ChangeModel) -> Floats:
-    count = len(model.time)
+    return model.by_chance(hypotheses_of(model.history), random_orders(len(model.time)))
+
+
+def random_orders(count: int) -> NDArray[np.intp]:
+    """Orders of so many recordings [B, M], the same for all drives that have as many."""
     random = np.random.default_rng([_SEED, count])
-    orders = np.stack([random.permutation(count) for _ in range(_ORDERS)])
-    return model.by_chance(hypotheses_of(model.history), orders)
+    return np.stack([random.permutation(count) for _ in range(_ORDERS)])
 
 
-def _chance_of(evidence: float, limit: Floats) -> float:
+def chance_of(evidence: float, limit: Floats) -> float:
+    """Return the share of random orders [B] whose largest evidence is as large."""
     return float((1 + (limit >= evidence).sum()) / (1 + len(limit)))
 
 
@@ -193,7 +224,7 @@ def _certainties(
     limit = np.max(list(chance.values()), axis=0)
     for i in long:
         for change in models[i].best(hypotheses_of(models[i].history)):
-            out[i][change.hypothesis] = 1.0 - _chance_of(models[i].evidence(change), limit)
+            out[i][change.hypothesis] = 1.0 - chance_of(models[i].evidence(change), limit)
     return out
 
 
@@ -213,7 +244,7 @@ def _explained(
         change = model.best(hypotheses_of(histories[i]))[0]
         if i in known or watts(histories[i], change) < _LEAST_EXPLAINED:
             continue
-        if _chance_of(model.evidence(change), limit) > FALSE_ALARMS:
+        if chance_of(model.evidence(change), limit) > _OF_COEFFICIENTS:
             continue
         names = histories[i].names
         left = [_left(histories[i].with_covariates((name,)), change) for name in names]

@@ -54,9 +54,13 @@ def common_levels(models: Sequence[ChangeModel]) -> dict[tuple[str, int], Common
         errors = np.array([level[1][i] for level, i in zip(levels, places, strict=True)])
         with np.errstate(all='ignore'):
             found = combine_effects(values, np.maximum(errors, 1e-12) ** 2, method_re='dl')
-        spread = float(np.sqrt(max(found.tau2, 0.0)))  # the estimate of its square may be negative
+        # The estimate of its square may be negative, or none where all values are the same.
+        spread = float(np.sqrt(max(np.nan_to_num(found.tau2), 0.0)))
         error = float(np.sqrt(1.0 / np.sum(1.0 / (errors**2 + spread**2 + 1e-24))))
-        out[label] = Common(float(found.mean_effect_re), error, spread)
+        mean = float(found.mean_effect_re)
+        if not np.isfinite(mean):  # the drives agree to the last digit, as a common delay does
+            mean, spread = float(values.mean()), 0.0
+        out[label] = Common(mean, error, spread)
     return out
 
 
