@@ -63,6 +63,15 @@ class OneModel:
 
 
 @schema
+class OneLog:
+    """A log of others; with a map it is imported, or shown as the map converts it."""
+
+    file: _Text
+    map: dict[str, Any] | None = None
+    preview: bool = False
+
+
+@schema
 class LiveNote:
     """A note on a running robot."""
 
@@ -141,6 +150,16 @@ def allow(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
     desk.approve(parse(Allowed, content, 'file').file)
 
 
+def log(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
+    """Begin to look into a log, or to import it."""
+    given = parse(OneLog, content, 'log')
+    bench.folders.within(given.file)
+    if given.map is None:
+        desk.look_at_log(given.file)
+    else:
+        desk.import_log(given.file, given.map, only_look=given.preview)
+
+
 def note(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> dict[str, Any]:
     """Keep a note with its time: in the card of what is being recorded, and in the session."""
     text = parse(LiveNote, content, 'note').text.strip()
@@ -185,6 +204,7 @@ ACTIONS: Mapping[str, Callable[[Bench, Desk, Mapping[str, Any]], dict[str, Any] 
     'line': line,
     'cancel': cancel,
     'allow': allow,
+    'log': log,
     'note': note,
     'select': select,
 }

@@ -19,7 +19,9 @@ from power_lab.workbench.pyramid import Span, masked
 from power_lab.workbench.session import LabSession, SessionStep
 from power_lab.workbench.view import PowerView, Singles, with_sum
 
-KEPT = re.compile(r'(session|notes|model_\d+|next_\d+)\.yaml|report_\d+\.html|effects_\d+\.py')
+KEPT = re.compile(
+    r'(session|notes|import_\d+|model_\d+|next_\d+)\.yaml|report_\d+\.html|effects_\d+\.py'
+)
 """Files of a session that the page may have."""
 SUM = 'sum'
 """Name of the column that adds up all meters."""
@@ -59,6 +61,7 @@ def state(desk: Desk) -> dict[str, Any]:
         'stairs': _stairs(session),
         'diagnosis': None if found is None else found.content,
         'previews': [] if found is None else list(found.explained),
+        'log': desk.log.get('turn'),
         'job': job.content() if job is not None and job.state == 'running' else None,
         'error': desk.error,
         'commands': _commands(desk, session),

@@ -47,6 +47,7 @@ class Desk:
         self.error = ''
         self.recordings: list[dict[str, Any]] = []
         self.approved: set[str] = set()
+        self.log: Mapping[str, Any] = {}
         self.commands = Commands(folder)
         self.runner = JobRunner(self._heard)
         self.live = LiveFeed(streamed)
@@ -199,6 +200,31 @@ class Desk:
             'output': self.fresh('recording', ''),
         }
         self.start('Simulated bench', 'bench', arguments, lambda path: None)
+
+    def look_at_log(self, file: str) -> None:
+        """Begin to look into a log of others."""
+
+        def keep(found: Mapping[str, Any]) -> None:
+            self.log = {**found, 'turn': self.revision}
+
+        self.start('Reading the log', 'look_at_log', {'file': file}, keep)
+
+    def import_log(self, file: str, content: Mapping[str, Any], *, only_look: bool) -> None:
+        """Begin to import a log by a map, or to show what the import would give."""
+        given: dict[str, Any] = {'file': file, 'content': content}
+        if not only_look:
+            number = self.fresh('recording', '').name.rpartition('_')[2]
+            given |= {
+                'map_file': self.folder / f'import_{number}.yaml',
+                'output': self.folder / f'recording_{number}',
+            }
+
+        def keep(found: Mapping[str, Any]) -> None:
+            command = '' if 'error' in found else self.commands.imported(**given)
+            self.log = {**self.log, 'result': {**found, 'command': command}, 'turn': self.revision}
+
+        name = 'Previewing' if only_look else 'Importing'
+        self.start(name, 'preview_log' if only_look else 'import_log', given, keep)
 
     def line(self, spec: str) -> None:
         """Begin to judge another model on the recordings."""

@@ -9,6 +9,8 @@ from power_recordings.card import FILE, Card
 from power_recordings.reading.bag_folder import find
 from wattwalk_core.errors import InputError
 
+from power_lab.workbench.logs import ENDINGS
+
 _DEPTH = 3
 _MOST = 500  # recordings that are listed
 
@@ -63,6 +65,12 @@ class Folders:
         networks = [Path(path) for path in self.files(('.safetensors',))]
         runs = [f'ppn:{path.parent}' for path in networks if path.name == 'model.safetensors']
         return [*runs, *self.files(('.yaml', '.yml'))]
+
+    def logs(self) -> list[str]:
+        """Files below the roots that others may have recorded, but those of a recording."""
+        bags = [Path(one['path']) for one in self.recordings() if 'problem' not in one]
+        files = [path for path in self.files(ENDINGS) if not {*Path(path).parents} & {*bags}]
+        return [path for path in files if Path(path) not in bags]
 
     def files(self, suffixes: Sequence[str]) -> list[str]:
         """Files below the roots with one of the suffixes."""

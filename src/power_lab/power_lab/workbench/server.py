@@ -120,6 +120,7 @@ def application(bench: Bench) -> Starlette:
             return _json(
                 {
                     'recordings': bench.folders.recordings(),
+                    'logs': bench.folders.logs(),
                     'models': bench.folders.models(),
                     'catalogue': answers.catalogue_content(load_catalogue()),
                     'folders': [str(root) for root in bench.folders.roots],
@@ -139,6 +140,7 @@ def application(bench: Bench) -> Starlette:
             Route(f'{here}/state', state),
             Route(f'{here}/live', live),
             Route(f'{here}/traces', session(_traces)),
+            Route(f'{here}/log', session(lambda desk, _: dict(desk.log))),
             Route(f'{here}/strip', session(_strip)),
             Route(f'{here}/map', session(_map)),
             Route(f'{here}/preview', session(_preview)),

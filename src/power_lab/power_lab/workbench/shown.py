@@ -61,6 +61,16 @@ class Commands:
         words = ['discover', *self._bags(session), '--model', model, '-o', shown_path(output)]
         return self._power_lab(session, words)
 
+    def imported(
+        self, file: str, content: object, map_file: Path = Path(), output: Path = Path()
+    ) -> str:
+        """The command that imports a log; without files, the one that shows its columns."""
+        words = [shown_path(file)]
+        if output == Path():
+            return _joined('power_recordings import', [*words, '--list'])
+        words += ['--map', shown_path(map_file), '-o', shown_path(output)]
+        return _joined('power_recordings import', words)
+
     def _bags(self, session: LabSession) -> list[str]:
         return [] if session.opened is None else [*map(shown_path, session.opened.recordings)]
 

@@ -23,7 +23,7 @@ from power_lab.diagnose.outcome import Outcome, diagnose
 from power_lab.diagnose.verdict import in_words
 from power_lab.discover.outcome import DiscoveryOutcome, discover
 from power_lab.recordings import Loaded, load
-from power_lab.workbench import maps
+from power_lab.workbench import logs, maps
 from power_lab.workbench.session import SessionStep
 from power_lab.workbench.view import PowerView, Singles, judged_view, measured_view
 
@@ -175,6 +175,18 @@ class Work:
         show('progress', f'recording {proposed.seconds:.0f} s of {drive} on the simulated bench')
         record_motion(motion, output, Plant.load('anymal_c'), drive=drive, challenge=riddle)
         return str(output)
+
+    def look_at_log(self, show: Show, file: str) -> dict[str, Any]:
+        """Return the columns of a log, and a guessed map."""
+        return logs.look(show, file)
+
+    def preview_log(self, show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the signals that a map gives."""
+        return logs.preview(show, file, content)
+
+    def import_log(self, show: Show, **given: Any) -> dict[str, Any]:
+        """Make a log a recording."""
+        return logs.bring_in(show, **given)
 
     def line(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
         """Another model on the same recordings, as a line beside the staircase."""

@@ -1,6 +1,7 @@
 // The page: one session, asked for news, drawn part by part.
 
 import { ask, attempt, bench, find, fill, h, post, tell } from './dom.js';
+import * as logs from './logs.js';
 import * as live from './live.js';
 import * as keep from './keep.js';
 import * as missing from './missing.js';
@@ -35,6 +36,7 @@ function hint(s) {
 const PARTS = [
   [(s) => [s.opened, s.recordings], () => recordings.update()],
   [(s) => [s.opened.length, s.model, s.steps, s.at, s.effect_files], () => model.update()],
+  [(s) => [s.log, s.made, Boolean(s.job)], () => logs.update()],
   [(s) => [s.model && s.model.name], () => live.update()],
   [(s) => [s.view, s.at, s.opened], (s) => {
     for (const id of ['traces', 'where']) find(id).hidden = !s.view || (id === 'where' && !s.view.scores);

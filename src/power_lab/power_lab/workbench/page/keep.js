@@ -6,7 +6,7 @@ export function update() {
   const { state } = bench;
   const done = state.steps.slice(0, state.at);
   const file = (name, text) => h('li', {}, h('a', { href: `/api/sessions/${bench.session}/files/${name}`, download: name }, name), `: ${text}`);
-  const words = { session: 'the session as a file of its steps', report: 'report, one page that needs no network', next: 'motion to record next', notes: 'notes taken while the robot ran', effects: 'effects of your own, a program', model: 'model' };
+  const words = { session: 'the session as a file of its steps', report: 'report, one page that needs no network', next: 'motion to record next', import: 'map of an imported log', notes: 'notes taken while the robot ran', effects: 'effects of your own, a program', model: 'model' };
   const files = state.files.map((name) => file(name, name === state.model_file ? 'the present model' : words[name.split(/[_.]/)[0]]));
   fill(find('keep-body'),
     h('div', { class: 'row' }, h('button', { type: 'button', disabled: Boolean(state.job), onclick: () => attempt(() => post('report')) }, 'Write the report')),

@@ -1,0 +1,71 @@
+"""First rows of a log as a map converts them, to be looked at before an import."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_recordings.importing.map_file import ImportMap
+from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
+from power_recordings.importing.sources.source import LogSource
+from power_recordings.importing.units import SI
+
+_ROWS = 20_000  # of each stream
+_SHOWN = 240  # values of each signal
+
+
+@dataclass(frozen=True)
+class PreviewedSignal:
+    """One quantity of a drive, or of the supply ('' for drive), over the first rows."""
+
+    drive: str
+    quantity: str
+    unit: str
+    rows: int
+    low: float  # NaN where no row is a number
+    high: float
+    values: NDArray[np.float64]  # evenly thinned out
+
+
+def preview_log(source: LogSource, mapping: ImportMap, where: str) -> list[PreviewedSignal]:
+    """Convert the first rows; InputError, which begins with where, as an import raises it."""
+    plan = make_plan(mapping, source.columns(), where, source.is_bag)
+    found = _first_rows(source, plan)
+    parts: dict[str, Mapping[str, LogChannel]] = {**plan.drives, '': plan.supply}
+    return [
+        _previewed(drive, quantity, channel, found, plan)
+        for drive, channels in parts.items()
+        for quantity, channel in channels.items()
+    ]
+
+
+def _first_rows(source: LogSource, plan: ImportPlan) -> dict[str, NDArray[np.float64]]:
+    columns = {column.address: column for column in source.columns()}
+    wanted = plan.addresses()
+    rows: dict[str, int] = {columns[address].stream: 0 for address in wanted}
+    parts: dict[str, list[NDArray[np.float64]]] = {}
+    for block in source.read(wanted, lambda done: None):
+        rows[block.stream] = rows.get(block.stream, 0) + len(block)
+        for address, values in block.values.items():
+            if values.dtype.kind != 'O':
+                parts.setdefault(address, []).append(values)
+        if min(rows.values()) >= _ROWS:
+            break
+    return {address: np.concatenate(arrays)[:_ROWS] for address, arrays in parts.items()}
+
+
+def _previewed(
+    drive: str,
+    quantity: str,
+    channel: LogChannel,
+    found: Mapping[str, NDArray[np.float64]],
+    plan: ImportPlan,
+) -> PreviewedSignal:
+    raw = found.get(channel.address, np.zeros(0)) if channel.address else np.array([channel.value])
+    values = channel.conversion(raw)
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
+    unit = plan.torque_unit.get(drive, SI[quantity]) if quantity == 'torque' else SI[quantity]
+    thinned = values[:: max(1, -(-len(values) // _SHOWN))]
+    return PreviewedSignal(drive, quantity, unit, len(values), low, high, thinned)
