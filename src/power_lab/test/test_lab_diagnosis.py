@@ -148,6 +148,14 @@ def test_friction_in_one_direction_is_not_told_from_a_constant_torque_beside_cou
     assert 'Coulomb friction beside it or not' in sentence(found)
 
 
+def test_iron_loss_is_not_called_friction_of_which_it_differs_by_hundredths_of_a_watt():
+    base = ('copper_loss', 'viscous_friction', 'idle')
+    found = diagnose({'iron_loss': 2.0}, base=base, seed=0, seconds=60.0)
+    assert found.verdict == 'ambiguous'
+    assert {('iron_loss',), ('coulomb_friction',)} == set(found.possible)
+    assert 'one of' in sentence(found)
+
+
 def test_the_same_recording_gives_the_same_diagnosis():
     first, second = (diagnose({'load_friction': 1.0}, seconds=40.0) for _ in range(2))
     assert first.best.mean_mse.tolist() == second.best.mean_mse.tolist()

@@ -24,6 +24,7 @@ from power_lab.diagnose.floors import (
     shared,
     unseen,
 )
+from power_lab.diagnose.look_alikes import look_alikes
 from power_lab.diagnose.residual_structure import ResidualStructure, examine_structure
 
 Floats = NDArray[np.float64]
@@ -289,6 +290,7 @@ class Diagnoser:
         share = float(explained.sum() / max(explainable.sum(), 1e-12))
         possible = steps[len(ladder) - 2].members if chosen else ()
         possible = self._beside_constant(best, possible)
+        possible = tuple(dict.fromkeys((*possible, *self._alike(none, best, singles))))
         effects = tuple(dict.fromkeys((*chosen, *itertools.chain(*possible))))
         certain = frozenset.intersection(*(frozenset(m) for m in possible)) if possible else ()
         verdict: Verdict
@@ -344,6 +346,17 @@ class Diagnoser:
         open_ = [n for n in best.names if n != CONSTANT_TORQUE and gains[n] < least]
         rest = [tuple(n for n in best.names if n != name) for name in open_]
         return tuple(dict.fromkeys((*possible, *rest)))
+
+    def _alike(
+        self, none: Evidence, best: Evidence, singles: Sequence[Candidate]
+    ) -> tuple[tuple[str, ...], ...]:
+        """Sets that formulas are not exact enough to tell from the best."""
+        others = [c.active for c in singles if c.name not in best.names]
+
+        def added(actives: Sequence[Active]) -> Evidence:
+            return self.added(best.fit, actives)
+
+        return look_alikes(none, best, others, added, self.structure_floor)
 
     def _without(self, evidence: Evidence, name: str) -> Evidence:
         return self.added(evidence.fit, tuple(a for a in evidence.actives if a.name != name))

@@ -123,7 +123,7 @@ def remainder(
         course = in_time(problem, prepared.time, prepared.recording)
         if course is not None and course.gain >= least:
             courses[problem.drive] = course
-        screen = DriverScreen(problem, point, prepared)
+        screen = DriverScreen(problem, point, prepared, moves=0)
         for family in families(point.signals, problem.drive):
             one = None if family.driver.memory else screen.screen(family)
             if one is None or one.gain < least:

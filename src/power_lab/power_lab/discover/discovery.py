@@ -20,12 +20,13 @@ from power_lab.discover.effect_file import Written
 from power_lab.discover.formula import Formula, refined
 from power_lab.discover.found import Discovery, Finalist, Found, Values, interval_of, load_effect
 from power_lab.discover.in_time import Course, InTime, in_time
-from power_lab.discover.known import AS_GOOD, MOST_NAMED, Named, best_named, same_term
+from power_lab.discover.known import MOST_NAMED, Named, named_instead, same_term
 from power_lab.discover.problem import DriveProblem, problems
 from power_lab.discover.screening import DriverGain, DriverScreen, chance, promising
 from power_lab.discover.search import Expression, express
 from power_lab.discover.selection import CLOSE, Option, handicap, options, without_known
 from power_lab.discover.shapes import LearnedShape, learn
+from power_lab.discover.superseded import without_superseded
 from power_lab.discover.words import effect_name, excitation, in_short, look_alikes
 
 Floats = NDArray[np.float64]
@@ -95,6 +96,7 @@ class Discoverer:
                 continue
             best = self._with(one, best)
             found.append(one)
+        found, best = without_superseded(found, best, self.structure, self._examined, floor)
         settled = tuple(self._settled(one, best) for one in found)
         return Discovery(settled, base, best, floor, of_first, nothing, tuple(named))
 
@@ -316,7 +318,7 @@ class Discoverer:
             return None
         if self._names_left:
             least = np.maximum(0.3 * np.square(floor), 0.02 * best.mean_mse)
-            named = best_named(
+            named = named_instead(
                 self.fitter,
                 self.examiner,
                 self.catalogue,
@@ -324,8 +326,9 @@ class Discoverer:
                 best,
                 self._examined,
                 least,
+                float(kept_gain.sum()),
             )
-            if named is not None and named.gain.sum() >= AS_GOOD * kept_gain.sum():
+            if named is not None:
                 return named
         formula = replace(formula, places={d: places[d] for d in own})
         trial = self._values(effect.name, own, after)

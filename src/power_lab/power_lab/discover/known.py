@@ -21,8 +21,10 @@ from power_lab.discover.shapes import instant
 Floats = NDArray[np.float64]
 
 MOST_NAMED = 3
-AS_GOOD = 0.75
-"""Share of a formula's gain from which on a named effect is preferred to it."""
+AS_GOOD, LEAST_OF_TWO = 0.95, 0.75
+"""
+Share of a formula's gain from which on named effects are preferred to it, and that one of two has.
+"""
 _FITTED = 2  # candidates that are fitted with all else
 _SAME = 0.98
 """R² of a formula on one term of the model above which it is that term under another name."""
@@ -43,6 +45,32 @@ class Named:
     def explains(self) -> float:
         """W rms over its drives."""
         return float(np.sqrt(np.maximum(self.gain[list(self.drives)], 0.0).mean()))
+
+
+def named_instead(
+    fitter: Fitter,
+    examiner: Examiner,
+    catalogue: Catalogue,
+    structure: Structure,
+    best: Evidence,
+    examined: Callable[[Structure, Evidence], Evidence],
+    least: Floats,
+    gain: float,
+) -> Named | None:
+    """
+    Return the candidate of the catalogue that explains what a formula gains, W², if one does.
+
+    Or the first of two that do together.
+    """
+    first = best_named(fitter, examiner, catalogue, structure, best, examined, least)
+    if first is None or first.gain.sum() < LEAST_OF_TWO * gain:
+        return None
+    if first.gain.sum() >= AS_GOOD * gain:
+        return first
+    beside = structure.plus(first.active)
+    second = best_named(fitter, examiner, catalogue, beside, first.after, examined, least)
+    both = first.gain.sum() + (0.0 if second is None else second.gain.sum())
+    return first if both >= AS_GOOD * gain else None
 
 
 def best_named(

@@ -17,8 +17,11 @@ from power_lab.discover.problem import DriveProblem, price
 Floats = NDArray[np.float64]
 
 MOVES = 39
-"""Circular shifts of the residual: the largest of 39 is exceeded by chance in 1 of 40."""
+"""Residuals without a cause: the largest of 39 is exceeded by chance in 1 of 40."""
 _LEAST_MOVE = 0.08  # of the recording
+_TURNED = 5  # blocks of a second that change their sign together
+_SLOW = 0.5
+"""Share of a driver's variance in its means over a second from which on it is a slow one."""
 LEARNED, LEARNED_ON_ONE = 8, 2
 """Families that shapes are learned of: over all drives, and on each."""
 _NODES, _NODES_OF_TURN = 14, 40
@@ -32,7 +35,17 @@ class DriverGain:
 
     family: Family
     gain: float
-    by_chance: Floats  # [S], of residuals that are moved in time
+    by_chance: Floats  # [S], of residuals that are moved in time, or turned in sign
+
+
+@dataclass(frozen=True)
+class _Targets:
+    """A residual and those without a cause, beside the base's columns."""
+
+    fixed: Floats  # [R, m + 1 + S]
+    train: Floats  # [F, m, m + 1 + S], products of the base's columns with all
+    test: Floats
+    start: Floats  # [1 + S], W², held-out error of the base less that of the targets, at most 0
 
 
 class DriverScreen:
@@ -44,7 +57,15 @@ class DriverScreen:
     without either shortcut.
     """
 
-    def __init__(self, problem: DriveProblem, point: Linearisation, prepared: Prepared) -> None:
+    def __init__(
+        self,
+        problem: DriveProblem,
+        point: Linearisation,
+        prepared: Prepared,
+        moves: int = MOVES,
+    ) -> None:
+        """moves: residuals without a cause for comparison, 0 for none."""
+        self.moves = moves
         self.problem, self.point, self.prepared = problem, point, prepared
         mask = problem.blocks.mask[..., 0]
         fold = np.broadcast_to(problem.folds.test[:, None], mask.shape)[mask]
@@ -53,20 +74,15 @@ class DriverScreen:
         self.rows = problem.blocks.rows[mask]
         self._tests = [np.flatnonzero(fold == f) for f in range(FOLDS)]
         self._near = [np.flatnonzero(one) for one in near]
-        values = np.nan_to_num(problem.residual[problem.blocks.rows])
-        count = len(values)
-        least = max(1, round(_LEAST_MOVE * count))
-        moves = np.linspace(least, count - least, MOVES).round().astype(int)
-        moved = [values, *(np.roll(values, int(move), axis=0) for move in moves)]
-        base = problem.columns[self.rows][:, problem.free]
-        targets = np.stack([one[mask] for one in moved], axis=1)
-        self._fixed = np.concatenate([base, targets], axis=1)
+        self._values = np.nan_to_num(problem.residual[problem.blocks.rows])
+        self._mask = mask
         self._ridge = problem.ridge[problem.free]
         self._weights: dict[tuple[str, str], Floats] = {}
 
     def screen(self, family: Family) -> DriverGain | None:
         """Gains of one family, None where its driver hardly varies."""
-        z = self._driver(family)[self.rows]
+        driver = self._driver(family)
+        z = driver[self.rows]
         low, high = np.quantile(z, (_TAIL, 1.0 - _TAIL))
         if not np.isfinite(high - low) or high - low < 1e-9 * max(abs(low), abs(high), 1e-6):
             return None
@@ -78,7 +94,9 @@ class DriverScreen:
         index = np.arange(len(z))
         columns[index, left] = weight * (1.0 - (place - left))
         columns[index, left + 1] += weight * (place - left)
-        gains = self._gains(columns)
+        means = driver[self.problem.blocks.rows].mean(axis=1)
+        slow = bool(means.var() >= _SLOW * z.var())
+        gains = self._gains(columns, self._moved if slow else self._turned)
         return DriverGain(family, float(gains[0]), gains[1:])
 
     def _driver(self, family: Family) -> Floats:
@@ -99,10 +117,41 @@ class DriverScreen:
         return self._weights[key]
 
     @cached_property
-    def _base(self) -> tuple[Floats, Floats]:
-        """Products [F, m, m + S] of the base's columns with all, in training and in test."""
-        own = self._fixed[:, : len(self._ridge)]
-        return self._sums(own, self._fixed)
+    def _moved(self) -> _Targets:
+        """
+        The residual, and moved in time by whole seconds.
+
+        It keeps its course then: what goes slowly agrees with a slow driver by chance.
+        """
+        values = self._values
+        count = len(values)
+        least = max(1, round(_LEAST_MOVE * count))
+        moves = np.linspace(least, count - least, self.moves).round().astype(int)
+        return self._targets([np.roll(values, int(move), axis=0) for move in moves])
+
+    @cached_property
+    def _turned(self) -> _Targets:
+        """
+        The residual, and with the signs of its pieces drawn at random.
+
+        A gait of one cadence repeats itself: moved by whole strides a residual agrees with the
+        joint as before.
+        """
+        values = self._values
+        pieces = np.arange(len(values)) // _TURNED
+        random = np.random.default_rng(0)
+        signs = random.choice([-1.0, 1.0], (self.moves, int(pieces[-1]) + 1))
+        return self._targets([values * own[pieces][:, None] for own in signs])
+
+    def _targets(self, others: Sequence[Floats]) -> _Targets:
+        m = len(self._ridge)
+        base = self.problem.columns[self.rows][:, self.problem.free]
+        targets = np.stack([one[self._mask] for one in (self._values, *others)], axis=1)
+        fixed = np.concatenate([base, targets], axis=1)
+        train, test = self._sums(base, fixed)
+        solved = _solved(train[:, :, :m] + np.diag(self._ridge), train[:, :, m:])
+        start = _error(test[:, :, :m], test[:, :, m:], solved)
+        return _Targets(fixed, train, test, np.minimum(start, 0.0))
 
     def _sums(self, one: Floats, other: Floats) -> tuple[Floats, Floats]:
         """Sums of one'·other over the rows of training and of test, by fold."""
@@ -110,19 +159,12 @@ class DriverScreen:
         near = np.stack([one[rows].T @ other[rows] for rows in self._near])
         return tests.sum(axis=0) - tests - near, tests
 
-    @cached_property
-    def _start(self) -> Floats:
-        """Held-out error of the base less that of the targets, W² [S]."""
-        m = len(self._ridge)
-        train, test = self._base
-        solved = _solved(train[:, :, :m] + np.diag(self._ridge), train[:, :, m:])
-        return _error(test[:, :, :m], test[:, :, m:], solved)
-
-    def _gains(self, columns: Floats) -> Floats:
-        """Gain W² by row of the residual and of the moved ones [1 + S]."""
+    def _gains(self, columns: Floats, targets: _Targets) -> Floats:
+        """Gain W² by row of the residual and of those without a cause [1 + S]."""
         m, k = len(self._ridge), columns.shape[1]
-        base_train, base_test = self._base
-        own_train, own_test = self._sums(columns, np.concatenate([columns, self._fixed], axis=1))
+        base_train, base_test = targets.train, targets.test
+        beside = np.concatenate([columns, targets.fixed], axis=1)
+        own_train, own_test = self._sums(columns, beside)
         train, test = (
             np.concatenate(
                 [
@@ -146,16 +188,16 @@ class DriverScreen:
             matrix[:, :m, :m] += np.diag(self._ridge)
             matrix[:, m:, m:] += unit * (smoothing * bend + 1e-6 * np.eye(k))
             error = _error(test, right_test, _solved(matrix, right_train))
-            best = np.maximum(best, self._start - error)
+            best = np.maximum(best, targets.start - error)
         return best / len(self.rows)
 
 
 def chance(screened: Sequence[Sequence[DriverGain]], errors: Sequence[float]) -> float:
     """
-    Chance that the largest share explained would come out of residuals moved in time.
+    Chance that the largest share explained would come out of residuals without a cause.
 
     screened: by drive; errors: W² by row of each drive. The largest share over all drives and
-    drivers is compared with the largest of each move.
+    drivers is compared with the largest of each of them.
     """
     shares, moved = [], []
     for own, error in zip(screened, errors, strict=True):

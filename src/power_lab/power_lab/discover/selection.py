@@ -14,8 +14,11 @@ KEEPS = 0.9
 """Share of the shape's gain that a formula must keep to be called one."""
 CLOSE = 0.85
 """Share of the best score from which on an option comes into question."""
-_NEAR_BEST = 0.995
-"""Share of the best formula's gain that a smaller one must keep, or all but what is too small."""
+_NEAR_BEST, _LEAST_OF_BEST = 0.995, 0.95
+"""
+Share of the best formula's gain that a smaller one must keep, or all but what is too small to be
+judged, if that is not more than a twentieth.
+"""
 _HANDICAP = {'other_drive': 0.85}
 """Factor on the gain of another drive, which must explain more than the own state."""
 _MEMORY_HANDICAP = 0.93
@@ -95,7 +98,7 @@ def _option(
         return None
     best = max(formula.gain * _weight(formula) for formula in formulas)
     judged = sum(floor[drive] for drive in shapes)
-    enough = min(_NEAR_BEST * best, best - judged)
+    enough = min(_NEAR_BEST * best, max(best - judged, _LEAST_OF_BEST * best))
     near = [f for f in formulas if f.gain * _weight(f) >= enough]
     chosen = min(near, key=lambda f: (f.primitive.complexity, -f.gain))
     shape_gain = sum(max(shapes[d].gain, place.gain) for d, place in chosen.places.items())
