@@ -9,21 +9,23 @@ from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.plant_power import PlantPower
 from policy_training.environment.robots import Substep
+from policy_training.evaluation.task_trial import TaskTrial, TrialConfig, TrialScore
 from policy_training.learning.gait_files import GaitSearchFolder, load_gait, with_clock_of_gait
 from policy_training.learning.gait_search import (
     RANGES,
     GaitSearch,
     GaitSearchConfig,
-    GaitTrial,
     start_of,
     to_gait,
     to_point,
+    try_gaits,
 )
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.errors import InputError
 
 START = start_of(TROTS['trot_even'])
-SMALL = GaitSearchConfig(population=4, calm=1, pushed=1, seconds=5.0)
+TRIAL = TrialConfig(calm=1, pushed=1, seconds=5.0)
+SMALL = GaitSearchConfig(population=4, trial=TRIAL)
 
 
 def quadratic(gait):
@@ -74,7 +76,7 @@ def test_a_search_that_is_told_its_costs_again_asks_for_the_same_gaits(tmp_path)
 def scores():
     """Scores of the gait that policies imitate, and of one with wide, deep steps."""
     wide = replace(START, foot_y=0.34, height=0.46, swing_height=0.14)
-    return GaitTrial(SMALL, 2, threads=1).run([START, wide], seed=3)
+    return try_gaits(TaskTrial(TRIAL, 2, threads=1), [START, wide], seed=3)
 
 
 def test_wide_deep_and_high_steps_draw_more(scores):
@@ -144,8 +146,8 @@ def test_a_bad_gait_file_is_refused_with_the_value_that_is_wrong(tmp_path, conte
 
 def test_the_command_searches_goes_on_and_writes_a_gait_that_loads(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(
-        'policy_training.learning.gait_search.GaitTrial.run',
-        lambda self, gaits, seed: [fake_score(gait) for gait in gaits],
+        'policy_training.learning.gait_search.try_gaits',
+        lambda trial, gaits, seed: [fake_score(gait) for gait in gaits],
     )
     run = str(tmp_path / 'run')
     assert optimise_gait.main(['-o', run, '--generations', '2', '--population', '4']) == 0
@@ -159,7 +161,5 @@ def test_the_command_searches_goes_on_and_writes_a_gait_that_loads(tmp_path, cap
 
 
 def fake_score(gait):
-    from policy_training.learning.gait_search import GaitScore
-
     cost = quadratic(gait)
-    return GaitScore(cost, cost, 1.0, 0.0, 0.0, 0.0, {'forward': cost})
+    return TrialScore(cost, cost, 1.0, 0.0, 0.0, 0.0, {'forward': cost})

@@ -12,7 +12,7 @@ from wattwalk_core.errors import InputError
 if TYPE_CHECKING:
     from policy_runner.policies.trot_gait import TrotConfig
 
-    from policy_training.learning.gait_search import GaitScore
+    from policy_training.evaluation.task_trial import TrialScore
 
 _EPILOG = """\
 RUN/gait.yaml is the gait so far, for `imitation.gait` of a training; Ctrl-C and kill lose one
@@ -54,13 +54,14 @@ def main(args: Sequence[str] | None = None) -> int:
     from rich.console import Console
     from wattwalk_core.schema import parse
 
+    from policy_training.evaluation.task_trial import TaskTrial
     from policy_training.learning.gait_files import GaitSearchFolder
     from policy_training.learning.gait_search import (
         GaitSearch,
         GaitSearchConfig,
-        GaitTrial,
         optimise,
         start_of,
+        try_gaits,
     )
 
     folder = GaitSearchFolder(options.output)
@@ -75,14 +76,14 @@ def main(args: Sequence[str] | None = None) -> int:
     if base not in TROTS:
         raise InputError(f'no gait {base!r}; there are {", ".join(TROTS)}')
     search = GaitSearch(config, start_of(TROTS[base]))
-    trial = GaitTrial(config, config.population, options.threads)
+    trial = TaskTrial(config.trial, config.population, options.threads)
     if options.resume:
         folder.replay(search)
     else:
         folder.start(config, base)
     console = Console(stderr=True)
 
-    def report(generation: int, scores: 'Sequence[GaitScore]', centre: 'TrotConfig') -> None:
+    def report(generation: int, scores: 'Sequence[TrialScore]', centre: 'TrotConfig') -> None:
         folder.add(generation, scores, centre, base)
         best = min(scores, key=lambda score: score.cost)
         console.print(
@@ -91,13 +92,15 @@ def main(args: Sequence[str] | None = None) -> int:
         )
 
     optimise(search, trial, options.generations, report)
-    _print(trial.run([start_of(TROTS[base]), search.centre], 10**6 + config.seed), base)
+    final = TaskTrial(config.trial, 2, options.threads)
+    both = [start_of(TROTS[base]), search.centre]
+    _print(try_gaits(final, both, 10**6 + config.seed), base)
     print(f'wrote {folder.path}/gait.yaml')
     print(f'ros2 run policy_training train --set imitation.gait={folder.path} -o runs/economy')
     return 0
 
 
-def _print(scores: 'Sequence[GaitScore]', base: str) -> None:
+def _print(scores: 'Sequence[TrialScore]', base: str) -> None:
     tasks = list(scores[0].by_task)
     columns = (
         'gait',

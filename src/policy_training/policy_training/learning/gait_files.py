@@ -15,7 +15,8 @@ from wattwalk_core.schema import Printable, Quantity, parse, read, schema
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 from policy_training.config import TrainingConfig
-from policy_training.learning.gait_search import RANGES, GaitScore, GaitSearch, GaitSearchConfig
+from policy_training.evaluation.task_trial import TrialScore
+from policy_training.learning.gait_search import RANGES, GaitSearch, GaitSearchConfig
 
 SEARCH: Final = 'search.yaml'
 GENERATIONS: Final = 'generations.jsonl'
@@ -111,7 +112,7 @@ class GaitSearchFolder:
         self._keep(search.generation)
 
     def add(
-        self, generation: int, scores: Sequence[GaitScore], centre: TrotConfig, base: str
+        self, generation: int, scores: Sequence[TrialScore], centre: TrotConfig, base: str
     ) -> None:
         """Append a generation and replace the gait."""
         best = min(scores, key=lambda score: score.cost)
