@@ -8,7 +8,7 @@ with MuJoCo in place of Isaac Gym; `configs` has what works with few robots.
 from collections.abc import Mapping
 from dataclasses import asdict, field, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 from policy_runner.policies.gait_phase import CADENCE_ADAPTATION, COMMAND_RATE_LIMIT
 from policy_runner.policies.observations import CLOCKED, Observation
@@ -21,6 +21,30 @@ from wattwalk_core.yaml_file import dump_yaml, read_yaml, shipped_file
 CONFIGS: Final = Path(__file__).parent / 'configs'
 POLICY: Final = 'policy'
 """Folder of the exported policy in that of its run."""
+
+
+def _check_ramp(name: str, begin: float, end: float) -> None:
+    if end < begin:
+        raise InputError(f'{name}_to is {end!r}; it must be at least {name}_from = {begin!r}')
+
+
+def _ramp(steps: float, begin: float, end: float) -> float:
+    """Return the share 0..1 of a linear ramp between two numbers of policy steps."""
+    return 1.0 if steps >= end else max((steps - begin) / (end - begin), 0.0)
+
+
+@schema
+class TrialConfig:
+    """Robots of a trial on the tasks, and prices of what is not power, see `task_trial.py`."""
+
+    calm: Annotated[int, Quantity(1, 64, '', 'robots that walk a task undisturbed')] = 2
+    pushed: Annotated[int, Quantity(0, 64, '', 'robots that are pushed in a task')] = 4
+    seconds: Annotated[float, Quantity(5.0, 60.0, 's', 'of walking')] = 9.0
+    push: Annotated[float, Quantity(0.0, 3.0, 'm/s', 'along x and y, ±')] = 1.4
+    push_period: Annotated[float, Quantity(1.0, 60.0, 's')] = 2.5
+    speed_price: Annotated[float, Quantity(0.0, 1e5, 'W per m/s')] = 1500.0
+    yaw_price: Annotated[float, Quantity(0.0, 1e5, 'W per rad/s')] = 600.0
+    fall_price: Annotated[float, Quantity(0.0, 1e5, 'W', 'if all fall')] = 500.0
 
 
 @schema
@@ -36,6 +60,7 @@ class PhysicsConfig:
     slope: Annotated[float, Quantity(0.0, 0.2, '', 'of the ground, steepest')] = 0.02
     extent: Annotated[float, Quantity(24.0, 200.0, 'm', 'edge of the ground')] = 80.0
     plant: str = 'anymal_c'  # of the simulated drives
+    contacts: Literal['all', 'feet_and_base'] = 'all'  # what may touch the ground
 
 
 @schema
@@ -47,6 +72,9 @@ class RandomConfig:
     payload: Annotated[float, Quantity(0.0, 10.0, 'kg', 'of the base, ±')] = 5.0
     push: Annotated[float, Quantity(0.0, 5.0, 'm/s', 'along x and y, ±')] = 1.0
     push_period: Annotated[float, Quantity(0.1, 600.0, 's')] = 15.0
+    push_first: Annotated[float, Quantity(0.0, 1.0, '', 'share of the push at first')] = 1.0
+    push_from: Annotated[float, Quantity(0.0, 1e12, '', 'policy steps with that')] = 0.0
+    push_to: Annotated[float, Quantity(0.0, 1e12, '', 'policy steps to the full push')] = 0.0
     delay: Annotated[float, Quantity(0.0, 0.02, 's', 'of targets, longest')] = 0.015
     stiffness: Annotated[float, Quantity(0.0, 0.5, '', 'spread of both gains')] = 0.1
     drive_friction: Annotated[float, Quantity(0.0, 0.9, '', 'spread')] = 0.3
@@ -61,6 +89,13 @@ class RandomConfig:
                 f'friction_low is {self.friction_low!r}; '
                 f'it must not exceed friction_high = {self.friction_high!r}'
             )
+        _check_ramp('push', self.push_from, self.push_to)
+
+    def push_share(self, steps: float) -> float:
+        """Return the share of the push after a number of policy steps."""
+        return self.push_first + (1.0 - self.push_first) * _ramp(
+            steps, self.push_from, self.push_to
+        )
 
 
 @schema
@@ -133,21 +168,17 @@ class PowerConfig:
     ramp_from: Annotated[float, Quantity(0.0, 1e12, '', 'policy steps of weight 0')] = 0.0
     ramp_to: Annotated[float, Quantity(0.0, 1e12, '', 'policy steps to full weight')] = 0.0
     masked: Annotated[int, Quantity(0, 1000, '', 'policy steps without it after a start')] = 5
+    multiplier_rate: Annotated[float, Quantity(0.0, 1.0, '', 'a trial; 0: fixed weight')] = 0.0
+    most_multiplier: Annotated[float, Quantity(1.0, 1000.0, '', 'of the weight')] = 10.0
 
     def __post_init__(self) -> None:
         if self.weight > 0.0 and not self.model:
             raise InputError(f'weight is {self.weight!r} without power.model; name a model')
-        if self.ramp_to < self.ramp_from:
-            raise InputError(
-                f'ramp_to is {self.ramp_to!r}; it must be at least ramp_from = {self.ramp_from!r}'
-            )
+        _check_ramp('ramp', self.ramp_from, self.ramp_to)
 
     def weight_at(self, steps: float) -> float:
         """Return the weight after a number of policy steps, 1/W."""
-        if steps >= self.ramp_to:
-            return self.weight
-        share = (steps - self.ramp_from) / (self.ramp_to - self.ramp_from)
-        return self.weight * max(share, 0.0)
+        return self.weight * _ramp(steps, self.ramp_from, self.ramp_to)
 
 
 @schema
@@ -171,13 +202,41 @@ class PpoConfig:
     entropy: Annotated[float, Quantity(0.0, 1.0)] = 0.01
     gradient_norm: Annotated[float, Quantity(1e-3, 1e3)] = 1.0
     std: Annotated[float, Quantity(0.01, 10.0, '', 'of actions, initial')] = 1.0
+    std_end: Annotated[float, Quantity(0.0, 10.0, '', 'at the last step; 0: as std')] = 0.0
     learn_std: bool = True  # false: constant; with `calm` a learned one shrinks
     calm: Annotated[float, Quantity(0.0, 0.9, '', 'share of time without exploration')] = 0.0
     advantage_clip: Annotated[float, Quantity(1.0, 100.0, '', 'standard deviations')] = 2.0
     anchor_rate: Annotated[float, Quantity(0.0, 1e-2, '', 'see reference_policy.py')] = 0.0
     anchor_tolerance: Annotated[float, Quantity(0.0, 1.0, '', 'units of action')] = 0.05
+    anchor_urgency: Annotated[float, Quantity(0.0, 1.0, '', 'least, of rows that count')] = 0.0
     mirror: bool = False  # adds mirror images of steps; spoils a gait at a small std
     hidden: Annotated[tuple[Annotated[int, Quantity(1, 4096)], ...], Length(1)] = (128, 64, 32)
+
+    def __post_init__(self) -> None:
+        if self.std_end and self.learn_std:
+            raise InputError(f'std_end is {self.std_end!r} with learn_std; set learn_std: false')
+
+    def std_at(self, share: float) -> float:
+        """Return the exploration after a share of the run, units of action; even in ratios."""
+        last = self.std_end or self.std
+        return float(self.std * (last / self.std) ** min(max(share, 0.0), 1.0))
+
+
+@schema
+class SelectionConfig:
+    """
+    Trials during training, by which a policy and the multiplier of the power term are chosen.
+
+    The policy that is exported is the one whose trial cost least, see `task_trial.py`. The
+    multiplier rises while a trial keeps the limits, and falls back twice as fast where one does
+    not: power is then as low as tracking and falls allow.
+    """
+
+    every: Annotated[int, Quantity(0, 10**6, 'iterations', 'between trials; 0: none')] = 0
+    speed_error: Annotated[float, Quantity(0.0, 1.0, 'm/s', 'limit, worst task')] = 0.1
+    yaw_error: Annotated[float, Quantity(0.0, 1.0, 'rad/s', 'limit, worst task')] = 0.15
+    falls: Annotated[float, Quantity(0.0, 1.0, '', 'limit, share of pushed robots')] = 0.05
+    trial: TrialConfig = field(default_factory=TrialConfig)
 
 
 @schema
@@ -203,6 +262,7 @@ class ImitationConfig:
     seconds: Annotated[float, Quantity(2.0, 600.0, 's', 'of walking in each round')] = 8.0
     epochs: Annotated[int, Quantity(2, 1000, '', 'of learning after each round')] = 24
     critic_rounds: Annotated[int, Quantity(0, 1000, '', 'of the critic alone')] = 15
+    rounds: Annotated[int, Quantity(1, 50, '', 'of demonstrations (DAgger)')] = 3
 
     def __post_init__(self) -> None:
         if self.gait and self.gait not in TROTS and not Path(self.gait).exists():
@@ -236,6 +296,7 @@ class TrainingConfig:
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     imitation: ImitationConfig = field(default_factory=ImitationConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)
+    selection: SelectionConfig = field(default_factory=SelectionConfig)
 
     def __post_init__(self) -> None:
         self.observation  # noqa: B018  # checks its values

@@ -61,6 +61,7 @@ class WalkingEnvironment:
         count = self.count = config.physics.environments
         self.commands = VelocityCommands(config.commands, count, seeds[2])
         self.power = power
+        self.power_multiplier = 1.0
         self.watts = np.zeros((count, 12), np.float32)
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
@@ -174,7 +175,7 @@ class WalkingEnvironment:
         power = self.config.power
         self.watts = predict_step(model, self.robots.substeps)
         counted = self.age > power.masked
-        weight = power.weight_at(self.steps) * self.config.step_time
+        weight = self.power_multiplier * power.weight_at(self.steps) * self.config.step_time
         return np.asarray(-weight * self.watts.sum(axis=1) * counted, np.float64)
 
     def _reset_and_disturb(self, done: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -190,8 +191,8 @@ class WalkingEnvironment:
         return np.asarray(fresh | pushed)
 
     def push(self, ids: NDArray[np.intp]) -> None:
-        """Push the robots of these indices."""
-        self.robots.push(ids)
+        """Push the robots of these indices, as hard as this stage of the training has it."""
+        self.robots.push(ids, self.config.random.push_share(self.steps))
         self.motion = self.robots.motion(self.motion.torque)
 
     def _start(self, ids: NDArray[np.intp]) -> RobotMotion:

@@ -7,15 +7,14 @@ searches and for choosing checkpoints, not for results.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.observations import Observation
 from sim_bridge.plant.parameters import Plant
-from wattwalk_core.schema import Quantity, schema
 
-from policy_training.config import TrainingConfig
+from policy_training.config import TrainingConfig, TrialConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.plant_power import PlantPower
 from policy_training.evaluation.tasks import TASKS
@@ -24,20 +23,6 @@ Floats = NDArray[np.float64]
 
 _SETTLED: Final = 3.0  # s from the start that do not count
 _FREE: Final = (0.03, 0.05)  # m/s, rad/s: errors without a penalty
-
-
-@schema
-class TrialConfig:
-    """Robots of a trial, and prices of what is not power."""
-
-    calm: Annotated[int, Quantity(1, 64, '', 'robots that walk a task undisturbed')] = 2
-    pushed: Annotated[int, Quantity(0, 64, '', 'robots that are pushed in a task')] = 4
-    seconds: Annotated[float, Quantity(5.0, 60.0, 's', 'of walking')] = 9.0
-    push: Annotated[float, Quantity(0.0, 3.0, 'm/s', 'along x and y, ±')] = 1.4
-    push_period: Annotated[float, Quantity(1.0, 60.0, 's')] = 2.5
-    speed_price: Annotated[float, Quantity(0.0, 1e5, 'W per m/s')] = 1500.0
-    yaw_price: Annotated[float, Quantity(0.0, 1e5, 'W per rad/s')] = 600.0
-    fall_price: Annotated[float, Quantity(0.0, 1e5, 'W', 'if all fall')] = 500.0
 
 
 class Walker(Protocol):

@@ -16,9 +16,10 @@ from policy_runner.policies.gait_phase import CADENCE_ADAPTATION
 from policy_runner.policies.trot import TrotConfig
 from wattwalk_core.schema import Quantity, schema
 
+from policy_training.config import TrialConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.expert_policy import ExpertPolicy
-from policy_training.evaluation.task_trial import TaskTrial, TrialConfig, TrialScore
+from policy_training.evaluation.task_trial import TaskTrial, TrialScore
 
 Floats = NDArray[np.float64]
 

@@ -24,7 +24,8 @@ from policy_training.learning.gait_files import load_gait
 
 Floats = NDArray[np.float32]
 
-_SHARES: Final = (0.0, 0.4, 0.7)  # of the policy in the action, by round
+_FIRST_SHARES: Final = (0.0, 0.4)  # of the policy in the action, by round
+_SHARE: Final = 0.7  # of it in further rounds
 _ACTION_NOISE: Final = 0.15  # standard deviation, for every other robot
 _RATE: Final = 1e-3
 _BATCH: Final = 2048
@@ -53,10 +54,11 @@ def imitate(
     expert = _Demonstrator(config)
     rounds: list[Demonstrations] = []
     error = np.nan
-    for number, share in enumerate(_SHARES):
+    count = config.imitation.rounds
+    for number, share in enumerate((*_FIRST_SHARES, *[_SHARE] * count)[:count]):
         rounds.append(expert.demonstrate(actor, share))
         error = _fit(actor, mirror, rounds, config.imitation.epochs)
-        report((number + 1) / len(_SHARES))
+        report((number + 1) / count)
     return error
 
 

@@ -16,12 +16,16 @@ from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.vec_env import GROUP, STATE, Mirror, TorchEnvironment
 from policy_training.learning.imitation import imitate
+from policy_training.learning.policy_trial import PolicyTrial
 from policy_training.learning.reference_policy import ReferencePolicy
 
 _STD: Final = 'distribution.std_param'
 _CRITIC_RATE: Final = 1e-3
 _CRITIC_EPOCHS: Final = 3
 _CALM_PERIOD: Final = 100  # policy steps between calm spells of a robot
+_SHOWN: Final = ('cost', 'power', 'knees', 'falls', 'speed_error', 'yaw_error')
+
+Layers = list[tuple[torch.Tensor, torch.Tensor]]
 
 
 @dataclass
@@ -61,6 +65,8 @@ class Learner:
         self._critic_optimiser = torch.optim.Adam(self.ppo.critic.parameters(), lr=_CRITIC_RATE)
         self._reference: ReferencePolicy | None = None
         self._critic_first = 0  # rounds in which the critic learns alone
+        self._trial = PolicyTrial(config, environment.observation)
+        self._best: tuple[float, Layers] | None = None
 
     def run(
         self, iterations: int, report: Callable[[Round], None], *, seconds: float | None = None
@@ -83,7 +89,9 @@ class Learner:
             'steps': self.environment.steps,
             'random': torch.get_rng_state(),
             'critic_first': self._critic_first,
+            'power_multiplier': self.environment.power_multiplier,
             **({'reference_policy': self._reference.content()} if self._reference else {}),
+            **({'best': {'cost': self._best[0], 'layers': self._best[1]}} if self._best else {}),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -98,6 +106,10 @@ class Learner:
                 )
             self._set_reference(state['reference_policy'], go_on=True)
         self._critic_first = int(state.get('critic_first', 0))
+        self.environment.power_multiplier = float(state.get('power_multiplier', 1.0))
+        if 'best' in state:
+            layers = [(weight, bias) for weight, bias in state['best']['layers']]
+            self._best = (float(state['best']['cost']), layers)
         self.iteration = int(state['iteration'])
         self.environment.steps = int(state['steps'])
         torch.set_rng_state(state['random'].cpu())
@@ -138,6 +150,31 @@ class Learner:
         self._critic_first = self.config.imitation.critic_rounds
         return error
 
+    def _set_std(self, std: float) -> None:
+        actor = self.ppo.actor
+        actor.load_state_dict(
+            {**actor.state_dict(), _STD: torch.full_like(actor.state_dict()[_STD], std)}
+        )
+
+    def _select(self) -> dict[str, float]:
+        """Try the policy on the tasks; keep it if it is the best, and move the multiplier."""
+        limits, power, environment = self.config.selection, self.config.power, self.environment
+        score = self._trial.run(self.actor_layers(), self.config.seed)
+        if self._best is None or score.cost < self._best[0]:
+            self._best = (score.cost, [(w.clone(), b.clone()) for w, b in self.actor_layers()])
+        kept = (
+            score.speed_error <= limits.speed_error
+            and score.yaw_error <= limits.yaw_error
+            and score.falls <= limits.falls
+        )
+        rate = power.multiplier_rate
+        multiplier = environment.power_multiplier * (1.0 + rate if kept else 1.0 - 2.0 * rate)
+        environment.power_multiplier = min(max(multiplier, 1.0), power.most_multiplier)
+        return {
+            **{f'trial/{name}': getattr(score, name) for name in _SHOWN},
+            'trial/multiplier': environment.power_multiplier,
+        }
+
     def _set_reference(self, content: dict[str, Any] | None = None, go_on: bool = False) -> None:
         """Anchor to the present policy, or to the reference of a checkpoint."""
         ppo = self.config.ppo
@@ -147,11 +184,16 @@ class Learner:
                 self.environment.observation,
                 tolerance=ppo.anchor_tolerance,
                 rate=ppo.anchor_rate,
+                least_urgency=ppo.anchor_urgency,
             )
             if content is not None:
                 self._reference.restore(content, go_on=go_on)
 
-    def actor_layers(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    def chosen_layers(self) -> Layers:
+        """Return the layers of the policy whose trial cost least, else of the present one."""
+        return self.actor_layers() if self._best is None else self._best[1]
+
+    def actor_layers(self) -> Layers:
         """Return weight [out, in] and bias [out] of each layer of the policy."""
         return [
             (module.weight.detach().cpu(), module.bias.detach().cpu())
@@ -215,6 +257,8 @@ class Learner:
     def _round(self) -> Round:
         config = self.config
         began = time.perf_counter()
+        if config.ppo.std_end:
+            self._set_std(config.ppo.std_at(self.environment.steps / config.steps))
         logs: list[dict[str, float]] = []
         with torch.inference_mode():
             for _ in range(config.ppo.steps):
@@ -234,6 +278,8 @@ class Learner:
         values['action_std'] = float(self.ppo.get_policy().output_std.detach().mean())
         values['rate/collect'] = config.ppo.steps * self.environment.count / (collected - began)
         values['rate/all'] = config.ppo.steps * self.environment.count / (ended - began)
+        if config.selection.every and self.iteration % config.selection.every == 0:
+            values |= self._select()
         return Round(self.iteration, self.environment.steps, values)
 
 

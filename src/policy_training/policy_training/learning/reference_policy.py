@@ -23,18 +23,25 @@ class ReferencePolicy:
     Reference of a network (observations [n, size] → actions [n, 12]): the network as it is now.
 
     Rows count in proportion to the urgency that `observation.cadence_adaptation` gives for the
-    true state; gait phases themselves go by the sensors. tolerance: of the actions' error, in
-    their own units. rate: learning rate.
+    true state, from a least one on; gait phases themselves go by the sensors. tolerance: of the
+    actions' error, in their own units. rate: learning rate.
     """
 
     def __init__(
-        self, actor: nn.Module, observation: Observation, *, tolerance: float, rate: float
+        self,
+        actor: nn.Module,
+        observation: Observation,
+        *,
+        tolerance: float,
+        rate: float,
+        least_urgency: float = 0.0,
     ) -> None:
         self.actor = actor
         self._reference = copy.deepcopy(actor).requires_grad_(False)
         self._optimiser = torch.optim.Adam(actor.parameters(), lr=rate)
         self._observation = observation
         self._tolerance = tolerance
+        self._least_urgency = least_urgency
 
     def anchor(self, observations: torch.Tensor, states: torch.Tensor) -> tuple[float, float]:
         """
@@ -44,7 +51,7 @@ class ReferencePolicy:
         and the weighted RMS error of their actions before this.
         """
         weight = torch.from_numpy(self._urgency(states)).float().to(observations.device)
-        chosen = weight > 0.0
+        chosen = (weight > 0.0) & (weight >= self._least_urgency)
         rows, weight = observations[chosen], weight[chosen, None]
         if not len(rows):
             return 0.0, 0.0

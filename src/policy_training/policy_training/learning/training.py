@@ -68,7 +68,7 @@ def train(
     rows = folder.curves()
     export_policy(
         folder.policy,
-        learner.actor_layers(),
+        learner.chosen_layers(),
         config,
         learner.environment.observation,
         {
