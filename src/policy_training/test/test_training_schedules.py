@@ -1,4 +1,4 @@
-"""What changes in the course of a run: exploration, pushes, price of power, the policy kept."""
+"""Schedules of a run: exploration, pushes, price of power, and the policy that is kept."""
 
 import numpy as np
 import pytest
