@@ -1,6 +1,7 @@
 """The loop in a real browser: open, fit, look, diagnose, add; the numbers of the commands."""
 
 import json
+import re
 import signal
 from pathlib import Path
 
@@ -98,6 +99,9 @@ def walked(bag, browser, tmp_path_factory):
         page.get_by_role('button', name='Fit', exact=True).click()
         page.locator('#plot-map .main-svg').first.wait_for()
 
+        page.get_by_role('radio', name='phase of the stride').check()
+        page.locator('#plot-map .xtitle', has_text='stride phase').wait_for()
+        stride = page.locator('#stride').inner_text()
         page.locator('#regimes button').first.click()
         sentence = page.locator('#selection')
         sentence.wait_for()
@@ -144,6 +148,7 @@ def walked(bag, browser, tmp_path_factory):
         'session': session,
         'regime': by_regime,
         'box': by_box,
+        'stride': stride,
         'span': by_span,
         'verdict': told,
         'stairs': fallen,
@@ -164,6 +169,10 @@ def test_the_page_names_the_hidden_effect_and_the_error_falls_when_it_is_added(w
 
 def test_axe_finds_no_barrier_in_light_and_dark_nor_on_a_phone(walked):
     assert walked['barriers'] == {}
+
+
+def test_the_map_has_the_phase_of_a_walking_robots_stride(walked):
+    assert re.fullmatch(r'A stride takes 0\.[4-9]\d s; .* where LF_\w+ has .*', walked['stride'])
 
 
 def test_map_and_traces_are_linked_both_ways(walked):

@@ -128,12 +128,28 @@ def _view(view: PowerView) -> dict[str, Any]:
         'seconds': view.seconds,
         'judged_seconds': round(len(view.slots) / REDUCED_RATE, 2),
         'worst': _worst(view),
-        'quantities': [{'name': name, 'unit': maps.UNITS_OF.get(name, '')} for name in view.state],
+        'quantities': [
+            {'name': name, 'unit': maps.UNITS_OF.get(name, '')}
+            for name in (*view.state, *([] if view.stride.phase is None else [maps.STRIDE]))
+        ],
+        'stride': _stride(view),
         'phases': sorted(view.words),
         'noise': maps.short(view.noise),
         'noise_w': maps.short_one(float(np.sqrt(np.nanmean(np.square(view.noise))))),
         'scores': view.content or None,
     }
+
+
+def _stride(view: PowerView) -> str:
+    """Say of the stride, or why there is none."""
+    found = view.stride
+    if found.phase is None:
+        return f'No phase of the stride: {found.reason}.'
+    drive = view.drives[found.drive]
+    return (
+        f'A stride takes {found.period:.2f} s; its phase is 0 where {drive} has its largest '
+        'position.'
+    )
 
 
 def _worst(view: PowerView) -> list[float]:

@@ -18,6 +18,8 @@ _CELLS = 26  # of a map along one quantity
 _LEAST = 3  # rows in a cell that is shown
 _SHOWN = 1500  # points on a map
 _TAIL = 0.002  # of the values, beyond the map's edges
+STRIDE = 'stride_phase'
+"""Quantity of all drives: the phase of the stride, 0 to 1."""
 UNITS_OF = {**UNITS, 'velocity': 'rad/s', 'torque_rate': 'N·m/s'}
 _MODULI = {'torque': 'torque', 'speed': 'velocity'}
 """Quantities of a regime whose magnitude counts, by the state that they are of."""
@@ -40,6 +42,9 @@ def column_of(view: PowerView, drive: str) -> int:
 
 def values_of(view: PowerView, name: str, drive: str) -> Singles:
     """One quantity of the state of a drive [N]; InputError for a quantity that is not there."""
+    if name == STRIDE and view.stride.phase is not None:
+        column_of(view, drive)
+        return view.stride.phase
     if name not in view.state:
         raise InputError(f'no quantity {name!r}; there are {", ".join(view.state)}')
     values: Singles = view.state[name][:, column_of(view, drive)]

@@ -14,6 +14,7 @@ from power_lab.compare.comparison import Comparison, describe_state
 from power_lab.compare.regimes import standstill
 from power_lab.recordings import Loaded
 from power_lab.workbench.pyramid import Pyramid
+from power_lab.workbench.stride import StridePhase, stride_phase
 
 Singles = NDArray[np.float32]
 
@@ -68,6 +69,13 @@ class PowerView:
         if self.residual is not None:
             out |= {'estimate': self.measured - self.residual, 'error': -self.residual}
         return {name: Pyramid(self.spread(with_sum(values))) for name, values in out.items()}
+
+    @cached_property
+    def stride(self) -> StridePhase:
+        """Phase of the motion, where it repeats itself."""
+        if 'position' not in self.state:
+            return StridePhase(None, 0.0, 0, 'there is no position')
+        return stride_phase(self.state['position'], self.slots)
 
 
 def with_sum(values: Singles) -> Singles:

@@ -109,7 +109,7 @@ export function choices(legend, name, options, value, chosen) {
   return h('fieldset', { class: 'choices' }, h('legend', {}, legend), options.map((option) => h(
     'label', { class: 'choice' },
     h('input', {
-      type: 'radio', name, value: option.value, checked: option.value === value,
+      type: 'radio', name, value: option.value, disabled: Boolean(option.disabled), checked: option.value === value,
       onchange: () => chosen(option.value),
     }),
     h('span', {}, option.label),

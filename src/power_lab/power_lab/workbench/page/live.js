@@ -17,7 +17,7 @@ let due = 0;
 export function start() {
   const follow = h('button', { type: 'button', class: 'main', 'aria-pressed': 'false', onclick: () => { wanted = !wanted; connect(); } }, 'Follow the running robot');
   const pick = h('select', { 'aria-label': 'Model to compare with', onchange: (event) => { model = event.target.value; if (wanted) connect(); } });
-  const said = h('ul', { class: 'plain', id: 'live-said', role: 'status' });
+  const said = h('div', { id: 'live-said', role: 'status' });
   const body = h('div', { hidden: true });
   const drives = h('div', { id: 'live-drives' });
   const now = h('p', { class: 'verdict', id: 'live-now' });
@@ -56,7 +56,7 @@ function connect() {
   if (!wanted) { fill(parts.said); state = null; }
   if (!on) return;
   rows = { t: [], names: [], measured: [], estimate: [] };
-  if (!state) fill(parts.said, h('li', {}, 'Listening…'));
+  if (!state) fill(parts.said, h('p', {}, 'Listening…'));
   source = new EventSource(`/api/sessions/${bench.session}/live?${new URLSearchParams({ model })}`);
   source.onmessage = (event) => take(JSON.parse(event.data));
 }
@@ -65,7 +65,7 @@ function take(news) {
   if (news.failed) {
     wanted = false;
     connect();
-    fill(parts.said, h('li', {}, news.failed));
+    fill(parts.said, h('p', {}, news.failed));
     return;
   }
   state = news;
@@ -113,7 +113,7 @@ function render() {
   const shown = [...parts.said.children].map((one) => one.textContent);
   // Seconds that pass are no news to who listens.
   const plain = (text) => text.replace(/\d+ s\b/, '');
-  if (said.map(plain).join('\n') !== shown.map(plain).join('\n')) fill(parts.said, said.map((text) => h('li', {}, text)));
+  if (said.map(plain).join('\n') !== shown.map(plain).join('\n')) fill(parts.said, said.map((text) => h('p', {}, text)));
   changed(parts.heard, `Heard: ${Object.entries(state.heard).filter(([, one]) => one.age != null).map(([topic, one]) => `${topic} ${number(one.rate)} Hz`).join(', ') || 'nothing yet'}.`
     + (state.recorder ? ` Recording to ${state.recorder}.` : ' Nothing is recorded.'));
   const none = !rows.t.length;

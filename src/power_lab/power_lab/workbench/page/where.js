@@ -7,7 +7,7 @@ import { place, render as renderTraces } from './traces.js';
 const PRESETS = [
   ['velocity', 'torque', 'torque and speed'], ['position', 'velocity', 'position'],
   ['acceleration', 'velocity', 'acceleration'], ['time', 'torque', 'time'],
-  ['temperature', 'torque', 'temperature'],
+  ['temperature', 'torque', 'temperature'], ['stride_phase', 'torque', 'phase of the stride'],
 ];
 let parts = null;
 let map = null;
@@ -15,6 +15,7 @@ let asked = 0;
 
 const own = () => (bench.state.view.drives.includes(bench.drive) ? bench.drive : bench.state.view.drives[0]);
 const words = (name) => name.replaceAll('_', ' ');
+const titled = (name, unit) => (unit ? `${words(name)} in ${unit}` : words(name));
 
 function build() {
   const plot = h('div', { class: 'plot map', id: 'plot-map' });
@@ -50,10 +51,11 @@ export function update() {
 function axes(names) {
   const select = (label, value, chosen) => h('label', {}, `${label} `, h('select', { onchange: (event) => chosen(event.target.value) },
     names.map((name) => h('option', { value: name, selected: name === value }, words(name)))));
-  const known = PRESETS.filter(([x, y]) => names.includes(x) && names.includes(y));
+  const known = PRESETS.filter(([x, y]) => x === 'stride_phase' || (names.includes(x) && names.includes(y)));
   const now = known.find(([x, y]) => x === bench.x && y === bench.y);
   fill(parts.axes,
-    choices('Over', 'map', known.map(([x, y, label]) => ({ value: `${x} ${y}`, label })), now ? `${now[0]} ${now[1]}` : '', (value) => setAxes(...value.split(' '))),
+    choices('Over', 'map', known.map(([x, y, label]) => ({ value: `${x} ${y}`, label, disabled: !names.includes(x) })), now ? `${now[0]} ${now[1]}` : '', (value) => setAxes(...value.split(' '))),
+    h('p', { class: 'faint', id: 'stride' }, bench.state.view.stride),
     select('across', bench.x, (value) => setAxes(value, bench.y)), select('up', bench.y, (value) => setAxes(bench.x, value)));
   const fields = ['x0', 'x1', 'y0', 'y1'].map((key) => h('input', { type: 'number', step: 'any', 'aria-label': { x0: 'Across from', x1: 'Across to', y0: 'Up from', y1: 'Up to' }[key] }));
   const go = () => markBox([Number(fields[0].value), Number(fields[1].value)], [Number(fields[2].value), Number(fields[3].value)]);
@@ -93,8 +95,8 @@ function render() {
     },
   ], {
     dragmode: 'select', selections: [], uirevision: `${bench.x} ${bench.y}`,
-    xaxis: { title: { text: `${words(bench.x)} in ${map.x_unit}` }, fixedrange: true },
-    yaxis: { title: { text: `${words(bench.y)} in ${map.y_unit}` }, fixedrange: true },
+    xaxis: { title: { text: titled(bench.x, map.x_unit) }, fixedrange: true },
+    yaxis: { title: { text: titled(bench.y, map.y_unit) }, fixedrange: true },
   }]);
   on(parts.plot, 'plotly_selected', (event) => {
     if (event && event.range && event.range.y) markBox(event.range.x, event.range.y);
@@ -103,7 +105,7 @@ function render() {
     type: 'scatter', mode: 'lines+markers', x: map.curve.map((p) => p[0]), y: map.curve.map((p) => p[1]),
     line: { color: color('base'), width: 2 }, marker: { size: 5 }, hovertemplate: '%{x:.3g}: %{y:.2f} W<extra></extra>',
   }], {
-    xaxis: { title: { text: `${words(bench.x)} in ${map.x_unit}` }, fixedrange: true },
+    xaxis: { title: { text: titled(bench.x, map.x_unit) }, fixedrange: true },
     yaxis: { title: { text: 'mean error in W' }, fixedrange: true, zeroline: true },
   }]);
   const groups = map.groups || [];
