@@ -1,13 +1,18 @@
 """Parts of the workbench without a server: sessions, pyramids, ranges of state."""
 
+import re
+
 import numpy as np
 import pytest
 import yaml
+from power_lab.diagnose.next_recording import Motion
 from power_lab.workbench import maps
+from power_lab.workbench.bench_run import record_on_bench, shortened
 from power_lab.workbench.folders import Folders
 from power_lab.workbench.pyramid import Pyramid, masked
 from power_lab.workbench.session import LabSession, SessionStep
 from power_lab.workbench.view import PowerView
+from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
 OPEN = SessionStep('open', recordings=('bags/walk',), sha256=('a1',))
@@ -174,3 +179,31 @@ def test_only_what_lies_in_a_named_folder_is_found(tmp_path):
     ):
         with pytest.raises(InputError, match='not in a folder'):
             folders.within(str(given))
+
+
+def test_a_motion_is_cut_by_one_factor_and_waves_keep_a_period():
+    segments = (
+        {'mode': 'rest', 'seconds': 1000.0},
+        {'mode': 'velocity', 'speed': 2.0, 'load': 1.0, 'seconds': 500.0},
+        {'mode': 'position', 'frequency': 0.01, 'amplitude': 0.3, 'seconds': 300.0},
+        {'mode': 'velocity', 'speed': -2.0, 'load': 1.0, 'seconds': 2.0},
+    )
+    cut = shortened(Motion('to see', ('LF_KFE',), segments), 180.2)
+    assert [segment['seconds'] for segment in cut.segments] == [100.0, 50.0, 100.0, 1.0]
+    assert cut.segments[1]['speed'] == 2.0
+    assert shortened(cut, 1e6) == cut
+
+
+def test_the_bench_records_a_motion_that_was_cut_and_tells_how_long_it_takes(tmp_path):
+    segments = (
+        {'mode': 'velocity', 'speed': 1.0, 'load': 1.0, 'seconds': 40.0},
+        {'mode': 'rest', 'seconds': 60.0},
+    )
+    motion, said = Motion('to see', ('LF_KFE',), segments), []
+    files = (tmp_path / 'next.yaml', tmp_path / 'next')
+    record_on_bench(shortened(motion, 10.0), 'LF_KFE', *files, None, said.append)
+    recording = Recording.open(tmp_path / 'next')
+    assert recording.duration == pytest.approx(10.0, abs=0.2)
+    assert recording.drive_supply().names == ('LF_KFE',)
+    (sentence,) = said
+    assert re.fullmatch(r'recording 10 s of LF_KFE .* takes about \d+ (s|min)', sentence)

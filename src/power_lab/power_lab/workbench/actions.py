@@ -49,10 +49,11 @@ class Allowed:
 
 
 @schema
-class OneDrive:
-    """A drive of the simulated bench."""
+class BenchDrive:
+    """A drive of the simulated bench, and to how many seconds the motion is cut."""
 
     drive: Name
+    seconds: Annotated[float, Quantity(10.0, 1e5, 's')] | None = None
 
 
 @schema
@@ -130,7 +131,8 @@ def report(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
 
 def record(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:
     """Begin to record the proposed motion on the simulated bench."""
-    desk.bench(parse(OneDrive, content, 'bench').drive)
+    given = parse(BenchDrive, content, 'bench')
+    desk.bench(given.drive, given.seconds)
 
 
 def line(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> None:

@@ -189,13 +189,14 @@ class Desk:
         arguments = {'source': source, 'spec': spec, 'output': self.fresh('report', '.html')}
         self.start('Report', 'report', arguments, lambda name: None)
 
-    def bench(self, drive: str) -> None:
+    def bench(self, drive: str, seconds: float | None = None) -> None:
         """Begin to record the proposed motion with a drive of the simulated bench."""
         source, spec = self.judged
         arguments = {
             'source': source,
             'spec': spec,
             'drive': drive,
+            'seconds': seconds,
             'motion': self.fresh('next', '.yaml'),
             'output': self.fresh('recording', ''),
         }

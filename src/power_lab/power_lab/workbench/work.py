@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from drive_bench.motion.joint_limits import limits_of
 from power_estimator.effects import Catalogue, load_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.training import LEAST_TO_FIT, material
@@ -24,6 +23,7 @@ from power_lab.diagnose.verdict import in_words
 from power_lab.discover.outcome import DiscoveryOutcome, discover
 from power_lab.recordings import Loaded, load
 from power_lab.workbench import logs, maps
+from power_lab.workbench.bench_run import record_on_bench, shortened
 from power_lab.workbench.session import SessionStep
 from power_lab.workbench.view import PowerView, Singles, judged_view, measured_view
 
@@ -158,22 +158,27 @@ class Work:
         }
 
     def bench(
-        self, show: Show, source: Source, spec: str, drive: str, motion: Path, output: Path
+        self,
+        show: Show,
+        source: Source,
+        spec: str,
+        drive: str,
+        seconds: float | None,
+        motion: Path,
+        output: Path,
     ) -> str:
         """Record the proposed motion on the simulated bench; return the recording's path."""
-        from sim_bridge.plant.parameters import Plant
-
-        from power_lab.challenge.bench_recording import record_motion
         from power_lab.challenge.challenge import SEALED
 
         outcome = self._diagnosed(show, source, spec)
-        limits = limits_of(outcome.motion.drives, None)
-        proposed = outcome.motion.within(limits)
-        proposed.save(motion)
+        proposed = outcome.motion if seconds is None else shortened(outcome.motion, seconds)
         folders = [recording.folder for recording in outcome.loaded.recordings]
         riddle = next((folder for folder in folders if (folder / SEALED).exists()), None)
-        show('progress', f'recording {proposed.seconds:.0f} s of {drive} on the simulated bench')
-        record_motion(motion, output, Plant.load('anymal_c'), drive=drive, challenge=riddle)
+
+        def tell(text: str) -> None:
+            show('progress', text)
+
+        record_on_bench(proposed, drive, motion, output, riddle, tell)
         return str(output)
 
     def look_at_log(self, show: Show, file: str) -> dict[str, Any]:

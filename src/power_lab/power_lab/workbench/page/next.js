@@ -3,6 +3,8 @@
 import { attempt, bench, command, fill, find, h, post, take } from './dom.js';
 import { color, draw } from './plot.js';
 
+const SHORT = 300; // s
+
 /** Speed and load over time of the segments, as corners of lines. */
 function profile(segments) {
   const t = [];
@@ -34,6 +36,10 @@ export function update() {
   const { state } = bench;
   const motion = state.diagnosis.next_recording;
   const drives = h('select', { 'aria-label': 'Drive of the bench' }, motion.drives.map((name) => h('option', { value: name }, name)));
+  const long = motion.seconds > 1.5 * SHORT;
+  const length = h('select', { 'aria-label': 'Length of the motion' },
+    h('option', { value: '' }, `all ${Math.round(motion.seconds / 60)} min of it`), h('option', { value: SHORT }, `cut to ${SHORT / 60} min: wider intervals`));
+  const run = () => attempt(() => post('bench', { drive: drives.value, ...(long && length.value ? { seconds: Number(length.value) } : {}) }));
   const made = state.made.map((path) => h('li', {}, `${path.split('/').pop()}: `,
     h('button', { type: 'button', onclick: () => take({ kind: 'open', recordings: [path] }) }, 'Open it'), ' ',
     h('button', { type: 'button', onclick: () => take({ kind: 'open', recordings: [...state.opened, path] }) }, 'Open it with the present ones')));
@@ -41,9 +47,9 @@ export function update() {
     h('p', { id: 'next-reason' }, `${Math.round(motion.seconds)} s ${motion.reason}.`),
     motion.repeat_at_supply_voltage ? h('p', {}, `Repeat it at a supply of ${motion.repeat_at_supply_voltage.join(' V and ')} V.`) : null,
     h('div', { class: 'plot low', id: 'plot-motion' }),
-    h('div', { class: 'row' }, drives, h('button', { type: 'button', disabled: Boolean(state.job), onclick: () => attempt(() => post('bench', { drive: drives.value })) }, 'Record it on the simulated bench')),
+    h('div', { class: 'row' }, drives, ...(long ? [length] : []), h('button', { type: 'button', disabled: Boolean(state.job), onclick: run }, 'Record it on the simulated bench')),
     made.length ? h('div', {}, h('h3', {}, 'Recorded'), h('ul', { class: 'plain' }, made)) : null,
-    h('p', { class: 'faint' }, 'The bench simulates this drive of ANYmal C; of a riddle, the robot of the riddle. A motion of many minutes takes minutes; it can be cancelled.'),
+    h('p', { class: 'faint' }, 'The bench simulates this drive of ANYmal C; of a riddle, the robot of the riddle. How long it takes is said above once it has begun; it can be cancelled.'),
     h('p', { class: 'faint' }, 'On a real drive, fitted to the limits of its joint:'),
     command(`${state.commands.motion}\nros2 run drive_bench run next.yaml --record bags/next`));
   const p = profile(motion.segments);
