@@ -17,6 +17,13 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 
 _LONGEST = 1800.0  # s
+LEAST_OF_EACH = 60.0
+"""
+s that the motion of each effect lasts: twelve blocks of five seconds, which are drawn together.
+
+Two effects that differ alike in n of such blocks, and nowhere else, differ by √n standard errors,
+however long the rest of the recording is; half of a motion may show nothing.
+"""
 _RANGE = 6.0  # rad, that a joint turns one way
 _MOST_PASSES = 40  # more than a joint of a leg ever needs
 _SPARE = 1.15  # a pendulum pulls this much more than the largest load
@@ -83,7 +90,7 @@ def separating_motion(
     scale: DriveScale | None = None,
 ) -> Motion:
     """
-    Motions that set these effects apart, each once, slow before fast.
+    Motions that set these effects apart, each long enough to count, slow before fast.
 
     Speeds and loads of the catalogue are those of the reference drive; with a scale they are in
     proportion to the smallest of the drives.
@@ -95,12 +102,18 @@ def separating_motion(
         excitation = _scaled(catalogue[name].excitation, scale)
         texts.append(f'{name}: {excitation.text}')
         supply.update(excitation.supply)
-        new = _segments(excitation)
+        new = _long_enough(_segments(excitation))
         if not all(segment in segments for segment in new):
             segments += new
     segments = _within(segments)
     whole = reason + '; ' + '; '.join(dict.fromkeys(texts)) if texts else reason
     return Motion(whole, tuple(drives), tuple(segments), tuple(sorted(supply)))
+
+
+def _long_enough(segments: list[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Repeat segments whose time would be too short to be told from chance."""
+    seconds = sum(float(segment['seconds']) for segment in segments)
+    return segments * max(1, math.ceil(LEAST_OF_EACH / seconds)) if seconds else segments
 
 
 def _scaled(excitation: Excitation, scale: DriveScale | None) -> Excitation:

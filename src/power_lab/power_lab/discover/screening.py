@@ -22,6 +22,8 @@ _LEAST_MOVE = 0.08  # of the recording
 _TURNED = 5  # blocks of a second that change their sign together
 _SLOW = 0.5
 """Share of a driver's variance in its means over a second from which on it is a slow one."""
+_REPEATS = 0.7
+"""Correlation of a driver with itself, moved as the residual is, that leaves both in step."""
 LEARNED, LEARNED_ON_ONE = 8, 2
 """Families that shapes are learned of: over all drives, and on each."""
 _NODES, _NODES_OF_TURN = 14, 40
@@ -65,7 +67,6 @@ class DriverScreen:
         moves: int = MOVES,
     ) -> None:
         """moves: residuals without a cause for comparison, 0 for none."""
-        self.moves = moves
         self.problem, self.point, self.prepared = problem, point, prepared
         mask = problem.blocks.mask[..., 0]
         fold = np.broadcast_to(problem.folds.test[:, None], mask.shape)[mask]
@@ -76,6 +77,10 @@ class DriverScreen:
         self._near = [np.flatnonzero(one) for one in near]
         self._values = np.nan_to_num(problem.residual[problem.blocks.rows])
         self._mask = mask
+        count = len(self._values)
+        least = max(1, round(_LEAST_MOVE * count))
+        shifts = np.linspace(least, count - least, moves).round().astype(int)
+        self._moves: list[int] = shifts.tolist()
         self._ridge = problem.ridge[problem.free]
         self._weights: dict[tuple[str, str], Floats] = {}
 
@@ -94,10 +99,20 @@ class DriverScreen:
         index = np.arange(len(z))
         columns[index, left] = weight * (1.0 - (place - left))
         columns[index, left + 1] += weight * (place - left)
-        means = driver[self.problem.blocks.rows].mean(axis=1)
-        slow = bool(means.var() >= _SLOW * z.var())
-        gains = self._gains(columns, self._moved if slow else self._turned)
+        targets = self._turned if self._repeats(driver) else self._moved
+        gains = self._gains(columns, targets)
         return DriverGain(family, float(gains[0]), gains[1:])
+
+    def _repeats(self, driver: Floats) -> bool:
+        """Return whether a fast driver is in step with itself in two of the moves or more."""
+        values = driver[self.problem.blocks.rows]
+        values = values - values.mean()
+        square = float(np.square(values).sum())
+        slow = np.square(values.mean(axis=1)).sum() * values.shape[1] >= _SLOW * square
+        if slow or len(self._moves) < 2 or not square > 0.0:
+            return False
+        alike = [float((values * np.roll(values, m, axis=0)).sum()) for m in self._moves]
+        return sorted(alike)[-2] >= _REPEATS * square
 
     def _driver(self, family: Family) -> Floats:
         values = driver_values(family.driver, self.point.signals, self.problem.drive)
@@ -118,29 +133,21 @@ class DriverScreen:
 
     @cached_property
     def _moved(self) -> _Targets:
-        """
-        The residual, and moved in time by whole seconds.
-
-        It keeps its course then: what goes slowly agrees with a slow driver by chance.
-        """
-        values = self._values
-        count = len(values)
-        least = max(1, round(_LEAST_MOVE * count))
-        moves = np.linspace(least, count - least, self.moves).round().astype(int)
-        return self._targets([np.roll(values, int(move), axis=0) for move in moves])
+        """The residual, and moved in time by whole seconds, so that it keeps its course."""
+        return self._targets([np.roll(self._values, move, axis=0) for move in self._moves])
 
     @cached_property
     def _turned(self) -> _Targets:
         """
         The residual, and with the signs of its pieces drawn at random.
 
-        A gait of one cadence repeats itself: moved by whole strides a residual agrees with the
+        For motions that repeat themselves: moved by whole periods a residual agrees with the
         joint as before.
         """
         values = self._values
         pieces = np.arange(len(values)) // _TURNED
         random = np.random.default_rng(0)
-        signs = random.choice([-1.0, 1.0], (self.moves, int(pieces[-1]) + 1))
+        signs = random.choice([-1.0, 1.0], (len(self._moves), int(pieces[-1]) + 1))
         return self._targets([values * own[pieces][:, None] for own in signs])
 
     def _targets(self, others: Sequence[Floats]) -> _Targets:
