@@ -3,10 +3,14 @@ import signal
 import threading
 import time
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from power_estimator.live.reference_file import WatchReference
+from power_estimator.live.sequential_test import ReferenceNoise
+from power_estimator.network.ppn import PowerPredictionNetwork
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -29,6 +33,7 @@ class Robot:
         self.commands = self.node.create_publisher(JointState, 'joint_commands', RELIABLE)
         self.supply = self.node.create_publisher(DriveSupply, 'drive_supply', RELIABLE)
         self.estimates, self.figures, self.sentences = [], {}, []
+        self.watched = []
         self.node.create_subscription(
             PowerEstimate, 'power_estimate', self.estimates.append, RELIABLE
         )
@@ -47,6 +52,8 @@ class Robot:
 
     def on_diagnostics(self, message):
         for status in message.status:
+            if status.name == 'power_estimator: watch':
+                self.watched.append((status.message, {v.key: v.value for v in status.values}))
             if status.name == 'power_estimator: estimate':
                 self.sentences.append(status.message)
                 self.figures = {v.key: v.value for v in status.values}
@@ -164,3 +171,30 @@ def test_a_robot_that_the_network_does_not_know_ends_the_node_with_code_2(
     assert node.wait() == 2
     assert 'knows none of the joints' in node.output
     node_process.started.remove(node)
+
+
+def test_the_watch_learns_a_reference_and_takes_one_that_was_kept(
+    node_process, robot, model, tmp_path
+):
+    file = tmp_path / 'reference.yaml'
+    own = ('estimate', '--ros-args', '-p', f'model:={model}', '-p', 'watch:=true')
+    own += ('-p', f'reference:={file}')
+    node = node_process('power_estimator', *own)
+    robot.until(lambda: robot.watched)
+    assert robot.watched[-1][0] == 'learning the reference'
+    assert robot.watched[-1][1]['false alarms allowed'] == '1 a month of motion'
+    node.send_signal(signal.SIGINT)
+    assert node.wait() == 0
+    name = PowerPredictionNetwork.load(Path(model.removeprefix('ppn:'))).name
+    noise = ReferenceNoise(
+        0.0, *[(v,) * 4 for v in (0.0, 0.0, -1e9, 1e9)], 0.0, 50.0, 0.0, 1.0, 0.0
+    )
+    drives = dict.fromkeys(robot.data.names, noise)
+    WatchReference('watch_reference/1', name, 10, drives).save(file)
+    robot.watched.clear()
+    node = node_process('power_estimator', *own)
+    robot.until(lambda: robot.watched and robot.watched[-1][0] == 'as the reference')
+    assert robot.watched[-1][1]['reference'] == '100 % learned'
+    node.send_signal(signal.SIGINT)
+    assert node.wait() == 0
+    assert 'Traceback' not in node.output

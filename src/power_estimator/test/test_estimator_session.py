@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from power_estimator.live.change_watch import WatchConfig
 from power_estimator.live.estimator import Status
 from power_estimator.live.score import LiveScore, measured_power
+from power_estimator.live.sequential_test import ReferenceNoise
 from power_estimator.live.session import LiveSession, Vector
 from power_estimator.network.ppn import PowerPredictionNetwork
 from wattwalk_core.errors import InputError
@@ -15,12 +17,17 @@ def ppn(checkpoint):
     return PowerPredictionNetwork(checkpoint)
 
 
-def feed(session, data, names, *, samples=400, start=0):
-    """Joint states at 400 Hz and commands in the given order of names; returns the estimates."""
+def feed(session, data, names, *, samples=400, start=0, since=0):
+    """
+    Joint states at 400 Hz and commands in the given order of names; returns the estimates.
+
+    since: how many joint states later than in the data they come.
+    """
     columns = [data.names.index(name) for name in names]
     found = []
     for index in range(start, start + samples):
-        stamp, now, row = START + index * PERIOD, index * PERIOD / 1e9, index // 2
+        stamp, now = START + (index + since) * PERIOD, (index + since) * PERIOD / 1e9
+        row = index // 2
         if index % 2 == 0:
             session.command(Vector(stamp, names, data.command[row][None, columns]), now)
         rows = np.array([s[row, columns] for s in (data.position, data.velocity, data.torque)])
@@ -161,3 +168,28 @@ def test_the_live_score_says_nothing_before_a_second_is_over():
     score.estimated(START, 1.0)
     score.measured(START + 1, 1.0)
     assert score.figures() == {}
+
+
+def test_a_drive_that_draws_more_than_the_reference_is_named(ppn, drives):
+    data = drives(2.0)
+    noise = ReferenceNoise(
+        0.0, *[(v,) * 4 for v in (0.0, 0.0, -1e9, 1e9)], 0.0, 0.3, 0.0, 1.0, 0.0
+    )
+    session = LiveSession(
+        ppn,
+        watch=WatchConfig(false_alarms_per_month=1000.0, block=3),
+        reference=dict.fromkeys(data.names, noise),
+    )
+    found = []
+    for start in range(0, 30000, 400):  # s of 400 joint states, the same each second
+        for estimate in feed(session, data, data.names, start=start % 400, since=start):
+            power = estimate.power.astype(float) + np.where(
+                np.array(session.drives) == 'LF_HFE', 2, 0
+            )
+            times = estimate.stamp - 10_000_000
+            session.supply(Vector(times, session.drives, np.tile(power, (4, 1))))
+        found += [shift for shift in [session.watched()] if shift]
+    assert found
+    assert {shift.drive for shift in found} == {'LF_HFE'}
+    assert found[0].watts == pytest.approx(2.0, abs=0.1)
+    assert session.watch.report()[0] is False

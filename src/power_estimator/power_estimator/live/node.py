@@ -3,6 +3,7 @@
 import math
 import time
 from array import array
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,9 @@ from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.polled_topic import PolledTopic
 
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
+from power_estimator.live.change_watch import WatchConfig
 from power_estimator.live.estimator import Estimate, LiveConfig
+from power_estimator.live.reference_file import WatchReference
 from power_estimator.live.score import measured_power
 from power_estimator.live.session import LiveSession, Vector
 from power_estimator.loader import load_model
@@ -40,11 +43,24 @@ class PowerEstimator(Node):
         compare = given.flag('compare', False, 'compare with drive_supply, on diagnostics')
         stale = given.real('stale_after', 0.1, 's without joint_states until stale', 0.02, 10.0)
         timeout = given.real('command_timeout', 0.2, 's a command is held for', 0.01, 60.0)
+        watch = given.flag('watch', False, 'compare drives with a reference, on diagnostics')
+        kept = given.text('reference', '', 'file of the reference; learned where there is none')
+        rate = given.real('false_alarms_per_month', 1.0, 'of motion, by watch', 1e-3, 1e3)
+        minutes = given.real('reference_minutes', 30.0, 'of motion that are learned', 5.0, 600.0)
         if not spec:
             raise InputError('parameter model is empty; give -p model:=ppn:RUN or a model.yaml')
         self._model = spec
+        model = load_model(spec)
+        wanted = WatchConfig(rate, minutes) if watch else None
+        self._kept = Path(kept) if watch and kept else None
+        known = None
+        if self._kept is not None and wanted is not None:
+            known = WatchReference.load(self._kept, model.name, wanted.block)
+        self._learned = known is not None
         self._session = LiveSession(
-            load_model(spec),
+            model,
+            watch=wanted,
+            reference=None if known is None else known.drives,
             wanted=drives.split(),
             stale_after=stale,
             config=LiveConfig(command_timeout=timeout),
@@ -54,10 +70,13 @@ class PowerEstimator(Node):
             PowerEstimate, 'power_estimate', QoSProfile(depth=10, reliability=_RELIABLE)
         )
         self._reporter = Reporter(self, 'estimate')
+        self._watch_reporter = Reporter(self, 'watch') if watch else self._reporter
         self._targets = PolledTopic[JointState](self, JointState, 'joint_commands', qos)
         self._states = PolledTopic[JointState](self, JointState, 'joint_states', qos)
         self._measured = (
-            PolledTopic[DriveSupply](self, DriveSupply, 'drive_supply', qos) if compare else None
+            PolledTopic[DriveSupply](self, DriveSupply, 'drive_supply', qos)
+            if compare or watch
+            else None
         )
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._said = ''
@@ -138,6 +157,25 @@ class PowerEstimator(Node):
             self._said = sentence
         level = Level.OK if well else Level.WARN
         self._reporter.publish(Report(level, sentence, figures))
+        self._watch()
+
+    def _watch(self) -> None:
+        """Test what was measured since the last report; keep the reference once it is known."""
+        found, watch = self._session.watched(), self._session.watch
+        if watch is None:
+            return
+        if found is not None:
+            self.get_logger().warning(found.sentence)
+        well, sentence, figures = watch.report()
+        level = Level.OK if well else Level.WARN
+        self._watch_reporter.publish(Report(level, sentence, figures))
+        if watch.reference is not None and not self._learned:
+            self._learned = True
+            if self._kept is not None:
+                own = WatchReference(
+                    'watch_reference/1', self._session.model, watch.config.block, watch.reference
+                )
+                own.save(self._kept)
 
 
 def _ns(stamp: Time) -> int:

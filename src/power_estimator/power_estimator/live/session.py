@@ -1,7 +1,7 @@
 """Messages, estimates and diagnostics of the live node, without ROS."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import assign
+from power_estimator.live.change_watch import ChangeWatch, Shift, WatchConfig
 from power_estimator.live.estimator import Estimate, LiveConfig, LiveEstimator, Status
 from power_estimator.live.score import LiveScore
+from power_estimator.live.second_means import SecondMeans
+from power_estimator.live.sequential_test import ReferenceNoise
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
 
@@ -63,7 +66,13 @@ class LiveSession:
         wanted: Sequence[str] = (),
         stale_after: float = 0.1,
         config: LiveConfig | None = None,
+        watch: WatchConfig | None = None,
+        reference: Mapping[str, ReferenceNoise] | None = None,
     ) -> None:
+        """watch: compare with a reference as it runs, which is learned unless it is given."""
+        self._watch_config, self._reference = watch, reference
+        self.watch: ChangeWatch | None = None
+        self._seconds: SecondMeans | None = None
         self._model = model
         self._wanted = tuple(wanted)
         self._config = config or LiveConfig()
@@ -79,6 +88,11 @@ class LiveSession:
         self._last: Estimate | None = None
         self._unknown = 0
         self._left_out = 0
+
+    @property
+    def model(self) -> str:
+        """Return the name of the power model."""
+        return self._model.name
 
     @property
     def drives(self) -> tuple[str, ...]:
@@ -106,10 +120,14 @@ class LiveSession:
         if found is None or self._live is None:
             self._unknown += 1
             return None
+        if self._seconds is not None and np.isfinite(found).all():
+            self._seconds.moved(state.stamp, found[1], found[2])
         estimate = self._live.joint_state(state.stamp, found[0], found[1], found[2])
         if estimate is None:
             return None
         self._estimated = arrival
+        if self._seconds is not None and estimate.status is Status.OK:
+            self._seconds.estimated(estimate.stamp, estimate.power.astype(float))
         return self._say(estimate)
 
     def supply(self, measured: Vector) -> None:
@@ -123,8 +141,18 @@ class LiveSession:
             return
         good = found[np.isfinite(found).all(axis=1)]
         self._left_out += len(found) - len(good)
+        if len(good) and self._seconds is not None:
+            self._seconds.measured(measured.stamp, good)
         if len(good):
             self._score.measured(measured.stamp, float(good.sum(axis=1).mean()))
+
+    def watched(self) -> Shift | None:
+        """Test the seconds that are complete; return a shift when it is found."""
+        found = None
+        if self.watch is not None and self._seconds is not None:
+            for second in self._seconds.complete():
+                found = self.watch.second(*second) or found
+        return found
 
     def stale(self, now: float) -> Estimate | None:
         """Return an empty estimate if an input has stopped or lacks targets."""
@@ -195,6 +223,9 @@ class LiveSession:
         self._live = LiveEstimator(self._model, drives, self._config)
         self._estimated = arrival
         self._columns = _Columns(drives)
+        if self._watch_config is not None:
+            self.watch = ChangeWatch(drives, self._watch_config, self._reference)
+            self._seconds = SecondMeans(len(drives), self._config.rate / self._config.block)
         found = self._columns.of(command)
         if found is not None:
             self._live.command(command.stamp, found[0])
