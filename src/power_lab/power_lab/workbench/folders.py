@@ -67,10 +67,11 @@ class Folders:
         return [*runs, *self.files(('.yaml', '.yml'))]
 
     def logs(self) -> list[str]:
-        """Files below the roots that others may have recorded, but those of a recording."""
-        bags = [Path(one['path']) for one in self.recordings() if 'problem' not in one]
-        files = [path for path in self.files(ENDINGS) if not {*Path(path).parents} & {*bags}]
-        return [path for path in files if Path(path) not in bags]
+        """Files below the roots that others may have recorded, none of a recording or a run."""
+        own = {Path(one['path']) for one in self.recordings() if 'problem' not in one}
+        own |= {Path(run.removeprefix('ppn:')) for run in self.models() if run.startswith('ppn:')}
+        files = [Path(path) for path in self.files(ENDINGS)]
+        return [str(path) for path in files if not {path, *path.parents} & own]
 
     def files(self, suffixes: Sequence[str]) -> list[str]:
         """Files below the roots with one of the suffixes."""

@@ -29,6 +29,8 @@ function hint(s) {
   const named = s.diagnosis.effects.length;
   if (s.diagnosis.verdict === 'named' && named) return 'The verdict names an effect. Add it, and watch the error fall.';
   if (s.diagnosis.verdict === 'no_evidence') return 'Nothing is missing that this recording could show. Keep the model, or record what is proposed.';
+  if (s.diagnosis.verdict === 'none_of_the_above' && s.learned) return s.learned.file ? 'discover has written an effect of your own. Look at its shape, run the file, and add it.' : 'Neither the catalogue nor discover explains the rest: keep the model, or record what is proposed.';
+  if (s.diagnosis.verdict === 'none_of_the_above') return 'No effect of the catalogue explains what is left. Press “Discover what no catalogue has” under the candidates.';
   return 'The verdict is not certain. Compare the candidates, or record what is proposed.';
 }
 
@@ -37,7 +39,7 @@ const PARTS = [
   [(s) => [s.opened, s.recordings], () => recordings.update()],
   [(s) => [s.opened.length, s.model, s.steps, s.at, s.effect_files], () => model.update()],
   [(s) => [s.log, s.made, Boolean(s.job)], () => logs.update()],
-  [(s) => [s.model && s.model.name], () => live.update()],
+  [(s) => [s.model && s.model.name, s.opened.length], () => live.update()],
   [(s) => [s.view, s.at, s.opened], (s) => {
     for (const id of ['traces', 'where']) find(id).hidden = !s.view || (id === 'where' && !s.view.scores);
     bench.selection = bench.choice = bench.preview = null;

@@ -1,7 +1,7 @@
 // Elements, questions to the server, and what all parts of the page share.
 
 export const bench = {
-  session: null, state: null, known: null, drive: null, window: null, x: 'velocity', y: 'torque',
+  session: null, state: null, known: null, drive: null, chosen: false, window: null, x: 'velocity', y: 'torque',
   choice: null, selection: null, preview: null,
 };
 

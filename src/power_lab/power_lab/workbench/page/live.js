@@ -11,12 +11,13 @@ let rows = { t: [], names: [], measured: [], estimate: [] };
 let state = null;
 let drive = SUM;
 let model = '';
+let picked = false;
 let wanted = false;
 let due = 0;
 
 export function start() {
   const follow = h('button', { type: 'button', class: 'main', 'aria-pressed': 'false', onclick: () => { wanted = !wanted; connect(); } }, 'Follow the running robot');
-  const pick = h('select', { 'aria-label': 'Model to compare with', onchange: (event) => { model = event.target.value; if (wanted) connect(); } });
+  const pick = h('select', { 'aria-label': 'Model to compare with', onchange: (event) => { picked = true; model = event.target.value; if (wanted) connect(); } });
   const said = h('div', { id: 'live-said', role: 'status' });
   const body = h('div', { hidden: true });
   const drives = h('div', { id: 'live-drives' });
@@ -41,8 +42,14 @@ export function update() {
   const own = bench.state && bench.state.model;
   const options = [['', own ? `the model above, ${bench.state.model.name}` : 'the model above, once there is one'], ['topic', 'the topic power_estimate'],
     ...files.map((file) => [file, file.split('/').slice(-2).join('/')])];
-  if (!own && !model) model = 'topic';
+  if (!picked && !wanted) model = own ? '' : 'topic';
+  emphasise();
   fill(parts.pick, options.map(([value, label]) => h('option', { value, selected: value === model }, label)));
+}
+
+/** It is the next thing to press where no recording is open. */
+function emphasise() {
+  parts.follow.className = wanted || (bench.state && bench.state.opened.length) ? '' : 'main';
 }
 
 function connect() {
@@ -51,7 +58,7 @@ function connect() {
   source = null;
   parts.follow.setAttribute('aria-pressed', String(wanted));
   parts.follow.textContent = wanted ? 'Follow no longer' : 'Follow the running robot';
-  parts.follow.className = wanted ? '' : 'main';
+  emphasise();
   parts.body.hidden = !wanted;
   if (!wanted) { fill(parts.said); state = null; }
   if (!on) return;

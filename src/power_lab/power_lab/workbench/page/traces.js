@@ -79,11 +79,13 @@ function drives() {
     const total = view.scores ? view.scores.total.rmse_w : null;
     options.push({ value: 'sum', label: total == null ? 'sum' : `sum ${watts(total)}` });
   }
-  if (!bench.drive || !options.some((option) => option.value === bench.drive)) bench.drive = names[0];
+  // Until somebody chooses, the drive that fails most is shown.
+  if (!bench.chosen || !options.some((option) => option.value === bench.drive)) bench.drive = names[0];
   fill(parts.drives, choices('Drive', 'drive', options, bench.drive, setDrive));
 }
 
 export function setDrive(name) {
+  bench.chosen = true;
   bench.drive = name;
   for (const input of parts.drives.querySelectorAll('input')) input.checked = input.value === name;
   load();
