@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from power_lab.track.history import histories
 from power_lab.track.search import CertainChange, Search, search
+from power_lab.track.unmodelled import growths
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -44,6 +45,7 @@ def judge(own: Plan, count: int, cache: Path) -> dict[str, Any]:
     row: dict[str, Any] = {
         **own.__dict__,
         'found': [_told(finding, result) for finding in result.findings],
+        'grown': [drives[growth.drive].drive for growth in growths(drives)],
         'explained': [
             (result.models[e.drive].history.drive, e.change.hypothesis, e.covariate)
             for e in result.explained
@@ -127,7 +129,7 @@ def table(rows: list[dict[str, Any]]) -> Table:
     def add(name: str, hits: int, count: int) -> None:
         out.add_row(name, str(count), f'{hits} ({100 * hits / max(count, 1):.0f} %)')
 
-    add('quiet: any alarm', sum(bool(row['found']) for row in quiet), len(quiet))
+    add('quiet: any alarm', sum(bool(row['found'] or row['grown']) for row in quiet), len(quiet))
     for name, own in (('wear', wear), ('meter', meter)):
         for key, words in SCORES.items():
             add(f'{name}: {words}', sum(row.get(key, False) for row in own), len(own))
