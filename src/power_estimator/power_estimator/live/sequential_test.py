@@ -104,7 +104,8 @@ class ShiftDetector:
         self.limit = blocks_between_alarms
         self._last: list[float | None] = [None] * len(noise)
         self._log = np.full((len(noise), 2, len(BETS)), -np.inf)
-        self.since = np.zeros((len(noise), 2), int)  # blocks that the evidence is of
+        self._sum = np.zeros((len(noise), 2))  # of log e-values since they were last negative
+        self.since = np.zeros((len(noise), 2), int)  # blocks of that sum
 
     def add(self, left: list[float | None]) -> tuple[int, int] | None:
         """
@@ -138,10 +139,11 @@ class ShiftDetector:
         noise = self.noise[drive]
         y = float(np.clip(innovation / noise.sigma, -CLIP, CLIP)) - noise.bias
         for side, sign in enumerate((1.0, -1.0)):
-            log = np.logaddexp(self._log[drive, side], 0.0)
-            log = log + log_e_values(sign * y - noise.tolerance, noise)
-            self._log[drive, side] = log
-            self.since[drive, side] = 0 if log.max() < 0.0 else self.since[drive, side] + 1
+            gain = log_e_values(sign * y - noise.tolerance, noise)
+            self._log[drive, side] = np.logaddexp(self._log[drive, side], 0.0) + gain
+            total = max(self._sum[drive, side] + float(gain.mean()), 0.0)
+            self._sum[drive, side] = total
+            self.since[drive, side] = 0 if total == 0.0 else self.since[drive, side] + 1
 
 
 def log_e_values(y: float, noise: ReferenceNoise) -> Doubles:
