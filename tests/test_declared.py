@@ -15,6 +15,7 @@ OF_PIP = {
     'can': 'python-can',
     'hebi': 'hebi-py',
     'yaml': 'pyyaml',
+    'PIL': 'pillow',
     'sklearn': 'scikit-learn',
     'rsl_rl': 'rsl-rl-lib',
 }

@@ -24,6 +24,8 @@ setup(
         'tensordict',
         'pyyaml',
         'plotly',
+        'matplotlib',
+        'pillow',
         'rich',
     ],
     extras_require={'test': ['pytest']},

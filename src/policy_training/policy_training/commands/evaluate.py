@@ -1,6 +1,7 @@
 """`ros2 run policy_training evaluate`: evaluate policies on tasks; a table, JSON and a page."""
 
 import argparse
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -24,6 +25,7 @@ examples:
   ros2 run policy_training evaluate --bags baseline=bags/b1 pmp=bags/p1 --json live.json
   ros2 run policy_training evaluate --policies runs/baseline runs/pmp --models ppn:runs/ppn \\
       --tasks forward turn strafe=0,0.3,0 --unit 2 --json policies.json
+  ros2 run policy_training evaluate --policies pmp --tasks forward --trials 0 --video walks
 """
 _DEFAULT_TASKS: Final = tuple(task.name for task in TASKS)
 
@@ -51,6 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     add('--trust-code', action='store_true', help='run TorchScript files, which are code')
     add('--json', type=Path, metavar='F', help='write the figures')
     add('--report', type=Path, metavar='F.html', help='write a page')
+    add('--video', type=Path, metavar='DIR', help='write each walk as a picture beside its watts')
     return parser
 
 
@@ -66,6 +69,10 @@ def main(args: Sequence[str] | None = None) -> int:
         raise InputError('--trials, --unit and --seed must not be negative')
     check_suffix(options.report, '--report', ('.html',))
     tasks = parse_tasks(options.tasks)
+    if options.video is not None:
+        options.video.mkdir(parents=True, exist_ok=True)
+        if 'DISPLAY' not in os.environ:
+            os.environ.setdefault('MUJOCO_GL', 'egl')  # before mujoco is imported
 
     from policy_runner.policies.by_name import load_policy
     from power_estimator.loader import load_model
@@ -97,8 +104,9 @@ def main(args: Sequence[str] | None = None) -> int:
             write_json(options.json, result)
         if options.report is not None:
             write_report(options.report, result, cycles, curves)
-    if options.report is not None:
-        print(f'wrote {options.report}')
+    for written in (options.report, options.video):
+        if written is not None:
+            print(f'wrote {written}')
     return 0
 
 

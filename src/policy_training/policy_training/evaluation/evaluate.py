@@ -51,6 +51,11 @@ def evaluate(
         cycle = cycle_of(walk)
         if cycle is not None:
             cycles.setdefault(walk.task.name, {})[name] = cycle
+        if options.video is not None:
+            from policy_training.evaluation.video import Clip, write_video
+
+            file = options.video / f'{name}_{walk.task.name}.webp'
+            write_video(file, walk.recording, Clip(title=f'{name}, {walk.task.name}'))
         bar.advance(work)
 
     with bar:

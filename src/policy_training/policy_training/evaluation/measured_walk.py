@@ -45,6 +45,7 @@ class MeasuredWalk:
     raw_steady: NDArray[np.bool_]  # [R], the same of raw
     falls: int
     mass: float  # kg
+    recording: Recording
 
 
 def measure_walk(
@@ -91,6 +92,7 @@ def walk_of(
         raw_steady=_steady(raw, raw_velocity, _held(recording, raw.time, task)),
         falls=falls,
         mass=mass,
+        recording=recording,
     )
 
 
