@@ -172,8 +172,7 @@ def frames(walk: Recording, clip: Clip, model: PowerModel | None = None) -> Iter
     time = data.time - data.time[0]
     if time[-1] < clip.start + clip.seconds:
         raise InputError(
-            f'the walk is {time[-1]:.1f} s long; its picture needs '
-            f'{clip.start + clip.seconds:g} s'
+            f'the walk is {time[-1]:.1f} s long; its picture needs {clip.start + clip.seconds:g} s'
         )
     measured = _by_type(data, data.power)
     estimated = None if model is None else _by_type(data, model.predict(data))
