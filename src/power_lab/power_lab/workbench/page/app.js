@@ -65,6 +65,17 @@ const PARTS = [
 ];
 const before = PARTS.map(() => '');
 
+/** Where the button that was pressed is drawn anew, its section's heading takes the focus. */
+function keepingFocus(work) {
+  const held = document.activeElement;
+  const section = held && held.closest('main section');
+  work();
+  if (!section || held.isConnected || section.hidden) return;
+  const heading = section.querySelector('h2');
+  heading.tabIndex = -1;
+  heading.focus({ preventScroll: true });
+}
+
 function render(s) {
   bench.state = s;
   find('undo').disabled = !s.at || Boolean(s.job);
@@ -77,7 +88,7 @@ function render(s) {
     const now = JSON.stringify(of(s));
     if (now === before[index]) return;
     before[index] = now;
-    draw(s);
+    keepingFocus(() => draw(s));
   });
   const current = STEPS.find(([, , done]) => !done(s));
   fill(find('steps'), h('ol', {}, STEPS.map(([id, label, done]) => h('li', { class: done(s) ? 'done' : current && current[0] === id ? 'now' : '' }, h('a', { href: `#${id}` }, label)))));
