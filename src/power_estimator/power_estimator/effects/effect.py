@@ -74,6 +74,7 @@ class Effect(ABC):
     """The torque of the motor contains the effect already."""
     ties: ClassVar[tuple[str, ...]] = ()  # effects that no recording can tell from it
     near: ClassVar[tuple[str, ...]] = ()  # effects that only its excitation tells from it
+    rests_on: ClassVar[tuple[str, ...]] = ()  # effects that it changes: it cannot stand for them
     shapes: ClassVar[tuple[Shape, ...]] = ({},)
     fixed: ClassVar[float | None] = None  # a coefficient that physics fixes
     follows: ClassVar[frozenset[str]] = frozenset()  # estimates it uses: motor_torque, drawn

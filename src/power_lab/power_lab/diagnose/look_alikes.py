@@ -50,4 +50,6 @@ def look_alikes(
 
 
 def _near(one: Effect, other: Effect) -> bool:
-    return one.name in other.near or other.name in one.near
+    """Return whether another effect may be taken for one; heating is none without copper loss."""
+    either = one.name in other.near or other.name in one.near
+    return either and one.name not in other.rests_on

@@ -24,6 +24,7 @@ class WindingHeating(Effect):
         Term('c0', 'W/(N·m)²'),
     )
     near = ('copper_loss',)
+    rests_on = ('copper_loss',)
     shapes = (
         {'time_constant': 0.0},
         *(
