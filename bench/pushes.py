@@ -38,9 +38,8 @@ def falls(
     )
     environment = WalkingEnvironment(config)
     environment.age[:] = 0
-    expert = ExpertPolicy(
-        environment, replace(TROTS[gait], frequency=rate, cadence_adaptation=adaptation)
-    )
+    own = replace(TROTS[gait], frequency=rate, cadence_adaptation=adaptation)
+    expert = ExpertPolicy(environment, [own])
     fallen, steps = 0, round(seconds / config.step_time)
     for step in range(1, steps + 1):
         outcome = environment.step(expert.actions())

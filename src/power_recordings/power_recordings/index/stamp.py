@@ -34,7 +34,8 @@ class Stamp:
         Take it before the files are read: what is written to them after that is a change.
         """
         try:
-            own = path.resolve(strict=True)
+            # Path.resolve raises RuntimeError for links in a circle; this raises OSError.
+            own = Path(os.path.realpath(path, strict=True))
             if own.is_dir():
                 with os.scandir(own) as entries:
                     found = [entry.stat() for entry in entries if entry.is_file()]
