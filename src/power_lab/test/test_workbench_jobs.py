@@ -8,7 +8,7 @@ import pytest
 from power_lab.workbench.desk import Desk
 from power_lab.workbench.jobs import JobRunner
 from power_lab.workbench.session import LabSession, SessionStep
-from power_lab.workbench.work import Source
+from power_lab.workbench.source import Source
 from wattwalk_core.errors import InputError
 from wattwalk_core.processes import wait_until
 

@@ -89,7 +89,7 @@ def reveal(args: Sequence[str] | None = None) -> int:
 
     answer = unseal(options.bag)
 
-    from power_lab.diagnose.verdict import in_words
+    from power_lab.diagnose.words import in_words
 
     hidden = ', '.join(in_words(name) for name in answer['hidden']) or 'nothing'
     times = f' at {answer["strength"]:g} times its usual strength' if answer['hidden'] else ''

@@ -21,7 +21,8 @@ from power_lab.diagnose.findings import Candidate, Diagnosis
 from power_lab.diagnose.measurement_check import MeasurementTerm, check_measurement
 from power_lab.diagnose.next_recording import Motion, separating_motion
 from power_lab.diagnose.together import together
-from power_lab.diagnose.verdict import in_words, noise_w, remainder, sentence
+from power_lab.diagnose.verdict import noise_w, remainder, sentence
+from power_lab.diagnose.words import in_words
 from power_lab.recordings import Loaded, base_power
 
 Floats = NDArray[np.float64]

@@ -9,27 +9,7 @@ from power_lab.diagnose.candidates import CONSTANT_TORQUE
 from power_lab.diagnose.diagnosis import MOST_RIVALS
 from power_lab.diagnose.findings import Diagnosis
 from power_lab.diagnose.floors import above_floor
-
-IN_WORDS = {
-    'shaft': 'mechanical power at the joint',
-    'copper_loss': 'copper loss in the winding',
-    'winding_heating': 'heating of the winding',
-    'viscous_friction': 'viscous friction',
-    'coulomb_friction': 'Coulomb friction',
-    'stribeck_friction': 'Stribeck friction',
-    'load_friction': 'friction that grows with load',
-    'iron_loss': 'iron loss',
-    'inverter_loss': 'inverter loss',
-    'idle': 'idle draw',
-    'regeneration_efficiency': 'losses on the way back (regeneration efficiency)',
-    'regeneration_limit': 'blocked regeneration',
-    'field_weakening': 'field weakening',
-    'rotor_inertia': 'rotor inertia',
-    'spring': 'the series spring',
-    'cogging': 'cogging',
-    'line_resistance': 'line resistance',
-    'torque_bias': "a constant torque (the torque sensor's zero, or friction in one direction)",
-}
+from power_lab.diagnose.words import in_words
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -161,11 +141,6 @@ def _beyond(diagnosis: Diagnosis) -> str:
         f' {_begun(diagnosis.beyond)} would lower the error only with a coefficient '
         'at the bound of what is physical, so it is not named.'
     )
-
-
-def in_words(name: str) -> str:
-    """The effect in everyday words."""
-    return IN_WORDS.get(name, name.replace('_', ' '))
 
 
 def _joined(names: Sequence[str], word: str = 'and') -> str:

@@ -14,7 +14,7 @@ from wattwalk_core.quoting import printable
 
 from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.diagnose.floors import above_floor, floors, unseen
-from power_lab.diagnose.verdict import in_words
+from power_lab.diagnose.words import in_words
 from power_lab.discover.drivers import driver_values, families
 from power_lab.discover.effect_file import Written
 from power_lab.discover.formula import Formula, refined

@@ -16,7 +16,7 @@ from power_estimator.model import PowerModel
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
-from power_lab.diagnose.verdict import in_words
+from power_lab.diagnose.words import in_words
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
 from power_lab.discover.found import Discovery, Found, check_bounds

@@ -14,7 +14,7 @@ from power_lab.compare.comparison import Comparison, by_drive, compare
 from power_lab.diagnose.candidates import CONSTANT_TORQUE
 from power_lab.diagnose.measurement_check import UNITS as TERM_UNITS
 from power_lab.diagnose.outcome import Outcome
-from power_lab.diagnose.verdict import in_words
+from power_lab.diagnose.words import in_words
 from power_lab.report import figures
 
 Floats = NDArray[np.float64]

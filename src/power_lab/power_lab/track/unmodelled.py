@@ -14,7 +14,7 @@ from wattwalk_core.quoting import printable
 from power_lab.diagnose.candidates import CONSTANT_TORQUE
 from power_lab.diagnose.diagnosis import STRUCTURE_FLOOR, STRUCTURE_SHARE_OF_RMS
 from power_lab.diagnose.outcome import Outcome, diagnose
-from power_lab.diagnose.verdict import in_words
+from power_lab.diagnose.words import in_words
 from power_lab.discover.outcome import discover
 from power_lab.recordings import load
 from power_lab.track.change_test import LEAST_RECORDINGS, Change, ChangeModel

@@ -12,7 +12,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from wattwalk_core.errors import InputError
 
-from power_lab.diagnose.verdict import in_words
+from power_lab.diagnose.words import in_words
 from power_lab.workbench import maps
 from power_lab.workbench.desk import Desk
 from power_lab.workbench.pyramid import Span, masked

@@ -30,6 +30,9 @@ def main(descriptor: int) -> None:
     def show(kind: str, content: Any) -> None:
         pipe.send((kind, content))
 
+    name, arguments = waiting.get()
+    _answer(show, getattr(work, name), arguments)
+    threading.Thread(target=work.prepare, daemon=True).start()
     while True:
         name, arguments = waiting.get()
         _answer(show, getattr(work, name), arguments)

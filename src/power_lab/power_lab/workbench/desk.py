@@ -13,8 +13,8 @@ from power_lab.workbench.jobs import JobRunner, SessionJob
 from power_lab.workbench.live.feed import LiveFeed
 from power_lab.workbench.session import LabSession, SessionStep
 from power_lab.workbench.shown import Commands
+from power_lab.workbench.source import Findings, Source
 from power_lab.workbench.view import PowerView
-from power_lab.workbench.work import Findings, Source
 
 _KEPT = 4  # views
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from wattwalk_core.errors import InputError
 
 from power_lab.workbench.session import LabSession
-from power_lab.workbench.work import Source, Work
+from power_lab.workbench.source import Source
+from power_lab.workbench.work import Work
 
 TOLERANCE = 1e-6
 """Of the errors, relative, up to which two runs are the same."""

@@ -1,9 +1,8 @@
 """Work of a session as its worker does it, by the functions that the commands call."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from power_estimator.effects import Catalogue, load_catalogue
@@ -18,52 +17,21 @@ from wattwalk_core.yaml_file import SIZE
 
 from power_lab.compare.comparison import compare, open_model
 from power_lab.compare.fitting import extended, fitted
-from power_lab.diagnose.outcome import Outcome, diagnose
-from power_lab.diagnose.verdict import in_words
-from power_lab.discover.outcome import DiscoveryOutcome, discover
+from power_lab.diagnose.words import in_words
 from power_lab.recordings import Loaded, load
 from power_lab.workbench import logs, maps
 from power_lab.workbench.bench_run import record_on_bench, shortened
 from power_lab.workbench.session import SessionStep
-from power_lab.workbench.view import PowerView, Singles, judged_view, measured_view
+from power_lab.workbench.source import Findings, Source
+from power_lab.workbench.view import PowerView, judged_view, measured_view
+
+if TYPE_CHECKING:
+    # They take seconds to import, which the first picture does not wait for.
+    from power_lab.diagnose.outcome import Outcome
+    from power_lab.discover.outcome import DiscoveryOutcome
 
 Show = Callable[[str, Any], None]
 _PREVIEWED = 10  # candidates, those in the confidence set and then by what they explain
-
-
-@dataclass(frozen=True)
-class Findings:
-    """A diagnosis as the page shows it."""
-
-    content: Mapping[str, Any]  # as `diagnose --json` writes it, with the effects in words
-    explained: Mapping[str, Singles]  # W [N, M] by candidate, less of the residual with it
-
-
-@dataclass(frozen=True)
-class Source:
-    """Recordings of a session as they are read, and the files of effects that may be run."""
-
-    recordings: tuple[str, ...]
-    drives: tuple[str, ...] = ()
-    slow: bool = False
-    anyway: bool = False
-    sha256: tuple[str, ...] = ()  # of the recordings, where they were read before
-    effect_files: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, opened: SessionStep, effect_files: Sequence[str] = ()) -> 'Source':
-        """Recordings of a step `open`."""
-        how = (opened.recordings, opened.drives, opened.slow, opened.anyway, opened.sha256)
-        return cls(*how, tuple(effect_files))
-
-    @property
-    def unchecked(self) -> 'Source':
-        """The same recordings, whatever effects may be run."""
-        return replace(self, sha256=(), effect_files=())
-
-    def catalogue(self) -> Catalogue:
-        """Shipped effects and the user's own."""
-        return load_catalogue([Path(file) for file in self.effect_files])
 
 
 class Work:
@@ -73,6 +41,11 @@ class Work:
         self._opened: Source | None = None
         self._loaded: Loaded | None = None
         self._outcome: tuple[Source, str, Outcome] | None = None
+
+    @staticmethod
+    def prepare() -> None:
+        """Import what only a diagnosis needs, before one is asked for."""
+        import power_lab.diagnose.outcome  # noqa: F401
 
     def open(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
         """Read recordings; views as they come, then what is known of the recordings."""
@@ -142,6 +115,8 @@ class Work:
         self, show: Show, source: Source, spec: str, output: Path, seed: int = 0
     ) -> dict[str, Any]:
         """Learn what no catalogue has; its effects are written to output, which is not run."""
+        from power_lab.discover.outcome import discover
+
         catalogue = source.catalogue()
         loaded = self._load(show, source)
         model = open_model(spec, catalogue)
@@ -202,9 +177,11 @@ class Work:
         errors = [own['rmse_w'] for own in told['drives'].values() if own['rmse_w'] is not None]
         return {'name': spec, 'rmse_w': float(np.sqrt(np.mean(np.square(errors))))}
 
-    def _diagnosed(self, show: Show, source: Source, spec: str, seed: int = 0) -> Outcome:
+    def _diagnosed(self, show: Show, source: Source, spec: str, seed: int = 0) -> 'Outcome':
         if self._outcome is not None and self._outcome[:2] == (source, spec):
             return self._outcome[2]
+        from power_lab.diagnose.outcome import diagnose
+
         catalogue = source.catalogue()
         loaded = self._load(show, source)
         show('progress', 'diagnosing: trying every effect of the catalogue')
@@ -302,7 +279,7 @@ def described_model(spec: str, catalogue: Catalogue) -> dict[str, Any]:
     }
 
 
-def _learned(outcome: DiscoveryOutcome) -> list[dict[str, Any]]:
+def _learned(outcome: 'DiscoveryOutcome') -> list[dict[str, Any]]:
     """Learned shapes with their formulas, one of each effect and drive."""
     from power_lab.report.discovery_page import formula_over_shape, standard_error
 
