@@ -33,7 +33,7 @@ class Loaded:
     """Aligned recordings with what identifies them."""
 
     data: AlignedDataset
-    recordings: tuple[Recording, ...]
+    recordings: Sequence[Recording]
     identities: tuple[Mapping[str, str], ...]  # name and sha256
     controllers: tuple[str, ...]  # by recording, '' where unknown
     window: float = 0.0  # s, over which energy is judged where the meter is slow

@@ -117,7 +117,7 @@ def test_effects_that_were_allowed_leave_the_model_and_what_was_learned_as_they_
     session = session.do(SessionStep('fit', effects=('idle',), model='model_1.yaml'))
     desk = Desk(tmp_path, session, lambda: None)
     key = desk.judged
-    desk._views[key], desk._learned[key] = 'the view', {'found': 'drag'}
+    desk._seen.views[key], desk._seen.learned[key] = 'the view', {'found': 'drag'}
     desk.take(SessionStep('effects', file=str(file)))
     assert wait_until(lambda: len(desk.session.steps) == 3, 120), desk.error
     assert desk.judged != key

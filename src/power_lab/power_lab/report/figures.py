@@ -9,10 +9,10 @@ from plotly.subplots import make_subplots
 from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
 from power_lab.compare.regimes import UNITS, bins
+from power_lab.compare.worst_stretch import worst_stretch
 
 Floats = NDArray[np.float64]
 LINES = (COLORS['base'], COLORS['better'], COLORS['third'])
-_SPAN = 12.0  # s shown of a recording
 _RATE = 50.0  # Hz
 _MAP_BINS = 22
 
@@ -41,14 +41,6 @@ def traces(
     figure.update_yaxes(title_text='error in W', row=2, col=1)
     figure.update_xaxes(title_text='time in s', row=2, col=1)
     return finished(figure, legend=True)
-
-
-def worst_stretch(residual: Floats) -> slice:
-    """The part of 12 s in which the squared residual is largest."""
-    length = min(len(residual), round(_SPAN * _RATE))
-    summed = np.concatenate([[0.0], np.cumsum(np.square(np.nan_to_num(residual)))])
-    start = int(np.argmax(summed[length:] - summed[:-length])) if len(residual) > length else 0
-    return slice(start, start + length)
 
 
 def torque_speed_map(torque: Floats, velocity: Floats, residual: Floats, limit: float) -> Figure:

@@ -127,7 +127,7 @@ def _view(view: PowerView) -> dict[str, Any]:
         'recordings': list(view.recordings),
         'seconds': view.seconds,
         'judged_seconds': round(len(view.slots) / REDUCED_RATE, 2),
-        'worst': _worst(view),
+        'worst': list(view.worst),
         'quantities': [
             {'name': name, 'unit': maps.UNITS_OF.get(name, '')}
             for name in (*view.state, *([] if view.stride.phase is None else [maps.STRIDE]))
@@ -135,9 +135,15 @@ def _view(view: PowerView) -> dict[str, Any]:
         'stride': _stride(view),
         'phases': sorted(view.words),
         'noise': maps.short(view.noise),
-        'noise_w': maps.short_one(float(np.sqrt(np.nanmean(np.square(view.noise))))),
+        'noise_w': _rms(view.noise),
+        'share': maps.short_one(view.share),
         'scores': view.content or None,
     }
+
+
+def _rms(values: Singles) -> float | None:
+    known = values[np.isfinite(values)]
+    return maps.short_one(float(np.sqrt(np.mean(np.square(known))))) if known.size else None
 
 
 def _stride(view: PowerView) -> str:
@@ -150,16 +156,6 @@ def _stride(view: PowerView) -> str:
         f'A stride takes {found.period:.2f} s; its phase is 0 where {drive} has its largest '
         'position.'
     )
-
-
-def _worst(view: PowerView) -> list[float]:
-    """Seconds between which the drives together fail most, or draw most without a model."""
-    from power_lab.report.figures import worst_stretch
-
-    values = view.measured if view.residual is None else view.residual
-    part = worst_stretch(np.sqrt(np.nansum(np.square(values, dtype=np.float64), axis=1)))
-    slots = view.slots[part]
-    return [float(slots[0]) / REDUCED_RATE, float(slots[-1]) / REDUCED_RATE]
 
 
 def view_of(desk: Desk) -> PowerView:

@@ -14,6 +14,7 @@ from wattwalk_core.files import check_room
 
 from power_lab.workbench.desk import Desk
 from power_lab.workbench.folders import Folders
+from power_lab.workbench.opened_cache import OpenedCache
 from power_lab.workbench.session import FILE, LabSession, SessionStep
 
 _NAME = re.compile(r'[\w-]{1,64}')
@@ -32,6 +33,7 @@ class Bench:
     changed: Callable[[], None] = lambda: None
     streamed: Callable[[], None] = lambda: None
     ending: bool = False
+    cache: OpenedCache = field(default_factory=OpenedCache.usual)
     desks: dict[str, Desk] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -112,7 +114,7 @@ class Bench:
                 raise InputError(f'{len(self.desks)} sessions are at work; wait for one of them')
             self.desks.pop(idle[0]).close()
         folder = self.folder / name
-        desk = Desk(folder, session, lambda: self.changed(), lambda: self.streamed())
+        desk = Desk(folder, session, lambda: self.changed(), lambda: self.streamed(), self.cache)
         desk.approved.update(self.approved)
         self.desks[name] = desk
         return desk

@@ -23,9 +23,10 @@ def main(descriptor: int) -> None:
     waiting: SimpleQueue[Any] = SimpleQueue()
     threading.Thread(target=_receive, args=(pipe, waiting), daemon=True).start()
 
+    from power_lab.workbench.opened_cache import OpenedCache
     from power_lab.workbench.work import Work
 
-    work = Work()
+    work = Work(OpenedCache.usual())
 
     def show(kind: str, content: Any) -> None:
         pipe.send((kind, content))

@@ -11,12 +11,12 @@ from wattwalk_core.errors import InputError
 
 from power_lab.workbench.jobs import JobRunner, SessionJob
 from power_lab.workbench.live.feed import LiveFeed
+from power_lab.workbench.opened_cache import KeptOpening, OpenedCache
+from power_lab.workbench.seen_models import Key, SeenModels
 from power_lab.workbench.session import LabSession, SessionStep
 from power_lab.workbench.shown import Commands
 from power_lab.workbench.source import Findings, Source
 from power_lab.workbench.view import PowerView
-
-_KEPT = 4  # views
 
 _STAGES = {
     'open': 'Opening',
@@ -41,6 +41,7 @@ class Desk:
         session: LabSession,
         changed: Callable[[], None],
         streamed: Callable[[], None] = lambda: None,
+        cache: OpenedCache | None = None,
     ) -> None:
         self.folder, self.session = folder, session
         self.revision = 0
@@ -56,10 +57,8 @@ class Desk:
         self._waiting: deque[SessionStep] = deque()
         self._step: SessionStep | None = None
         self._task: Callable[[Any], None] | None = None
-        self._views: dict[tuple[Source, str], PowerView] = {}
-        self._found: dict[tuple[Source, str], Findings] = {}
-        self._learned: dict[tuple[Source, str], Mapping[str, Any]] = {}
-        self._lines: dict[Source, list[Mapping[str, Any]]] = {}
+        self._seen = SeenModels()
+        self._cache = OpenedCache(None) if cache is None else cache
         self._partial: PowerView | None = None
 
     @property
@@ -87,25 +86,25 @@ class Desk:
     def view(self) -> PowerView | None:
         """The present model on the recordings, or what is known of it so far."""
         key = self._key()
-        return self._views.get(key, self._partial) if key else self._partial
+        return self._seen.views.get(key, self._partial) if key else self._partial
 
     @property
     def findings(self) -> Findings | None:
         """The diagnosis of the present model."""
         key = self._key()
-        return self._found.get(key) if key else None
+        return self._seen.found.get(key) if key else None
 
     @property
     def learned(self) -> Mapping[str, Any] | None:
         """Result of `discover` on top of the present model."""
         key = self._key()
-        return self._learned.get(key) if key else None
+        return self._seen.learned.get(key) if key else None
 
     @property
     def lines(self) -> list[Mapping[str, Any]]:
         """Other models on the same recordings: name and held-out error."""
         key = self._key()
-        return self._lines.get(key[0], []) if key else []
+        return self._seen.lines.get(key[0], []) if key else []
 
     @property
     def recordings_made(self) -> list[Path]:
@@ -120,7 +119,7 @@ class Desk:
             number += 1
         return self.folder / f'{kind}_{number}{suffix}'
 
-    def _key(self) -> tuple[Source, str] | None:
+    def _key(self) -> Key | None:
         opened = self.session.opened
         if opened is None:
             return None
@@ -165,7 +164,7 @@ class Desk:
         key = self.judged
 
         def keep(found: Findings) -> None:
-            self._found = {key: found}
+            self._seen.found = {key: found}
 
         self.start('Diagnosing', 'diagnose', {'source': key[0], 'spec': key[1]}, keep)
 
@@ -174,7 +173,7 @@ class Desk:
         key = self.judged
 
         def keep(found: Mapping[str, Any]) -> None:
-            self._learned = {key: found}
+            self._seen.learned = {key: found}
 
         arguments = {
             'source': key[0],
@@ -232,13 +231,12 @@ class Desk:
         source = self.source
 
         def keep(found: Mapping[str, Any]) -> None:
-            others = [one for one in self._lines.get(source, []) if one['name'] != spec]
-            self._lines[source] = [*others, found]
+            self._seen.keep_line(source, found)
 
         self.start('Comparing', 'line', {'source': source, 'spec': spec}, keep)
 
     @property
-    def judged(self) -> tuple[Source, str]:
+    def judged(self) -> Key:
         """Recordings and the present model; InputError without one."""
         source, spec = self.source, self.spec
         if not spec:
@@ -290,8 +288,12 @@ class Desk:
         if step.kind == 'open':
             after = self.session.do(step)
             source = Source.of(step, after.effect_files)
-            self._partial = None
-            self.runner.run('Opening', 'open', {'source': source, 'spec': self.spec})
+            kept = self._kept(source)
+            if kept is not None and not self.spec:
+                self.runner.warm()
+                self._done(kept.result)
+            else:
+                self.runner.run('Opening', 'open', {'source': source, 'spec': self.spec})
             return
         name = self.session.next_model()
         arguments = {
@@ -305,27 +307,36 @@ class Desk:
     def _refresh(self) -> None:
         """Judge the present model again where its view is not kept."""
         key = self._key()
-        if key is None or key in self._views:
+        if key is None or key in self._seen.views:
             return
         try:
             source = self.source
         except InputError as error:
             self.error = str(error)
             return
-        request = 'open' if not self.recordings else 'judge'
-        self.start('Comparing', request, {'source': source, 'spec': self.spec}, self._refreshed)
+        kept = None if self.recordings else self._kept(source)
+        if kept is not None and not self.spec:
+            self.runner.warm()
+            self._keep(kept.result)
+            return
+        request = 'judge' if self.recordings else 'open'
+        self.start('Comparing', request, {'source': source, 'spec': self.spec}, self._keep)
 
-    def _refreshed(self, result: Mapping[str, Any]) -> None:
-        self._keep(result)
+    def _kept(self, source: Source) -> KeptOpening | None:
+        """Show what is known of recordings that were read before, without reading them again."""
+        self._partial = None
+        kept = self._cache.opening(self._cache.key(source))
+        if kept is None or source.sha256 not in ((), kept.sha256):
+            return None
+        self._partial, self.recordings = kept.view, list(kept.recordings)
+        return kept
 
     def _keep(self, result: Mapping[str, Any]) -> None:
         self.recordings = result.get('recordings', self.recordings)
         key, view = self._key(), result['view']
         assert key is not None
-        self._views.pop(key, None)
-        while len(self._views) >= _KEPT:
-            self._views.pop(next(iter(self._views)))
-        self._views[key], self._partial = view, None
+        self._seen.keep(key, view)
+        self._partial = None
 
     def _heard(self, job: SessionJob, kind: str, content: Any) -> None:
         """Take a message of the worker, in the thread of the runner."""
@@ -368,24 +379,16 @@ class Desk:
         session.save(self.folder)
         before, self.session = self._key(), session
         if step.kind == 'effects':
-            self._carry(before)
+            self._seen.carry(before, self._key())
         if view is not None:
             self._keep(result)
         self._next()
 
-    def _carry(self, before: tuple[Source, str] | None) -> None:
-        """Keep what is known of the model: effects that may be run do not change it."""
-        key = self._key()
-        if before is None or key is None:
-            return
-        if before in self._views:
-            self._views[key] = self._views[before]
-        if before in self._learned:
-            self._learned[key] = self._learned[before]
-
     def _failed(self, error: str) -> None:
         self.error, self._step, self._task = error, None, None
         self._waiting.clear()
+        if self._partial is not None and self._partial.share < 1.0:
+            self._partial = None
 
     def _bump(self) -> None:
         self.revision += 1

@@ -12,6 +12,7 @@ from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 from power_lab.compare.comparison import Comparison, describe_state
 from power_lab.compare.regimes import standstill
+from power_lab.compare.worst_stretch import worst_stretch
 from power_lab.recordings import Loaded
 from power_lab.workbench.pyramid import Pyramid
 from power_lab.workbench.stride import StridePhase, stride_phase
@@ -19,7 +20,8 @@ from power_lab.workbench.stride import StridePhase, stride_phase
 Singles = NDArray[np.float32]
 
 _LONGEST_GAP = 60.0  # s, that is shown as long as it was
-_BETWEEN = 2.0  # s, between two recordings
+BETWEEN = 2.0
+"""S that are shown between two recordings."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class PowerView:
     still: tuple[float, ...]  # rad/s [D], below which a drive is at rest
     content: Mapping[str, Any]
     model: Mapping[str, Any] | None
+    share: float = 1.0  # of the recordings that was read
 
     @property
     def length(self) -> int:
@@ -71,6 +74,16 @@ class PowerView:
         return {name: Pyramid(self.spread(with_sum(values))) for name, values in out.items()}
 
     @cached_property
+    def worst(self) -> tuple[float, float]:
+        """Seconds between which the drives together fail most, or draw most without a model."""
+        if self.share < 1.0:
+            return 0.0, self.seconds
+        values = self.measured if self.residual is None else self.residual
+        rows = np.sqrt(np.nansum(np.square(values, dtype=np.float64), axis=1))
+        slots = self.slots[worst_stretch(rows)]
+        return float(slots[0]) / REDUCED_RATE, float(slots[-1]) / REDUCED_RATE
+
+    @cached_property
     def stride(self) -> StridePhase:
         """Phase of the motion, where it repeats itself."""
         if 'position' not in self.state:
@@ -88,7 +101,7 @@ def slots_of(prepared: Prepared) -> NDArray[np.int64]:
     """Slot of each row: recordings one after another, long gaps shortened to a minute."""
     step = np.diff(prepared.time, prepend=prepared.time[:1])
     another = np.diff(prepared.recording, prepend=prepared.recording[:1]) != 0
-    step = np.where(another, _BETWEEN, np.clip(step, 0.0, _LONGEST_GAP))
+    step = np.where(another, BETWEEN, np.clip(step, 0.0, _LONGEST_GAP))
     places = np.rint(np.cumsum(step) * REDUCED_RATE).astype(np.int64)
     # Two rows never share a slot, though their times may be a little less than a slot apart.
     ordered: NDArray[np.int64] = np.maximum.accumulate(places - np.arange(len(places)))

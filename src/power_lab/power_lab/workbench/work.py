@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from power_estimator.effects import Catalogue, load_catalogue
-from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.training import LEAST_TO_FIT, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model, write_model
-from power_recordings.quality.check import check_recording
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import read_bytes, write_whole
 from wattwalk_core.yaml_file import SIZE
@@ -19,8 +18,11 @@ from power_lab.compare.comparison import compare, open_model
 from power_lab.compare.fitting import extended, fitted
 from power_lab.diagnose.words import in_words
 from power_lab.recordings import Loaded, load
-from power_lab.workbench import logs, maps
+from power_lab.workbench import logs
 from power_lab.workbench.bench_run import record_on_bench, shortened
+from power_lab.workbench.coarse import coarse_view
+from power_lab.workbench.described import described_model, described_recording, described_shapes
+from power_lab.workbench.opened_cache import KeptOpening, OpenedCache
 from power_lab.workbench.session import SessionStep
 from power_lab.workbench.source import Findings, Source
 from power_lab.workbench.view import PowerView, judged_view, measured_view
@@ -28,7 +30,6 @@ from power_lab.workbench.view import PowerView, judged_view, measured_view
 if TYPE_CHECKING:
     # They take seconds to import, which the first picture does not wait for.
     from power_lab.diagnose.outcome import Outcome
-    from power_lab.discover.outcome import DiscoveryOutcome
 
 Show = Callable[[str, Any], None]
 _PREVIEWED = 10  # candidates, those in the confidence set and then by what they explain
@@ -37,7 +38,9 @@ _PREVIEWED = 10  # candidates, those in the confidence set and then by what they
 class Work:
     """Keeps the recordings that were loaded last, and the outcome of the last diagnosis."""
 
-    def __init__(self) -> None:
+    def __init__(self, cache: OpenedCache | None = None) -> None:
+        """cache: of what was read before; None reads everything anew."""
+        self._cache = OpenedCache(None) if cache is None else cache
         self._opened: Source | None = None
         self._loaded: Loaded | None = None
         self._outcome: tuple[Source, str, Outcome] | None = None
@@ -49,19 +52,41 @@ class Work:
 
     def open(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
         """Read recordings; views as they come, then what is known of the recordings."""
+        key = self._cache.key(source)
+        kept = self._cache.opening(key)
+        if kept is None:
+            kept = self._read(show, source, key)
+        else:
+            show('view', kept.view)
+        if not spec:
+            return kept.result
+        view = self._judged(show, source, self._load(show, source), spec)
+        show('view', view)
+        return {**kept.result, 'view': view}
+
+    def _read(self, show: Show, source: Source, key: str) -> KeptOpening:
+        """Read recordings: a first look at a part of them, all of them, then their quality."""
+        show('progress', 'a first look')
+        coarse = coarse_view(source.recordings, source.drives)
+        if coarse is not None:
+            show('view', coarse)
         loaded = self._load(show, source)
         own = material(loaded.data, least=LEAST_TO_FIT, window=loaded.window)
         view = measured_view(loaded, own.prepared)
         show('view', view)
-        if spec:
-            view = self._judged(show, source, loaded, spec)
-            show('view', view)
         show('progress', 'checking the quality of the recordings')
-        return {
-            'view': view,
-            'recordings': [_described(r) for r in loaded.recordings],
-            'sha256': [one['sha256'] for one in loaded.identities],
-        }
+        described = tuple(described_recording(r) for r in loaded.recordings)
+        known = tuple(one['sha256'] for one in loaded.identities)
+        kept = KeptOpening(view, described, known)
+        self._cache.keep_opening(key, kept)
+        self._keep_loaded(source, key)
+        return kept
+
+    def _keep_loaded(self, source: Source, key: str) -> None:
+        """Keep the aligned signals, and go on with those of the file, which need less memory."""
+        assert self._loaded is not None
+        self._cache.keep_loaded(key, self._loaded, [Path(path) for path in source.recordings])
+        self._loaded = self._cache.loaded(key) or self._loaded
 
     def effects(self, show: Show, files: Sequence[str]) -> dict[str, Any]:
         """Check that files of effects can be run; return nothing that is shown."""
@@ -129,7 +154,7 @@ class Work:
             **outcome.json(),
             'file': output.name if outcome.written else '',
             'path': str(output) if outcome.written else '',
-            'shapes': _learned(outcome),
+            'shapes': described_shapes(outcome),
         }
 
     def bench(
@@ -191,10 +216,12 @@ class Work:
 
     def _load(self, show: Show, source: Source) -> Loaded:
         if self._loaded is None or self._opened != source.unchecked:
-            show('progress', 'reading the recordings')
             self._loaded = self._outcome = self._opened = None
-            paths = [Path(path) for path in source.recordings]
-            loaded = load(paths, source.drives, slow=source.slow, anyway=source.anyway)
+            loaded = self._cache.loaded(self._cache.key(source))
+            if loaded is None:
+                show('progress', 'reading the recordings')
+                paths = [Path(path) for path in source.recordings]
+                loaded = load(paths, source.drives, slow=source.slow, anyway=source.anyway)
             self._loaded, self._opened = loaded, source.unchecked
         known = tuple(one['sha256'] for one in self._loaded.identities)
         if source.sha256 and source.sha256 != known:
@@ -236,101 +263,3 @@ def _actives(names: Sequence[str], catalogue: Catalogue) -> list[Active]:
     if not names:
         raise InputError('no effect is left; a model has one or more')
     return [Active.of(catalogue.get_known(name, 'effects')) for name in names]
-
-
-def described_model(spec: str, catalogue: Catalogue) -> dict[str, Any]:
-    """Effects of a model in words, with coefficients and intervals by group of drives."""
-    model = open_model(spec, catalogue)
-    if not isinstance(model, EffectModel):
-        model = EffectModel(model.name, Structure(()), base=spec)
-    effects = []
-    for active in model.structure.actives:
-        rows = []
-        for group in model.groups if active in model.structure.free else ():
-            values = group.coefficients[active.name]
-            for term, value in zip(active.effect.terms, values, strict=True):
-                rows.append(
-                    {
-                        'group': group.type.name,
-                        'symbol': term.symbol,
-                        'unit': term.unit,
-                        'value': value.value,
-                        'interval': list(value.interval),
-                        'at_bound': value.at_bound or None,
-                    }
-                )
-        effects.append(
-            {
-                'name': active.name,
-                'words': in_words(active.name),
-                'physics': active.effect.physics,
-                'formula': active.effect.formula,
-                'fixed': active.effect.fixed,
-                'coefficients': rows,
-            }
-        )
-    return {
-        'name': model.name,
-        'base': model.base,
-        'effects': effects,
-        'at_bound': list(model.at_bound),
-        'fitted': model.fitted,
-        'history': [dict(entry) for entry in model.history],
-    }
-
-
-def _learned(outcome: 'DiscoveryOutcome') -> list[dict[str, Any]]:
-    """Learned shapes with their formulas, one of each effect and drive."""
-    from power_lab.report.discovery_page import formula_over_shape, standard_error
-
-    names, out = outcome.own.prepared.names, []
-    for one in outcome.discovery.found:
-        if one.formula is None or one.shapes is None or one.coefficients is None:
-            continue
-        for drive in one.formula.places:
-            shape = one.shapes[drive]
-            drawn, axes = formula_over_shape(one, drive)
-            out.append(
-                {
-                    'name': one.name,
-                    'drive': names[drive],
-                    'formula': one.formula.text(drive),
-                    'axes': list(axes),
-                    'x': maps.short(shape.nodes),
-                    'shape': maps.short(shape.values),
-                    'error': maps.short(2.0 * standard_error(shape)),
-                    'drawn': maps.short(drawn),
-                }
-            )
-    return out
-
-
-def _described(recording: Any) -> dict[str, Any]:
-    """Card, rates and quality of a recording."""
-    quality, card = check_recording(recording), recording.card
-    return {
-        'path': str(recording.path),
-        'name': recording.path.name,
-        'seconds': round(recording.duration, 2),
-        'card': {
-            name: getattr(card, name)
-            for name in ('robot', 'unit', 'controller', 'terrain', 'notes')
-            if getattr(card, name)
-        },
-        'notes': [{'time': mark.time, 'text': mark.text} for mark in card.marks],
-        'rates': {name: round(float(t.rate), 2) for name, t in quality.topics.items()},
-        'torque': dict(quality.torque_at),
-        'drives': [
-            {'name': name, 'updates_hz': _finite(one.updates_hz)}
-            for name, one in quality.drives.items()
-        ],
-        'findings': [
-            {'severity': one.severity, 'drive': one.drive, 'text': one.text}
-            for one in quality.findings
-        ],
-        'problems': list(recording.problems),
-    }
-
-
-def _finite(value: float) -> float | None:
-    return round(float(value), 2) if np.isfinite(value) else None

@@ -159,8 +159,10 @@ export function render() {
   on(parts.plot, 'plotly_selected', (event) => { if (event && event.range && event.range.x) marked(event.range.x); });
   on(parts.plot, 'plotly_doubleclick', () => setWindow(whole()));
   [parts.from.value, parts.to.value] = bench.window.map((value) => value.toFixed(2));
+  const coarse = bench.state.view.share < 1;
   parts.legend.textContent = two
     ? 'The twelve seconds in which the model is worst, until you choose others. The grey band of the error is the meter’s noise, which no model can follow. With the plot in focus, the arrow keys move, + and − zoom.'
+    : coarse ? `A first look: one part in ${Math.round(1 / bench.state.view.share)} of the recording, evenly spread, as it was measured. The whole of it is being read.`
     : 'The part of twelve seconds with the most power. Fit or load a model above to see it beside the measurement.';
 }
 
