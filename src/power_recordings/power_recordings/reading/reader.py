@@ -76,9 +76,9 @@ class Recording:
 
         A recording that was cut off is read up to there; with most_messages, a longer one no
         further than the chunk that reaches them; with skip, without the chunks of which it says
-        so, told their numbers of messages by topic (`Bag.batches`). Raises InputError if it is empty or not a bag.
-        Errors of a topic (another type or definition, arrays of a wrong length) are raised by
-        the method that returns it.
+        so, told their numbers of messages by topic (`Bag.batches`). Raises InputError if it is
+        empty or not a bag. Errors of a topic (another type or definition, arrays of a wrong
+        length) are raised by the method that returns it.
         """
         path = Path(path)
         bag = bag_folder.find(path)
