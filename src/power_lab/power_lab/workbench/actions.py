@@ -173,7 +173,7 @@ def note(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> dict[str, Any]
     return {'recording': recording}
 
 
-def select(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> dict[str, Any]:
+def select(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> bytes:
     """Link map and traces: what is chosen in one is lit in the other."""
     chosen, view = parse(Selection, content, 'selection'), answers.view_of(desk)
     if chosen.box is not None:
@@ -189,14 +189,13 @@ def select(bench: Bench, desk: Desk, content: Mapping[str, Any]) -> dict[str, An
         raise InputError('selection: give box, span or regime')
     drive = str(found.content['drive'])
     place = (chosen.shown or drive, chosen.start, chosen.stop, chosen.width)
-    return {
-        **found.content,
-        'points': maps.points(view, drive, found.rows, chosen.x, chosen.y),
-        'lit': answers.lit(view, found.rows, *place),
-    }
+    points = maps.points(view, drive, found.rows, chosen.x, chosen.y)
+    return answers.selected(found.content, points, answers.lit(view, found.rows, *place))
 
 
-ACTIONS: Mapping[str, Callable[[Bench, Desk, Mapping[str, Any]], dict[str, Any] | None]] = {
+ACTIONS: Mapping[
+    str, Callable[[Bench, Desk, Mapping[str, Any]], dict[str, Any] | bytes | None]
+] = {
     'step': take,
     'go': go,
     'diagnose': diagnose,

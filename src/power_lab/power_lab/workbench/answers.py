@@ -3,7 +3,7 @@
 import json
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from power_lab.workbench import maps
 from power_lab.workbench.desk import Desk
 from power_lab.workbench.pyramid import Span, masked
 from power_lab.workbench.session import LabSession, SessionStep
-from power_lab.workbench.view import PowerView, Singles, with_sum
+from power_lab.workbench.view import PowerView, Singles
 
 KEPT = re.compile(
     r'(session|notes|import_\d+|model_\d+|next_\d+)\.yaml|report_\d+\.html|effects_\d+\.py'
@@ -181,12 +181,12 @@ def traces(view: PowerView, meter: str, start: float, stop: float, width: int) -
     own, window = column(view, meter), _window(view, start, stop)
     most = _most(width)
     spans = {name: p.span(*window, most) for name, p in view.traces.items()}
-    return _packed(view, spans, own)
+    return _packed(spans, own)
 
 
 def lit(
     view: PowerView, rows: maps.Mask, meter: str, start: float, stop: float, width: int
-) -> dict[str, Any]:
+) -> dict[str, Singles]:
     """Measured power and error of a meter at the chosen rows alone, as extremes."""
     own, window, most = column(view, meter), _window(view, start, stop), _most(width)
     chosen = np.zeros(view.length, bool)
@@ -194,13 +194,19 @@ def lit(
     values = {'measured': view.measured}
     if view.residual is not None:
         values['error'] = -view.residual
-    out: dict[str, Any] = {}
+    out: dict[str, Singles] = {}
     for name, given in values.items():
-        one = with_sum(given)[:, own : own + 1]
-        span = masked(view.spread(one), chosen, *window, most)
-        out[name] = maps.short(_woven(span, 0))
-        out['t'] = maps.short(_times(span))
+        span = masked(view.spread(_column(given, own)), chosen, *window, most)
+        out[f'lit_{name}'] = _woven(span, 0)
+        out['lit_t'] = _times(span)
     return out
+
+
+def selected(
+    content: Mapping[str, Any], points: Mapping[str, Singles], lit: Mapping[str, Singles]
+) -> bytes:
+    """Answer of a selection: what is said of it, its states on the map, its part of the traces."""
+    return _message({**points, **lit}, content)
 
 
 def preview(
@@ -210,15 +216,12 @@ def preview(
     if view.residual is None or explained.shape != view.residual.shape:
         raise InputError('there is no preview of this candidate')
     own, window = column(view, meter), _window(view, start, stop)
-    if own < len(view.meters):
-        left = (explained - view.residual)[:, own : own + 1]
-    else:
-        left = (explained - view.residual).sum(axis=1, keepdims=True, dtype=np.float32)
+    left = _column(explained, own) - _column(view.residual, own)
     everywhere = np.ones(view.length, bool)
     span = masked(view.spread(left), everywhere, *window, _most(width))
     known = np.isfinite(left) & np.isfinite(view.residual.sum(axis=1, keepdims=True))
     rms = float(np.sqrt(np.mean(np.square(left[known], dtype=np.float64)))) if known.any() else 0.0
-    return _packed(view, {'preview': span}, 0, {'rmse_w': maps.short_one(rms)})
+    return _packed({'preview': span}, 0, {'rmse_w': maps.short_one(rms)})
 
 
 def strip(view: PowerView, width: int) -> dict[str, Any]:
@@ -268,17 +271,23 @@ def _woven(span: Span, own: int) -> Singles:
     return np.stack([span.low[:, own], span.high[:, own]], axis=1).ravel()
 
 
-def _packed(
-    view: PowerView, spans: Mapping[str, Span], own: int, more: Mapping[str, Any] | None = None
-) -> bytes:
-    first = next(iter(spans.values()))
-    arrays: Sequence[tuple[str, Singles]] = [
-        ('t', _times(first)),
-        *((name, _woven(span, own)) for name, span in spans.items()),
-    ]
-    header = json.dumps(
-        {'arrays': [[name, len(values)] for name, values in arrays], **(more or {})}
-    ).encode()
+def _column(values: Singles, own: int) -> Singles:
+    """One meter of values [N, M], or their sum as the column after the last, [N, 1]."""
+    if own < values.shape[1]:
+        return values[:, own : own + 1]
+    return values.sum(axis=1, keepdims=True, dtype=np.float32)
+
+
+def _packed(spans: Mapping[str, Span], own: int, more: Mapping[str, Any] | None = None) -> bytes:
+    arrays = {'t': _times(next(iter(spans.values())))}
+    arrays |= {name: _woven(span, own) for name, span in spans.items()}
+    return _message(arrays, more or {})
+
+
+def _message(arrays: Mapping[str, Singles], more: Mapping[str, Any]) -> bytes:
+    """Length of a header, the header as JSON, then float32 arrays in its order."""
+    lengths = [[name, len(values)] for name, values in arrays.items()]
+    header = json.dumps({'arrays': lengths, **more}).encode()
     header += b' ' * (-(4 + len(header)) % 4)
     parts = [struct.pack('<I', len(header)), header]
-    return b''.join([*parts, *(np.asarray(values, '<f4').tobytes() for _, values in arrays)])
+    return b''.join([*parts, *(np.asarray(v, '<f4').tobytes() for v in arrays.values())])

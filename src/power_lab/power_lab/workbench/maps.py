@@ -136,15 +136,13 @@ def in_span(view: PowerView, drive: str, start: float, stop: float) -> Chosen:
     return _chosen(view, drive, rows, f'{min(start, stop):.1f} to {max(start, stop):.1f} s')
 
 
-def points(
-    view: PowerView, drive: str, rows: Mask, x: str, y: str
-) -> dict[str, list[float | None]]:
+def points(view: PowerView, drive: str, rows: Mask, x: str, y: str) -> dict[str, Singles]:
     """States of chosen rows on a map of two quantities, evenly thinned out."""
     found = np.flatnonzero(rows)
     found = found[:: max(1, -(-len(found) // _SHOWN))]
     return {
-        'x': short(values_of(view, x, drive)[found]),
-        'y': short(values_of(view, y, drive)[found]),
+        'points_x': values_of(view, x, drive)[found],
+        'points_y': values_of(view, y, drive)[found],
     }
 
 

@@ -60,7 +60,8 @@ def application(bench: Bench) -> Starlette:
 
             def work() -> Response:
                 desk = bench.desk(request.path_params['session'])
-                return _json(route(bench, desk, content) or {'revision': desk.revision})
+                found = route(bench, desk, content) or {'revision': desk.revision}
+                return _binary(found) if isinstance(found, bytes) else _json(found)
 
             return await _told(work)
 

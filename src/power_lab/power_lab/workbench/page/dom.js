@@ -40,9 +40,8 @@ export async function get(path, query = {}) {
 }
 
 /** Float32 arrays by name, and what else the header says. */
-export async function getArrays(path, query) {
-  const search = new URLSearchParams(query);
-  const data = await (await answered(await fetch(`${root()}/${path}?${search}`))).arrayBuffer();
+async function arrays(response) {
+  const data = await (await answered(response)).arrayBuffer();
   const length = new DataView(data).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
   const out = { ...header };
@@ -54,11 +53,14 @@ export async function getArrays(path, query) {
   return out;
 }
 
+export const getArrays = async (path, query) => arrays(await fetch(`${root()}/${path}?${new URLSearchParams(query)}`));
+
+const posted = (content) => ({ method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(content) });
+
+export const postArrays = async (path, content) => arrays(await fetch(`${root()}/${path}`, posted(content)));
+
 export async function ask(address, content) {
-  const options = content === undefined ? {} : {
-    method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(content),
-  };
-  return (await answered(await fetch(address, options))).json();
+  return (await answered(await fetch(address, content === undefined ? {} : posted(content)))).json();
 }
 
 export const post = (path, content = {}) => ask(`${root()}/${path}`, content);

@@ -1,7 +1,12 @@
 // Plots in the page's colours; nothing but Plotly draws.
 
-const style = () => getComputedStyle(document.documentElement);
-export const color = (name) => style().getPropertyValue(`--${name}`).trim();
+const colors = new Map();
+
+/** A colour of the theme; asked of the style once, which takes long after each change of the page. */
+export function color(name) {
+  if (!colors.has(name)) colors.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return colors.get(name);
+}
 
 const drawn = new Map();
 
@@ -40,8 +45,10 @@ export const on = (node, event, work) => {
   node.on(event, work);
 };
 
-export async function save(node, format, name) {
-  await window.Plotly.downloadImage(node, { format, filename: name, width: 1200, height: 600 });
+/** Save a picture of a plot as it was drawn last; more: of its layout, for the picture alone. */
+export async function save(node, format, name, more = {}) {
+  const [data, given] = drawn.get(node)();
+  await window.Plotly.downloadImage({ data, layout: layout({ ...given, ...more }) }, { format, filename: name, width: 1200, height: 600 });
 }
 
 export const diverging = () => {
@@ -51,6 +58,7 @@ export const diverging = () => {
 };
 
 window.matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
+  colors.clear();
   for (const [node, make] of drawn) {
     if (!node.isConnected) { drawn.delete(node); continue; }
     const [data, given] = make();

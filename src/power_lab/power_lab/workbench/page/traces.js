@@ -129,22 +129,21 @@ function traces() {
   }
   const { preview, selection } = bench;
   if (preview && shown.error) data.push(line(preview.t, preview.preview, `error with ${preview.words}`, 'third', 'y2', 1.6));
-  if (selection && selection.lit) {
-    const { lit } = selection;
-    data.push(line(lit.t, lit.measured, 'marked', 'lit', 'y', 3.5));
-    if (lit.error) data.push(line(lit.t, lit.error, 'marked', 'lit', 'y2', 2.5, { showlegend: false }));
+  if (selection) {
+    data.push(line(selection.lit_t, selection.lit_measured, 'marked', 'lit', 'y', 3.5));
+    if (selection.lit_error) data.push(line(selection.lit_t, selection.lit_error, 'marked', 'lit', 'y2', 2.5, { showlegend: false }));
   }
   return data;
 }
 
 export function render() {
-  if (!shown || !parts) return;
+  if (!shown || !parts) return null;
   const two = Boolean(shown.error);
   const words = two
     ? `Power of ${bench.drive} from ${bench.window[0].toFixed(1)} to ${bench.window[1].toFixed(1)} seconds, measured and model, with the error below.`
     : `Measured power of ${bench.drive}.`;
   const noise = bench.state.view.noise[bench.state.view.meters.indexOf(bench.drive)];
-  draw(parts.plot, words, () => [traces(), {
+  const done = draw(parts.plot, words, () => [traces(), {
     showlegend: true, dragmode: mode === 'zoom' ? 'zoom' : 'select', selectdirection: 'h',
     selections: [],
     margin: { l: 58, r: 12, t: 30, b: 42 },
@@ -164,6 +163,7 @@ export function render() {
     ? 'The twelve seconds in which the model is worst, until you choose others. The grey band of the error is the meter’s noise, which no model can follow. With the plot in focus, the arrow keys move, + and − zoom.'
     : coarse ? `A first look: one part in ${Math.round(1 / bench.state.view.share)} of the recording, evenly spread, as it was measured. The whole of it is being read.`
     : 'The part of twelve seconds with the most power. Fit or load a model above to see it beside the measurement.';
+  return done;
 }
 
 const loadStrip = settled(async () => {

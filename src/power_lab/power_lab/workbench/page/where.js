@@ -1,7 +1,8 @@
 // Where the model fails: regimes in words, a map of the error over two quantities, marks both ways.
 
-import { attempt, bench, choices, fill, find, get, h, post } from './dom.js';
+import { attempt, bench, choices, fill, find, get, h, postArrays } from './dom.js';
 import { color, diverging, draw, on, save } from './plot.js';
+import { drawPoints, withPoints } from './points.js';
 import { place, render as renderTraces } from './traces.js';
 
 const PRESETS = [
@@ -61,8 +62,8 @@ function axes(names) {
   const go = () => markBox([Number(fields[0].value), Number(fields[1].value)], [Number(fields[2].value), Number(fields[3].value)]);
   fill(parts.box, words(bench.x), fields[0], '–', fields[1], words(bench.y), fields[2], '–', fields[3],
     h('button', { type: 'button', onclick: go }, 'Mark'),
-    h('button', { type: 'button', onclick: () => save(parts.plot, 'svg', `map_${own()}`) }, 'SVG'),
-    h('button', { type: 'button', onclick: () => save(parts.plot, 'png', `map_${own()}`) }, 'PNG'));
+    h('button', { type: 'button', onclick: () => save(parts.plot, 'svg', `map_${own()}`, withPoints(parts.plot, ...chosen())) }, 'SVG'),
+    h('button', { type: 'button', onclick: () => save(parts.plot, 'png', `map_${own()}`, withPoints(parts.plot, ...chosen())) }, 'PNG'));
 }
 
 function setAxes(x, y) {
@@ -80,24 +81,35 @@ async function load() {
   render();
 }
 
+/** States that are marked and belong on this map. */
+function chosen() {
+  const { selection } = bench;
+  return selection && selection.drive === own() ? [selection.points_x, selection.points_y] : [[], []];
+}
+
+const renderMarks = () => drawPoints(parts.plot, ...chosen());
+
+/** From the edge of the first cell to that of the last; marks do not move it. */
+function edges(middles) {
+  if (middles.length < 2) return [0, 1];
+  const half = 0.5 * (middles[1] - middles[0]);
+  return [middles[0] - half, middles[middles.length - 1] + half];
+}
+
 function render() {
-  const { points } = bench.selection || {};
-  const same = bench.selection && bench.selection.drive === own();
   draw(parts.plot, `Mean error of ${own()} over ${words(bench.x)} and ${words(bench.y)}.`, () => [[
     {
       type: 'heatmap', x: map.x, y: map.y, z: map.z, zmin: -map.limit, zmax: map.limit, colorscale: diverging(),
       colorbar: { title: { text: 'W' }, thickness: 12, len: 0.95 }, hovertemplate: '%{x:.3g}, %{y:.3g}: %{z:.2f} W<extra></extra>',
     },
-    {
-      type: 'scatter', mode: 'markers', x: same ? points.x : [map.x[0]], y: same ? points.y : [map.y[0]], hoverinfo: 'skip',
-      marker: { color: color('lit'), size: same ? 4 : 1, opacity: same ? 0.75 : 0, line: { width: 0 } },
-      selected: { marker: { opacity: same ? 0.75 : 0 } }, unselected: { marker: { opacity: same ? 0.75 : 0 } },
-    },
+    // Plotly takes a box only where a trace has markers.
+    { type: 'scatter', mode: 'markers', x: [map.x[0]], y: [map.y[0]], hoverinfo: 'skip', marker: { size: 1, opacity: 0 }, selected: { marker: { opacity: 0 } }, unselected: { marker: { opacity: 0 } } },
   ], {
     dragmode: 'select', selections: [], uirevision: `${bench.x} ${bench.y}`,
-    xaxis: { title: { text: titled(bench.x, map.x_unit) }, fixedrange: true },
-    yaxis: { title: { text: titled(bench.y, map.y_unit) }, fixedrange: true },
+    xaxis: { title: { text: titled(bench.x, map.x_unit) }, range: edges(map.x), fixedrange: true },
+    yaxis: { title: { text: titled(bench.y, map.y_unit) }, range: edges(map.y), fixedrange: true },
   }]);
+  on(parts.plot, 'plotly_afterplot', renderMarks);
   on(parts.plot, 'plotly_selected', (event) => {
     if (event && event.range && event.range.y) markBox(event.range.x, event.range.y);
   });
@@ -140,18 +152,18 @@ export async function mark(choice) {
   if (!choice) {
     bench.selection = null;
     parts.told.hidden = parts.clear.hidden = true;
-    render();
-    renderTraces();
+    renderMarks();
+    await renderTraces();
     return;
   }
   const { drive: shown, from, to, width } = place();
-  const found = await attempt(() => post('select', { ...choice, x: bench.x, y: bench.y, shown, start: from, stop: to, width }));
+  const found = await attempt(() => postArrays('select', { ...choice, x: bench.x, y: bench.y, shown, start: from, stop: to, width }));
   if (!found || mine !== turn) return;
   bench.selection = found;
   parts.told.textContent = found.sentence;
   parts.told.hidden = parts.clear.hidden = false;
-  if (map) render();
-  renderTraces();
+  renderMarks();
+  await renderTraces();
 }
 
 export function driveChanged() {
