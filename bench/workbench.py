@@ -1,68 +1,116 @@
 """
-Speed of the workbench in a real browser: first picture, a brush, a candidate's preview; memory.
+Speed of the workbench in a real browser: first picture, brush, zoom, preview; memory.
 
-    python bench/workbench.py [--bag BAG] [--count 20]
+    python bench/workbench.py [--bag BAG] [--count 30] [--no-preview]
 
 Without --bag it simulates ten minutes of a walk of 12 drives. Times are from the click to the
-frame in which the page has drawn, in ms; the first picture counts from the request to open the
-recording by a server whose worker is there.
+frame after the page has drawn. The recording is opened once with an empty cache and five times
+in new sessions with what was kept; the preview needs a diagnosis, which takes minutes.
 """
 
 import argparse
+import os
 import re
 import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 from wattwalk_core.processes import ChildProcess
 
-GOALS = {'first picture': 2000.0, 'a brush': 100.0, "a candidate's preview": 300.0}
-"""Ms."""
+OPENINGS = 5
 _OPEN = 'import sys; from power_lab.commands.open import main; sys.exit(main(sys.argv[1:]))'
-_DRAWN = """async ([name, act]) => {
-  const node = document.getElementById(name);
-  const start = performance.now();
-  const seen = new Promise((done) => node.once('plotly_afterplot', () => done()));
-  %s
-  await seen;
-  await new Promise((done) => requestAnimationFrame(done));
-  return performance.now() - start;
-}"""
-_BRUSH = (
-    _DRAWN
-    % """
-  const where = await import('/page/where.js');
+_FRAME = 'await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 0)));'
+_OPENED = """async (until) => {
   const { bench } = await import('/page/dom.js');
+  const plot = () => document.querySelector('#plot-traces .main-svg');
+  const reached = {
+    'a first look': () => plot(),
+    'the whole': () => plot() && bench.state.view.share === 1,
+    ready: () => bench.state.opened.length > 0 && !bench.state.job,
+  };
+  const start = performance.now();
+  document.querySelector('#recordings-body form button').click();
+  const out = {};
+  for (const name of until) {
+    while (!reached[name]()) await new Promise(requestAnimationFrame);
+    FRAME
+    out[name] = performance.now() - start;
+  }
+  return out;
+}""".replace('FRAME', _FRAME)
+_DONE = """async (act) => {
+  const where = await import('/page/where.js');
+  const traces = await import('/page/traces.js');
+  const { bench } = await import('/page/dom.js');
+  const plot = document.getElementById('plot-traces');
+  const start = performance.now();
+  const drawn = new Promise((done) => plot.once('plotly_afterplot', () => done()));
+  %s
+  await drawn;
+  FRAME
+  return performance.now() - start;
+}""".replace('FRAME', _FRAME)
+_BOX = """
   const box = { velocity: act.slice(0, 2), torque: act.slice(2) };
   await where.mark({ drive: bench.drive, box });
 """
-)
-_PREVIEW = (
-    _DRAWN
-    % """
-  const rows = document.querySelectorAll('.candidate');
-  rows[act].dispatchEvent(new MouseEvent('mouseenter'));
+_SPAN = 'await where.markSpan(act);'
+_ZOOM = 'traces.setWindow(act);'
+_PREVIEW = """
+  document.querySelectorAll('.candidate')[act].dispatchEvent(new MouseEvent('mouseenter'));
 """
-)
 
 
 def main() -> int:
     """Measure and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--bag', type=Path)
-    parser.add_argument('--count', type=int, default=20)
+    parser.add_argument('--count', type=int, default=30)
+    parser.add_argument('--no-preview', action='store_true', help='no diagnosis, so no preview')
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
+        os.environ['WATTWALK_INDEX'] = str(Path(place) / 'cache' / 'recordings.sqlite3')
         bag = options.bag or _walk(Path(place))
-        with _page(Path(place), bag) as (page, process):
-            _measure(page, process, options.count)
+        table = WorkbenchFigures(f'{bag.name}: {_size(bag) / 1e6:.0f} MB')
+        with _bench(Path(place), bag) as (browser, address, process):
+            _first(browser, address, bag, table)
+            page = _again(browser, address, bag, table)
+            _use(page, options.count, table, preview=not options.no_preview)
+            _memory(browser, page, process, table)
+        table.show()
     return 0
+
+
+class WorkbenchFigures:
+    """Rows of what was measured beside its goal."""
+
+    def __init__(self, title: str) -> None:
+        columns = ('what', 'median', 'p99', 'goal', 'of')
+        self._table = Table(*columns, title=title)
+
+    def times(self, name: str, values: Sequence[float], goal: float | None = None) -> None:
+        """Add times in ms."""
+        middle, worst = np.quantile(values, [0.5, 0.99])
+        shown = '' if goal is None else f'{goal:.0f} ms'
+        row = (f'{middle:.0f} ms', f'{worst:.0f} ms', shown, str(len(values)))
+        self._table.add_row(name, *row)
+
+    def memory(self, name: str, megabytes: float, most: float | None = None) -> None:
+        """Add a memory in MB, and its peak."""
+        peak = '' if most is None else f'peak {most:.0f} MB'
+        self._table.add_row(name, f'{megabytes:.0f} MB', peak, '', '')
+
+    def show(self) -> None:
+        """Print the rows."""
+        Console(width=110).print(self._table)
 
 
 def _walk(folder: Path) -> Path:
@@ -71,59 +119,87 @@ def _walk(folder: Path) -> Path:
     return run_offline(folder / 'walk', duration=600.0, seed=5, progress=True)
 
 
+def _size(bag: Path) -> int:
+    return sum(file.stat().st_size for file in bag.iterdir())
+
+
 @contextmanager
-def _page(folder: Path, bag: Path) -> Iterator[tuple[Any, ChildProcess]]:
+def _bench(folder: Path, bag: Path) -> Iterator[tuple[Any, str, ChildProcess]]:
     from playwright.sync_api import sync_playwright
 
-    browser = next(filter(None, map(shutil.which, ('chromium', 'google-chrome'))))
+    program = next(filter(None, map(shutil.which, ('chromium', 'google-chrome'))))
     command = [sys.executable, '-c', _OPEN, str(bag.parent), '--no-browser', '--port', '0']
     command += ['--folder', str(folder / 'sessions')]
     with ChildProcess(command, folder / 'open.log') as process, sync_playwright() as running:
         address = process.wait_for_line(r'(http://\S+)', 120)[1]
-        made = running.chromium.launch(executable_path=browser, args=['--no-sandbox'])
-        page = made.new_page(viewport={'width': 1280, 'height': 900})
-        page.set_default_timeout(600_000)
-        page.goto(re.sub(r'\x1b\[[0-9;]*m', '', address))
-        page.locator('input[name="bag"]').first.wait_for()
-        page.wait_for_timeout(6000)
-        for box in page.locator('input[name="bag"]').all():
-            box.set_checked(box.get_attribute('value') == str(bag.resolve()))
-        yield page, process
-        made.close()
+        browser = running.chromium.launch(
+            executable_path=program, args=['--no-sandbox', '--enable-precise-memory-info']
+        )
+        yield browser, re.sub(r'\x1b\[[0-9;]*m', '', address), process
+        browser.close()
 
 
-def _measure(page: Any, process: ChildProcess, count: int) -> None:
-    start = time.perf_counter()
-    page.get_by_role('button', name='Open', exact=True).click()
-    page.locator('#plot-traces .main-svg').first.wait_for()
-    print(f'{"":24} {"median":>9} {"p99":>9} {"goal":>9}')
-    _print('first picture', [1e3 * (time.perf_counter() - start)])
+def _page(browser: Any, address: str, bag: Path) -> Any:
+    """A new session with the recording ticked, and its worker there."""
+    page = browser.new_context(viewport={'width': 1280, 'height': 900}).new_page()
+    page.set_default_timeout(600_000)
+    page.goto(address)
+    page.locator('input[name="bag"]').first.wait_for()
+    page.wait_for_timeout(4000)
+    for box in page.locator('input[name="bag"]').all():
+        box.set_checked(box.get_attribute('value') == str(bag.resolve()))
+    return page
+
+
+def _first(browser: Any, address: str, bag: Path, table: WorkbenchFigures) -> None:
+    page = _page(browser, address, bag)
+    found = page.evaluate(_OPENED, ['a first look', 'the whole', 'ready'])
+    table.times('never read: a first picture, of a part', [found['a first look']], 2000)
+    table.times('never read: the whole', [found['the whole']])
+    table.times('never read: quality checked, ready to fit', [found['ready']])
+    page.context.close()
+
+
+def _again(browser: Any, address: str, bag: Path, table: WorkbenchFigures) -> Any:
+    """Return the last of the pages."""
+    times = []
+    for number in range(OPENINGS):
+        page = _page(browser, address, bag)
+        times.append(page.evaluate(_OPENED, ['the whole'])['the whole'])
+        if number < OPENINGS - 1:
+            page.context.close()
+    table.times('read before: first picture, of the whole', times, 2000)
+    return page
+
+
+def _use(page: Any, count: int, table: WorkbenchFigures, *, preview: bool) -> None:
     start = time.perf_counter()
     page.get_by_role('button', name='Fit', exact=True).click()
     page.locator('#plot-map .main-svg').first.wait_for()
-    print(f'fit and compare: {time.perf_counter() - start:.1f} s')
-    page.wait_for_timeout(2000)
+    table.times('fit three effects and compare', [1e3 * (time.perf_counter() - start)])
+    page.wait_for_timeout(3000)
     rng = np.random.default_rng(0)
-    boxes = [[-6 * a, 6 * b, -40 * c, 40 * d] for a, b, c, d in rng.uniform(0.1, 1, (count, 4))]
-    brushes = _times(page, lambda i: page.evaluate(_BRUSH, ['plot-traces', boxes[i]]), count)
-    _print('a brush', brushes)
+    shares = rng.uniform(0.1, 1, (count, 4)).tolist()
+    seconds = page.evaluate('async () => (await import("/page/dom.js")).bench.state.view.seconds')
+    boxes = [[-6 * a, 6 * b, -40 * c, 40 * d] for a, b, c, d in shares]
+    spans = [[0.5 * a * seconds, (0.5 + 0.5 * b) * seconds] for a, b, *_ in shares]
+
+    def timed(script: str, places: Sequence[Any]) -> list[float]:
+        return _times(page, lambda i: page.evaluate(_DONE % script, places[i]), count)
+
+    table.times('brush: a box on the map lights the traces', timed(_BOX, boxes), 100)
+    table.times('brush: a span lights the map', timed(_SPAN, spans), 100)
+    table.times('zoom to a span', timed(_ZOOM, spans))
+    timed(_ZOOM, [[0, seconds]] * count)
+    table.times('brush: a box, the whole in the traces', timed(_BOX, boxes), 100)
+    if not preview:
+        return
     start = time.perf_counter()
     page.get_by_role('button', name='Find what is missing').click()
     page.locator('#verdict').wait_for()
-    print(f'diagnose: {time.perf_counter() - start:.1f} s')
-    page.wait_for_timeout(1000)
-    previews = _times(page, lambda i: page.evaluate(_PREVIEW, ['plot-traces', i % 6]), count)
-    _print("a candidate's preview", previews)
-    for pid, name in _processes(process.pid):
-        print(f'memory of {name}: {_resident(pid):.0f} MB')
-    heap = page.evaluate('() => performance.memory.usedJSHeapSize / 1e6')
-    print(f'heap of the tab: {heap:.0f} MB')
-
-
-def _print(name: str, values: list[float]) -> None:
-    middle, worst = np.quantile(values, [0.5, 0.99])
-    text = f'{name:24} {middle:6.0f} ms {worst:6.0f} ms {GOALS[name]:6.0f} ms'
-    print(text, flush=True)
+    table.times('diagnose', [1e3 * (time.perf_counter() - start)])
+    page.wait_for_timeout(3000)
+    table.times("a candidate's preview", timed(_PREVIEW, [i % 6 for i in range(count)]), 300)
 
 
 def _times(page: Any, work: Callable[[int], float], count: int) -> list[float]:
@@ -134,14 +210,28 @@ def _times(page: Any, work: Callable[[int], float], count: int) -> list[float]:
     return out
 
 
-def _processes(pid: int) -> list[tuple[int, str]]:
-    children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
-    return [(pid, 'the server'), *((int(child), 'a worker') for child in children)]
+def _memory(browser: Any, page: Any, process: ChildProcess, table: WorkbenchFigures) -> None:
+    table.memory('memory of the server', *_resident(process.pid))
+    workers = [_resident(pid) for pid in _children(process.pid)]
+    for own in sorted(workers, reverse=True)[:1]:
+        table.memory('memory of the worker', *own)
+    told = browser.new_browser_cdp_session().send('SystemInfo.getProcessInfo')['processInfo']
+    tabs = [_resident(one['id']) for one in told if one['type'] == 'renderer']
+    table.memory('memory of the tab', *max(tabs))
+    heap = page.evaluate('() => performance.memory.usedJSHeapSize / 1e6')
+    table.memory('of these, heap of its scripts', heap)
 
 
-def _resident(pid: int) -> float:
+def _children(pid: int) -> list[int]:
+    tasks = Path(f'/proc/{pid}/task').iterdir()
+    return [int(child) for task in tasks for child in (task / 'children').read_text().split()]
+
+
+def _resident(pid: int) -> tuple[float, float]:
+    """Memory of a process now and at most, MB."""
     text = Path(f'/proc/{pid}/status').read_text()
-    return float(re.search(r'VmRSS:\s+(\d+)', text)[1]) / 1e3  # type: ignore[index]
+    found = dict(re.findall(r'(VmRSS|VmHWM):\s+(\d+)', text))
+    return float(found.get('VmRSS', 0)) / 1e3, float(found.get('VmHWM', 0)) / 1e3
 
 
 if __name__ == '__main__':

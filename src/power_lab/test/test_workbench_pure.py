@@ -1,6 +1,7 @@
 """Parts of the workbench without a server: sessions, pyramids, ranges of state."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from power_lab.workbench.bench_run import record_on_bench, shortened
 from power_lab.workbench.folders import Folders
 from power_lab.workbench.pyramid import Pyramid, masked
 from power_lab.workbench.session import LabSession, SessionStep
-from power_lab.workbench.view import PowerView
+from power_lab.workbench.view import PowerView, StateWords
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
@@ -143,6 +144,23 @@ def test_a_regime_chooses_driving_braking_and_rest_and_an_open_range_has_no_end(
     assert rows(['braking', 'above 20 N·m', '0.3 to 3 rad/s']) == [1, 2]
     assert rows(['at rest', 'above 20 N·m'], {'torque': [20.0, 80.0]}) == [4]
     assert rows(['driving', '20 to 80 N·m', '0.3 to 3 rad/s']) == []
+
+
+def test_words_mark_the_rows_that_have_them_and_no_others():
+    words = StateWords.of(np.array([['stance', 'swing'], ['swing', 'swing'], ['', 'stance']]))
+    assert words.texts == ('stance', 'swing', '')
+    assert words.places.tolist() == [[0, 1], [1, 1], [2, 0]]
+    assert words.rows('swing', 0).tolist() == [False, True, False]
+    assert words.rows('swing', 1).tolist() == [True, True, False]
+    assert not words.rows('flight', 1).any()
+    assert StateWords.of(np.zeros((0, 2), '<U6')).texts == ()
+
+
+def test_a_regime_of_a_phase_chooses_the_rows_of_that_phase_alone():
+    words = {'phase': StateWords.of(np.array([['stance'], ['swing'], ['swing']]))}
+    shown = replace(view([1] * 3, [1] * 3, [1] * 3), words=words)
+    regime = {'drive': 'A', 'conditions': ['swing'], 'bounds': {}}
+    assert maps.in_regime(shown, regime).rows.tolist() == [False, True, True]
 
 
 def test_a_span_chooses_the_rows_of_its_seconds():

@@ -14,7 +14,7 @@ from wattwalk_core.errors import InputError
 from power_lab.workbench.view import BETWEEN, PowerView, Singles
 
 _SMALL = 24_000_000  # bytes of a file, which are read in less than a second
-_MOST_MESSAGES = 150_000  # of a file whose chunks have no index
+_MOST_MESSAGES = 300_000  # of a file whose chunks have no index
 
 
 def coarse_view(paths: Sequence[str], drives: Sequence[str]) -> PowerView | None:

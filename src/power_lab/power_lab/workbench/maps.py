@@ -121,11 +121,10 @@ def in_regime(view: PowerView, regime: Mapping[str, Any]) -> Chosen:
     elif 'braking' in conditions:
         rows &= torque * speed <= 0
     for words in view.words.values():
-        own = words[:, column_of(view, drive)]
         for condition in conditions:
-            word = condition.removeprefix('controller ')
-            if (own == word).any():
-                rows &= own == word
+            said = words.rows(condition.removeprefix('controller '), column_of(view, drive))
+            if said.any():
+                rows &= said
     return _chosen(view, drive, rows, ', '.join(conditions))
 
 

@@ -22,7 +22,7 @@ from wattwalk_core.fingerprint import code_fingerprint
 from power_lab.recordings import Loaded
 from power_lab.workbench.array_file import ArrayFile, DamagedFileError
 from power_lab.workbench.source import Source
-from power_lab.workbench.view import PowerView
+from power_lab.workbench.view import PowerView, StateWords
 
 FOLDER = 'workbench'
 """Beside the index of recordings."""
@@ -181,11 +181,8 @@ def _of_opening(opening: KeptOpening) -> ArrayFile:
     view = opening.view
     arrays: dict[str, NDArray[Any]] = {name: getattr(view, name) for name in _ARRAYS}
     arrays |= {f'state {name}': values for name, values in view.state.items()}
-    known = {}
-    for name, words in view.words.items():
-        texts, places = np.unique(words, return_inverse=True)
-        known[name] = texts.tolist()
-        arrays[f'words {name}'] = places.reshape(words.shape).astype(np.int32)
+    arrays |= {f'words {name}': words.places for name, words in view.words.items()}
+    known = {name: words.texts for name, words in view.words.items()}
     about = {name: getattr(view, name) for name in _TEXTS}
     described = {'described': opening.recordings, 'sha256': opening.sha256}
     return ArrayFile(arrays, {**about, **described, 'words': known})
@@ -202,7 +199,7 @@ def _opening(found: ArrayFile) -> KeptOpening:
         residual=None,
         state=_named(arrays, 'state '),
         words={
-            name: np.array(texts)[arrays[f'words {name}']]
+            name: StateWords(tuple(texts), arrays[f'words {name}'])
             for name, texts in about['words'].items()
         },
         content={},

@@ -25,6 +25,30 @@ BETWEEN = 2.0
 
 
 @dataclass(frozen=True)
+class StateWords:
+    """A word for each row and drive, as its place in a few texts."""
+
+    texts: tuple[str, ...]
+    places: NDArray[np.int32] | NDArray[np.uint8]  # [N, D]
+
+    @classmethod
+    def of(cls, words: NDArray[np.str_]) -> 'StateWords':
+        """Find the texts of words [N, D]."""
+        texts: list[str] = []
+        places = np.full(words.shape, -1, np.int32)
+        while (left := np.argmax(places < 0)) or (places.size and places.flat[0] < 0):
+            texts.append(str(words.flat[left]))
+            places[words == texts[-1]] = len(texts) - 1
+        return cls(tuple(texts), places.astype(np.uint8) if len(texts) < 256 else places)
+
+    def rows(self, text: str, column: int) -> NDArray[np.bool_]:
+        """Mark the rows [N] of a drive that have a word."""
+        if text not in self.texts:
+            return np.zeros(len(self.places), bool)
+        return np.asarray(self.places[:, column] == self.texts.index(text))
+
+
+@dataclass(frozen=True)
 class PowerView:
     """
     Measured power, the model's residual and the state of the drives, at 50 Hz.
@@ -42,7 +66,7 @@ class PowerView:
     measured: Singles  # W [N, M]
     residual: Singles | None  # measured − estimated, W [N, M], held out
     state: Mapping[str, Singles]  # [N, D]
-    words: Mapping[str, NDArray[np.str_]]  # [N, D]
+    words: Mapping[str, StateWords]
     noise: Singles  # W [M]
     still: tuple[float, ...]  # rad/s [D], below which a drive is at rest
     content: Mapping[str, Any]
@@ -156,7 +180,7 @@ def _view(
             for name, values in state.items()
             if np.isfinite(values).any() and np.ptp(values[np.isfinite(values)]) > 0
         },
-        words=dict(words),
+        words={name: StateWords.of(own) for name, own in words.items()},
         noise=prepared.noise.astype(np.float32),
         still=tuple(standstill(scale, drive) for drive in range(len(prepared.signals.names))),
         content=content,
