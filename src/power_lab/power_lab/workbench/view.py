@@ -36,8 +36,8 @@ class StateWords:
         """Find the texts of words [N, D]."""
         texts: list[str] = []
         places = np.full(words.shape, -1, np.int32)
-        while (left := np.argmax(places < 0)) or (places.size and places.flat[0] < 0):
-            texts.append(str(words.flat[left]))
+        while (places < 0).any():
+            texts.append(str(words.flat[np.argmax(places < 0)]))
             places[words == texts[-1]] = len(texts) - 1
         return cls(tuple(texts), places.astype(np.uint8) if len(texts) < 256 else places)
 
