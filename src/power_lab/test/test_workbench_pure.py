@@ -1,5 +1,6 @@
 """Parts of the workbench without a server: sessions, pyramids, ranges of state."""
 
+import os
 import re
 from dataclasses import replace
 
@@ -197,6 +198,31 @@ def test_only_what_lies_in_a_named_folder_is_found(tmp_path):
     ):
         with pytest.raises(InputError, match='not in a folder'):
             folders.within(str(given))
+
+
+def test_the_list_of_recordings_comes_from_the_index_until_a_recording_changes(
+    tmp_path, monkeypatch
+):
+    bag = tmp_path / 'bags' / 'walk'
+    bag.mkdir(parents=True)
+    (bag / 'walk.mcap').touch()
+    card = bag / 'card.yaml'
+    card.write_text('robot: hopper\n')
+    folders = Folders.of([tmp_path / 'bags'])
+    monkeypatch.setenv('WATTWALK_INDEX', str(tmp_path / 'index.sqlite3'))
+    first = folders.recordings()
+    dates = card.stat().st_atime_ns, card.stat().st_mtime_ns
+    assert first[0]['robot'] == 'hopper'
+    card.write_text('robot: walker\n')
+    os.utime(card, ns=dates)
+    assert folders.recordings() == first  # of the same size and date: not read
+    os.utime(card, ns=(dates[0], dates[1] + 1))
+    assert folders.recordings()[0]['robot'] == 'walker'
+    card.write_text('robot: [\n')
+    assert 'problem' in folders.recordings()[0]
+    (tmp_path / 'index.sqlite3').write_text('something else')
+    card.write_text('robot: hopper\n')
+    assert folders.recordings() == first
 
 
 def test_a_motion_is_cut_by_one_factor_and_waves_keep_a_period():

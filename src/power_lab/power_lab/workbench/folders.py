@@ -1,18 +1,28 @@
 """Folders that were named: the only places that the page may read from."""
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from power_recordings.card import FILE, Card
+from power_recordings.index.stamp import Stamp
+from power_recordings.index.store import (
+    IndexAnswer,
+    RecordingFacts,
+    RecordingIndex,
+    usual_path,
+)
 from power_recordings.reading.bag_folder import find
 from wattwalk_core.errors import InputError
+from wattwalk_core.fingerprint import code_fingerprint
 
 from power_lab.workbench.logs import ENDINGS
 
 _DEPTH = 3
 _MOST = 500  # recordings that are listed
+_KIND = 'listed'  # answers of the index
 
 
 @dataclass(frozen=True)
@@ -54,10 +64,11 @@ class Folders:
     def recordings(self) -> list[dict[str, Any]]:
         """Recordings below the roots: path, name, and what the card says, unread."""
         found: dict[Path, dict[str, Any]] = {}
-        for root in self.roots:
-            for path in _bags(root, _DEPTH):
-                if len(found) < _MOST and path not in found:
-                    found[path] = _described(path)
+        with _index() as index:
+            for root in self.roots:
+                for path in _bags(root, _DEPTH):
+                    if len(found) < _MOST and path not in found:
+                        found[path] = {'path': str(path), 'name': path.name, **_said(path, index)}
         return sorted(found.values(), key=lambda one: str(one['path']))
 
     def models(self) -> list[str]:
@@ -115,11 +126,30 @@ def _inner(folder: Path) -> list[Path]:
         return []
 
 
-def _described(path: Path) -> dict[str, Any]:
-    out: dict[str, Any] = {'path': str(path), 'name': path.name}
+def _index() -> RecordingIndex:
+    """The index of recordings; none in place of a file that is no index."""
+    try:
+        return RecordingIndex(usual_path())
+    except InputError:
+        return RecordingIndex(None)
+
+
+def _said(path: Path, index: RecordingIndex) -> dict[str, Any]:
+    """The card's words and what is wrong with a recording, from the index where it has them."""
+    try:
+        stamp = Stamp.of(path)
+    except InputError as error:
+        return {'problem': str(error)}
+    key = code_fingerprint('power_recordings')
+    kept = index.answer(stamp, _KIND, key)
+    if kept is not None:
+        known: dict[str, Any] = json.loads(kept)
+        return known
     try:
         folder = find(path).folder
         card = Card.load(folder) if (folder / FILE).exists() else Card()
     except InputError as error:
-        return {**out, 'problem': str(error)}
-    return {**out, 'robot': card.robot, 'controller': card.controller, 'drives': len(card.drives)}
+        return {'problem': str(error)}
+    said = {'robot': card.robot, 'controller': card.controller, 'drives': len(card.drives)}
+    index.keep(stamp, RecordingFacts(card), IndexAnswer(_KIND, key, json.dumps(said).encode()))
+    return said
