@@ -16,6 +16,7 @@ setup(
         'setuptools',
         'numpy',
         'scipy',
+        'threadpoolctl',
         'torch',
         'safetensors',
         'matplotlib',

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.candidate_screener import CandidateScreener
-from power_estimator.effects.fit.design import Active, DesignBuilder, Structure, evaluate
+from power_estimator.effects.fit.design import Active, Structure, evaluate
+from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.fitter import (
     Blocks,
     Fitter,

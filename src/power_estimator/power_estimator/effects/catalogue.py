@@ -145,11 +145,17 @@ def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
             f'effect {effect.name!r} returned regressors of shape {columns.shape}; '
             f'[time, drive, term] is {expected}'
         )
-    if not np.isfinite(columns).all():
+    if not _all_finite(columns):
         raise InputError(f'effect {effect.name!r} returned NaN or infinite regressors')
     if effect.needs_joint_torque and signals.at_motor.any():
         columns = columns * ~signals.at_motor[:, None]
     return columns
+
+
+def _all_finite(values: Floats) -> bool:
+    """Return whether no value is NaN or infinite; one pass without a copy for those that are."""
+    flat = values.ravel(order='K')
+    return bool(np.isfinite(flat @ flat)) or bool(np.isfinite(values).all())
 
 
 def _effects_in(path: Path) -> list[Effect]:

@@ -78,6 +78,11 @@ class Effect(ABC):
     shapes: ClassVar[tuple[Shape, ...]] = ({},)
     fixed: ClassVar[float | None] = None  # a coefficient that physics fixes
     follows: ClassVar[frozenset[str]] = frozenset()  # estimates it uses: motor_torque, drawn
+    per_drive: ClassVar[bool] = False
+    """
+    Each drive's regressors come from its own signals alone. Fits then go drive by drive, several
+    at once, with Signals of one drive.
+    """
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and self.name == getattr(other, 'name', None)

@@ -20,6 +20,7 @@ class Freed(Effect):
         self.name = of.name  # type: ignore[misc]
         self.physics, self.formula = of.physics, of.formula  # type: ignore[misc]
         self.acts_on, self.follows = of.acts_on, of.follows  # type: ignore[misc]
+        self.per_drive = of.per_drive  # type: ignore[misc]
         self.excitation = of.excitation  # type: ignore[misc]
         self.terms = (Term(of.terms[0].symbol, of.terms[0].unit, 0.0, 1.5),)  # type: ignore[misc]
 

@@ -54,6 +54,7 @@ _FINALISTS, _EXTRAS, _SWAPS = 6, 3, 2
 _TESTED_SWAPS = 20  # of those that fit best, on held-out data
 MOST_RIVALS = 3
 """That a further effect may have."""
+_FAR_BEHIND = 2.0  # of the log error by drive: a first step that leaves seven times the error
 _MOST_SAMPLED = 3.0  # times its usual size may sampling raise the floor of unmodelled effects
 _LEAST_FALL = 1e-3  # of the log error, for another shape
 _EVENT, _EVENT_SHARE = 20.0, 0.05  # times the median squared error; of the blocks at most
@@ -104,7 +105,7 @@ class Diagnoser:
         singles = self._singles(none, screener, found)
         ladder, steps = [none], []
         while len(ladder) <= len(found):
-            step, better = self._next(none, ladder[-1], screener, found)
+            step, better = self._next(none, ladder[-1], screener, found, singles)
             steps.append(step)
             if better is None:
                 break
@@ -145,10 +146,11 @@ class Diagnoser:
     ) -> tuple[Candidate, ...]:
         order = sorted(found.values(), key=lambda screened: screened.loss)
         residual = none.fit.residual()
-        out = []
+        out: list[Candidate] = []
+        raced = self._race(none.fit, [screened.actives for screened in order[:_FINALISTS]])
         for rank, screened in enumerate(order):
             active = screened.actives[0]
-            evidence = self.added(none.fit, (active,), 3 if rank < _FINALISTS else 1)
+            evidence = raced[rank] if rank < len(raced) else self.added(none.fit, (active,), 1)
             fit, gain = evidence.fit, none.mean_mse - evidence.mean_mse
             place = fit.structure.columns_of(active.name)
             columns = fit.design.columns[..., place].astype(np.float32)
@@ -159,13 +161,30 @@ class Diagnoser:
             )
         return tuple(sorted(out, key=lambda c: float(c.evidence.loss.mean())))
 
-    def added(self, start: Fit, actives: Sequence[Active], iterations: int = 3) -> Evidence:
-        """The base with effects added, all fitted anew from a start."""
+    def _race(self, start: Fit, sets: Sequence[Sequence[Active]]) -> list[Evidence]:
+        """Each set fitted; those far behind one before them for one iteration only."""
+        out: list[Evidence] = []
+        margin = _FAR_BEHIND * len(self.fitter.prepared.names)
+        for actives in sets:
+            best = min((evidence.fit.error for evidence in out), default=np.inf)
+            out.append(self.added(start, actives, give_up=best + margin))
+        return out
+
+    def added(
+        self,
+        start: Fit,
+        actives: Sequence[Active],
+        iterations: int = 3,
+        give_up: float = np.inf,
+    ) -> Evidence:
+        """The base with effects added, all fitted anew from a start; give_up: as for a fit."""
         structure = self.base
         for active in actives:
             structure = structure.without(active.name)
         structure = structure.plus(*actives)
-        fit = self.fitter.fit(structure.with_discrepancies(), start, iterations=iterations)
+        fit = self.fitter.fit(
+            structure.with_discrepancies(), start, iterations=iterations, give_up=give_up
+        )
         return self.examiner.examine(fit, [active.name for active in actives])
 
     def _next(
@@ -174,11 +193,15 @@ class Diagnoser:
         best: Evidence,
         screener: CandidateScreener,
         found: dict[str, Screened],
+        singles: Sequence[Candidate],
     ) -> tuple[Step, Evidence | None]:
-        """The best set with one effect more, if it is worth it."""
+        """The best set with one effect more, if it is worth it; singles: those of one."""
         chosen = best.names
         sets = self._rivals(best, screener, found)
-        finalists = [self.added(best.fit if chosen else none.fit, actives) for actives in sets]
+        if chosen:
+            finalists = self._race(best.fit, sets)
+        else:
+            finalists = [one.evidence for one in singles if (one.active,) in sets]
         finalists = [e for e in finalists if not negligible(e, self.fitter.scale)] or finalists[:1]
         finalists.sort(key=lambda e: float(e.loss.mean()))
         losses = [best.loss, *(e.loss for e in finalists)]

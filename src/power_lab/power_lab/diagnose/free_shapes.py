@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Effect, Excitation, Signals, Term
-from power_estimator.effects.fit.design import Linearisation
+from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fitter
 
 from power_lab.compare.evidence import Evidence, Examiner
@@ -53,6 +53,7 @@ class FreeShape(Effect):
         self.places = places
         family = next(iter(places.values()))[0]
         self.acts_on = family.acts_on  # type: ignore[assignment,misc]
+        self.per_drive = not any(f.driver.other for f, _ in places.values())  # type: ignore[misc]
         if 'drawn' in family.driver.code:
             self.follows = frozenset({'drawn'})  # type: ignore[misc]
         count = max(len(nodes) for _, nodes in places.values())

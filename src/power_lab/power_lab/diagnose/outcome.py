@@ -26,6 +26,8 @@ from power_lab.diagnose.words import in_words
 from power_lab.recordings import Loaded, base_power
 
 Floats = NDArray[np.float64]
+MOST_SECONDS = 240.0
+"""s of all recordings together that a diagnosis judges on: more say the same at more cost."""
 _TOO_LITTLE = 0.01  # of what the largest candidate explains, to be compared at all
 _HIDES = 3.0  # times the floor: what other terms of the model may have swallowed
 _MOST_ASKED = 3
@@ -87,6 +89,7 @@ class Outcome:
     motion: Motion
     state: dict[str, Floats]
     labels: dict[str, NDArray[np.str_]]
+    seconds: float  # of the recordings, of which the diagnosis may have judged on pieces
 
     @property
     def sentence(self) -> str:
@@ -138,6 +141,8 @@ class Outcome:
                 for i, name in enumerate(names)
             },
             'share_explained': _short(d.share),
+            'judged_on_s': round(self.diagnoser.fitter.prepared.seconds, 2),
+            'of_s': round(self.seconds, 2),
             'steps': [
                 {
                     'before': list(step.added),
@@ -185,6 +190,7 @@ def diagnose(
         least=max(LEAST_SECONDS, LEAST_SECONDS * loaded.window),
         window=loaded.window,
     )
+    seconds, own = own.prepared.seconds, own.at_most(MOST_SECONDS)
     structure = own.structure(model.structure.actives)
     own, terms, delays = together(own, structure, catalogue)
     fitter = own.fitter(per_drive=True)
@@ -216,6 +222,7 @@ def diagnose(
         motion=_motion(diagnosis, rows, catalogue, own.prepared.signals),
         state=state,
         labels=labels,
+        seconds=seconds,
     )
 
 

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.folds import FOLDS, Folds
+from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.prepared import Prepared
-from scipy.signal import periodogram
+from scipy.signal import lombscargle, periodogram
 from sklearn.ensemble import HistGradientBoostingRegressor
 from statsmodels.stats.diagnostic import acorr_ljungbox
 from threadpoolctl import threadpool_limits
@@ -52,35 +53,37 @@ def examine_structure(
     drives = residual.shape[1]
     found = {key: np.zeros(drives) for key in ('state', 'cross', 'slow', 'total')}
     period, test = np.full(drives, np.nan), np.full(drives, np.nan)
-    with threadpool_limits(limits=1):
-        for drive in range(drives):
-            use = np.flatnonzero(blocks.valid[:, drive])
-            if len(use) < 2 * FOLDS:
-                continue
-            rows = blocks.rows[use]
-            target = residual[rows, drive]
-            own = range(len(prepared.signals.names)) if prepared.whole else (drive,)
-            signals = [state[name][rows, d] for d in own for name in STATE]
-            known = [values for values in signals if np.isfinite(values).any()]
-            features = np.stack(known, axis=-1)
-            trees = _trees(features, target, folds, use, seed)
-            left = target - trees
-            others = [d for d in range(drives) if d != drive]
-            if others:
-                beside = np.nan_to_num(power[rows][..., others])
-                crossed = _linear(beside, left, folds, use)
-                found['cross'][drive] = max(0.0, _gain(left, crossed))
-                if found['cross'][drive] > 0:
-                    left = left - crossed
-            found['state'][drive] = max(0.0, _gain(target, trees))
-            means = np.nanmean(left, axis=1)
-            gaps = np.diff(blocks.starts[use]) != blocks.length
-            found['slow'][drive] = _slow(means, gaps)
-            found['total'][drive] = float(np.nanmean(np.square(target)))
-            period[drive] = _period(means)
-            if len(means) > 2 * _TEST_LAGS:
-                table = acorr_ljungbox(means, lags=[_TEST_LAGS])
-                test[drive] = float(table['lb_pvalue'].iloc[0])
+
+    def fill(drive: int) -> None:
+        use = np.flatnonzero(blocks.valid[:, drive])
+        if len(use) < 2 * FOLDS:
+            return
+        rows = blocks.rows[use]
+        target = residual[rows, drive]
+        own = range(len(prepared.signals.names)) if prepared.whole else (drive,)
+        signals = [state[name][rows, d] for d in own for name in STATE]
+        known = [values for values in signals if np.isfinite(values).any()]
+        features = np.stack(known, axis=-1)
+        trees = _trees(features, target, folds, use, seed)
+        left = target - trees
+        others = [d for d in range(drives) if d != drive]
+        if others:
+            beside = np.nan_to_num(power[rows][..., others])
+            crossed = _linear(beside, left, folds, use)
+            found['cross'][drive] = max(0.0, _gain(left, crossed))
+            if found['cross'][drive] > 0:
+                left = left - crossed
+        found['state'][drive] = max(0.0, _gain(target, trees))
+        means = np.nanmean(left, axis=1)
+        gaps = np.diff(blocks.starts[use]) != blocks.length
+        found['slow'][drive] = _slow(means, gaps)
+        found['total'][drive] = float(np.nanmean(np.square(target)))
+        period[drive] = _period(means, blocks.time[use])
+        if len(means) > 2 * _TEST_LAGS:
+            table = acorr_ljungbox(means, lags=[_TEST_LAGS])
+            test[drive] = float(table['lb_pvalue'].iloc[0])
+
+    for_each(fill, range(drives))
     return ResidualStructure(
         found['state'], found['cross'], found['slow'], found['total'], period, test
     )
@@ -112,9 +115,11 @@ def _trees(
             early_stopping=False,
             random_state=seed,
         )
-        model.fit(x, y)
         held = features[tested]
-        out[tested] = model.predict(held.reshape(-1, held.shape[-1])).reshape(held.shape[:2])
+        with threadpool_limits(limits=1, user_api='openmp'):  # of this thread alone
+            model.fit(x, y)
+            predicted = model.predict(held.reshape(-1, held.shape[-1]))
+        out[tested] = predicted.reshape(held.shape[:2])
     return out
 
 
@@ -143,12 +148,24 @@ def _slow(means: Floats, gaps: NDArray[np.bool_]) -> float:
     return max(0.0, float(np.mean(covariances))) if covariances else 0.0
 
 
-def _period(means: Floats) -> float:
-    """Period of a line that stands out of the periodogram of 1 s means, s."""
+def _period(means: Floats, time: Floats) -> float:
+    """Period of a line that stands out of the spectrum of means of blocks at times, s."""
     if len(means) < 40:
         return float('nan')
-    frequency, density = periodogram(means, fs=1.0, window='hann', detrend='linear')
+    step = float(np.median(np.diff(time)))
+    count = round((time[-1] - time[0]) / step) // 2
+    frequency = np.arange(1, count + 1) / (2 * count * step)
+    if np.allclose(np.diff(time), step, rtol=0.01):
+        frequency, density = periodogram(means, fs=1.0 / step, window='hann', detrend='linear')
+    else:
+        level = np.polynomial.Polynomial.fit(time, means, 1)(time)
+        density = lombscargle(time - time[0], means - level, 2 * np.pi * frequency)
     strongest = int(np.argmax(density[2:])) + 2
-    if density[strongest] < 12 * np.median(density[2:]):
+    if density[strongest] < _line(len(density)) * np.median(density[2:]):
         return float('nan')
     return float(1.0 / frequency[strongest])
+
+
+def _line(count: int) -> float:
+    """Density of a line over the median: as rare in noise among count as 12 among 300."""
+    return 12.0 + max(0.0, float(np.log2(count / 300)))

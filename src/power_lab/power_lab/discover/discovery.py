@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.candidate_screener import shaped
-from power_estimator.effects.fit.design import Active, Linearisation, Structure
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from threadpoolctl import threadpool_limits
 from wattwalk_core.quoting import printable

@@ -90,6 +90,8 @@ def _class(one: Written) -> str:
         '    )',
         f'    acts_on = {family.acts_on!r}',
     ]
+    if not family.driver.other:
+        lines.append('    per_drive = True')
     if family.acts_on == 'torque':
         lines.append('    needs_joint_torque = True')
     if 'drawn' in family.driver.code:

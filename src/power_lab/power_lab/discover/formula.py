@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects.fit.design import Linearisation
+from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.signals.prepared import Prepared
 
 from power_lab.discover.drivers import Family

@@ -35,6 +35,7 @@ class Course(Effect):
     kind = 'measurement'
     physics = 'a course in time that the state of the drives does not explain'
     formula = 's(t)'
+    per_drive = True
     excitation = Excitation('none')
 
     def __init__(self, name: str, courses: dict[str, tuple[float, int]]) -> None:

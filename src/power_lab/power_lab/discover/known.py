@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.effect import Effect
 from power_estimator.effects.fit.candidate_screener import CandidateScreener
-from power_estimator.effects.fit.design import Active, Linearisation, Structure
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.signals.prepared import Prepared
 

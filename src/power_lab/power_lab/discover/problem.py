@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
-from power_estimator.effects.fit.design import Linearisation
+from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fitter
 from power_estimator.effects.fit.folds import FOLDS, Folds
 from power_estimator.effects.signals.reducer import REDUCED_RATE

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects.fit.design import Linearisation
+from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.folds import FOLDS
 from power_estimator.effects.signals.prepared import Prepared
 

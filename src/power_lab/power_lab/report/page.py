@@ -47,7 +47,7 @@ def write_diagnosis(
             'Active effects': ', '.join(map(in_words, outcome.model.effects)) or 'none',
             'Recordings': ', '.join(entry['name'] for entry in outcome.loaded.identities),
             'Drives': ', '.join(prepared.names),
-            'Length': f'{prepared.seconds:.0f} s without gaps',
+            'Length': f'{prepared.seconds:.0f} of {outcome.seconds:.0f} s without gaps',
         }
     )
     examiner = outcome.diagnoser.examiner

@@ -119,6 +119,11 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
     style = _VERDICT_STYLE[content['verdict']]
     console.print(f'[{style}]{content["verdict"]}[/]: {content["sentence"]}')
     console.print(f'active effects: {", ".join(content["active"]) or "none"}')
+    if content['judged_on_s'] < content['of_s']:
+        console.print(
+            f'judged on {content["judged_on_s"]:.0f} of {content["of_s"]:.0f} s, '
+            'in pieces spread over the recordings'
+        )
     table = _table('candidates: by how much the held-out error falls with each')
     for column in ('effect', 'W', 'coefficient', '95 % interval', 'may be it'):
         table.add_column(column, justify='right' if column == 'W' else 'left')

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
@@ -122,8 +123,10 @@ class DelayedNormal:
         gram = np.empty((count, drives, m, m))
         moment = np.empty((shifts, count, drives, m))
         square, next_ = np.empty((shifts, count, drives)), np.zeros((shifts, count, drives))
-        for drive in range(drives):
-            mask = blocks.mask[..., drive]
+        masks = blocks.mask
+
+        def fill(drive: int) -> None:
+            mask = masks[..., drive]
             x = columns[rows, drive] * mask[..., None]  # [B, L, m]
             y = power[:, rows, drive] - constant[rows, drive]
             y = np.where(mask, np.nan_to_num(y), 0.0)  # [S, B, L]
@@ -131,6 +134,8 @@ class DelayedNormal:
             moment[:, :, drive] = (y.transpose(1, 0, 2) @ x).transpose(1, 0, 2)
             square[..., drive] = np.einsum('sbl,sbl->sb', y, y)
             next_[:-1, :, drive] = np.einsum('sbl,sbl->sb', y[:-1], y[1:])
+
+        for_each(fill, range(drives))
         return cls(gram, moment, square, next_, blocks.valid, blocks.counts)
 
     def at(self, place: float) -> Normal:

@@ -12,6 +12,7 @@ from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.fit.folds import FOLDS, LEAST_MSE, Folds
+from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 Floats = NDArray[np.float64]
@@ -150,9 +151,9 @@ class CandidateScreener:
         count, drives = design.constant.shape
         self._columns = np.zeros((count, drives, self._empty + 1), np.float32)
         self._columns[..., : self._own] = design.columns
-        point = builder.point(base.structure, base.coefficients)
-        for active in self.candidates:
-            self._columns[..., self._place[active.key]] = builder.columns(active, point)
+        beside = builder.beside(self.candidates, base.structure, base.coefficients)
+        for active, columns in zip(self.candidates, beside, strict=True):
+            self._columns[..., self._place[active.key]] = columns
 
     def _sum(self) -> None:
         """Weighted normal equations of everything, and of the training part of each fold."""
@@ -163,15 +164,17 @@ class CandidateScreener:
         self._moment = np.zeros((1 + FOLDS, shifts, drives, m))
         self._square, self._next = np.zeros((shifts, drives)), np.zeros((shifts, drives))
         rows = blocks.rows
-        for drive in range(drives):
-            root = np.sqrt(self.base.weights[:, drive, None]) * blocks.mask[..., drive]
+        masks = blocks.mask
+
+        def fill(drive: int) -> None:
+            root = np.sqrt(self.base.weights[:, drive, None]) * masks[..., drive]
             x = self._columns[rows, drive].astype(np.float64) * root[..., None]
             y = prepared.power[:, rows, drive] - self._constant[rows, drive]
             y = np.nan_to_num(y) * root  # [S, B, L]
             self._square[:, drive] = np.einsum('sbl,sbl->s', y, y)
             self._next[:-1, drive] = np.einsum('sbl,sbl->s', y[:-1], y[1:])
 
-            def sums(used: NDArray[np.bool_], x: Floats = x, y: Floats = y) -> list[Floats]:
+            def sums(used: NDArray[np.bool_]) -> list[Floats]:
                 flat = x[used].reshape(-1, x.shape[2])
                 return [flat.T @ flat, y[:, used].reshape(len(y), -1) @ flat]
 
@@ -181,6 +184,8 @@ class CandidateScreener:
                 out_gram, out_moment = sums(self.folds.training[fold] == 0)
                 self._gram[1 + fold, drive] = gram - out_gram
                 self._moment[1 + fold, :, drive] = moment - out_moment
+
+        for_each(fill, range(drives))
 
     def _grouped(self, values: Floats, axis: int) -> Floats:
         """Sums over the drives that share coefficients."""
@@ -273,18 +278,23 @@ class CandidateScreener:
                 np.put_along_axis(full[:, :, drive], pick[:, None], solved[:, :, index], axis=2)
         full[..., empty] = 0.0
         out = np.full((len(trials), len(blocks.starts), drives), np.nan)
-        for drive, fold in itertools.product(range(drives), range(FOLDS)):
-            tested = np.flatnonzero((self.folds.test == fold) & blocks.valid[:, drive])
-            rows = blocks.rows[tested]
-            x = self._columns[rows, drive].reshape(-1, empty + 1)
-            model = (x @ full[:, fold, drive].T.astype(np.float32)).reshape(*rows.shape, -1)
-            mask, counts = blocks.mask[tested, :, drive], blocks.counts[tested, drive]
-            constant = self._constant[rows, drive]
-            for trial, (before, share) in enumerate(zip(left[:, 0], w[:, 0], strict=True)):
-                power = (1 - share) * prepared.power[before, rows, drive]
-                power = power + share * prepared.power[before + 1, rows, drive]
-                error = np.square(np.nan_to_num(power - constant) - model[..., trial]) * mask
-                out[trial, tested, drive] = error.sum(axis=1) / counts
+        masks = blocks.mask
+
+        def fill(drive: int) -> None:
+            for fold in range(FOLDS):
+                tested = np.flatnonzero((self.folds.test == fold) & blocks.valid[:, drive])
+                rows = blocks.rows[tested]
+                x = self._columns[rows, drive].reshape(-1, empty + 1)
+                model = (x @ full[:, fold, drive].T.astype(np.float32)).reshape(*rows.shape, -1)
+                mask, counts = masks[tested, :, drive], blocks.counts[tested, drive]
+                constant = self._constant[rows, drive]
+                for trial, (before, share) in enumerate(zip(left[:, 0], w[:, 0], strict=True)):
+                    power = (1 - share) * prepared.power[before, rows, drive]
+                    power = power + share * prepared.power[before + 1, rows, drive]
+                    error = np.square(np.nan_to_num(power - constant) - model[..., trial]) * mask
+                    out[trial, tested, drive] = error.sum(axis=1) / counts
+
+        for_each(fill, range(drives))
         return out
 
 

@@ -8,14 +8,10 @@ from numpy.typing import NDArray
 
 from power_estimator.effects import Effect, ModelDiscrepancy, Shape, Signals
 from power_estimator.effects.catalogue import regressors_of
-from power_estimator.effects.fit.blocks import modelled
-from power_estimator.effects.fit.kept import Kept
-from power_estimator.effects.signals.prepared import Prepared, rate_of
+from power_estimator.effects.signals.prepared import rate_of
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
-_KEPT = 128_000_000  # bytes, of columns
-_SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient
 
 
 @dataclass(frozen=True)
@@ -170,129 +166,10 @@ class BasePower:
     power: Floats  # W [T, D]
     copper: Floats  # W/(N·m)² [D], what torque costs in it, for torque that effects add
 
-
-@dataclass(frozen=True)
-class Linearisation:
-    """Point of linearisation of a structure, with the model's estimates there."""
-
-    structure: Structure
-    coefficients: Floats  # [D, m]
-    signals: Signals
-    power: Floats  # W [T, D], of the whole model
-    passed: Floats | None  # slope of the whole power by the drawn power [T, D]; None for 1
-
-
-class DesignBuilder:
-    """
-    Builds designs on prepared signals; keeps what no estimate moves.
-
-    It keeps one point with its columns, too: that which several fits in turn begin at.
-    """
-
-    def __init__(self, prepared: Prepared, base: BasePower | None = None) -> None:
-        self.prepared = prepared
-        self.base = base
-        self._reduced: Kept[Floats] = Kept(_KEPT)
-        self._instant: Kept[Floats] = Kept(_KEPT)
-        self._begun: tuple[object, Linearisation, dict[object, Floats]] | None = None
-
-    def point(self, structure: Structure, coefficients: Floats) -> Linearisation:
-        """The model's own estimates at coefficients [D, m]."""
-        if self._begun is not None and self._begun[0] == _place_of(structure, coefficients):
-            return replace(self._begun[1], structure=structure, coefficients=coefficients)
-        return self._point(structure, coefficients)
-
-    def _point(self, structure: Structure, coefficients: Floats) -> Linearisation:
-        signals = self.prepared.signals
-        signals = estimates(structure, coefficients, signals, self.base, self._columns)
-        power = signals.drawn.copy()
-        passed: Floats | None = None
-        for active, own in _split(structure, coefficients):
-            if 'drawn' not in active.effect.follows or not own.any():
-                continue
-            power += _weighted(active.columns(signals), own)
-            slope = active.effect.drawn_slope(signals, own[None], **active.parameters)
-            if slope is not None:
-                passed = (1.0 if passed is None else passed) + slope
-        return Linearisation(structure, coefficients, signals, power, passed)
-
-    def build(self, structure: Structure, coefficients: Floats, *, keep: bool = False) -> Design:
-        """Linearise about coefficients [D, m]; keep: other designs begin at them, too."""
-        place = _place_of(structure, coefficients)
-        point = self.point(structure, coefficients)
-        if keep and (self._begun is None or self._begun[0] != place):
-            self._begun = place, point, {}
-        known = self._begun[2] if self._begun is not None and self._begun[0] == place else {}
-        columns = []
-        for active in structure.free:
-            if active.key not in known:
-                known[active.key] = self.columns(active, point)
-            columns.append(known[active.key])
-        count = (len(self.prepared.time), len(self.prepared.names))
-        joined = np.concatenate(columns, axis=2) if columns else np.empty((*count, 0))
-        constant = self.constant(point, joined)
-        return Design(
-            structure, joined, constant, *structure.bounds(coefficients, self.prepared.scale)
-        )
-
-    def columns(self, active: Active, point: Linearisation) -> Floats:
-        """Reduced derivatives of the power by one effect's coefficients, [N, D, n]."""
-        signals, effect = point.signals, active.effect
-        if effect.acts_on == 'speed':
-            return self.prepared.reduced(self._by_speed(active, point))
-        if effect.acts_on == 'torque':
-            price = (signals.motor_velocity + signals.torque_cost)[..., None]
-            power = self._columns(active, signals) * price
-        elif effect.follows or point.passed is not None:
-            power = self._columns(active, signals)
-        else:
-            return self._reduced_once(active, signals)
-        if point.passed is not None and 'drawn' not in effect.follows:
-            power = power * point.passed[..., None]
-        return self.prepared.reduced(power)
-
-    def constant(self, point: Linearisation, columns: Floats) -> Floats:
-        """Return the part of the model's power at the point that its columns lack, W [N, D]."""
-        return self.prepared.reduced(point.power) - modelled(columns, point.coefficients)
-
-    def _by_speed(self, active: Active, point: Linearisation) -> Floats:
-        """Derivatives by coefficients that move the motor's speed, W per unit [T, D, n]."""
-        place = point.structure.columns_of(active.name)
-        structure, coefficients = point.structure, point.coefficients
-        if not place:
-            structure = structure.plus(active)
-            place = structure.columns_of(active.name)
-            extra = np.zeros((len(coefficients), len(place)))
-            coefficients = np.concatenate([coefficients, extra], axis=1)
-        columns = []
-        for column in place:
-            moved = coefficients.copy()
-            moved[:, column] += _SPEED_STEP
-            columns.append((self.point(structure, moved).power - point.power) / _SPEED_STEP)
-        return np.stack(columns, axis=-1)
-
-    def _columns(self, active: Active, signals: Signals) -> Floats:
-        if active.effect.follows or signals.motor_velocity is not signals.velocity:
-            return active.columns(signals)
-        return self._instant.get(active.key, lambda: active.columns(signals), _bytes)
-
-    def _reduced_once(self, active: Active, signals: Signals) -> Floats:
-        if signals.motor_velocity is not signals.velocity:
-            return self.prepared.reduced(active.columns(signals))
-        return self._reduced.get(
-            active.key, lambda: self.prepared.reduced(active.columns(signals)), _bytes
-        )
-
-
-def _bytes(values: Floats) -> int:
-    return values.nbytes
-
-
-def _place_of(structure: Structure, coefficients: Floats) -> object:
-    """Identity of a point: the effects that take part in it, with their coefficients."""
-    fixed = tuple(active.key for active in structure.actives if active.effect.fixed is not None)
-    parts = _split(structure, coefficients)
-    return fixed, tuple((a.key, own.tobytes()) for a, own in parts if own.any())
+    def drive(self, index: int) -> 'BasePower':
+        """Power and cost of one drive, D = 1."""
+        own = np.ascontiguousarray(self.power[:, index : index + 1])
+        return BasePower(own, self.copper[[index]])
 
 
 Source = Callable[[Active, Signals], Floats]
@@ -314,7 +191,7 @@ def estimates(
 
     coefficients is [D, m]; base is a model underneath.
     """
-    parts = _split(structure, coefficients)
+    parts = by_effect(structure, coefficients)
     signals = _with_motion(parts, signals, source)
     torque = np.zeros_like(signals.torque)
     for follows in (False, True):
@@ -322,7 +199,7 @@ def estimates(
         for active, own in parts:
             second = 'motor_torque' in active.effect.follows
             if active.effect.acts_on == 'torque' and second is follows and own.any():
-                torque = torque + _weighted(source(active, before), own)
+                torque = torque + weighted(source(active, before), own)
     signals = replace(signals, motor_torque=signals.torque + torque)
     cost = np.zeros_like(torque)
     if base is not None:
@@ -344,7 +221,7 @@ def estimates(
     for active, own in parts:
         power = active.effect.acts_on == 'power' and 'drawn' not in active.effect.follows
         if power and own.any():
-            added = _weighted(source(active, signals), own)
+            added = weighted(source(active, signals), own)
             drawn += added
             if active.name == 'idle':
                 signals = replace(signals, electronics=added)
@@ -357,9 +234,9 @@ def evaluate(
     """Power of the model in W [T, D] at the rate of the signals."""
     signals = estimates(structure, coefficients, signals, base)
     power = signals.drawn
-    for active, own in _split(structure, coefficients):
+    for active, own in by_effect(structure, coefficients):
         if 'drawn' in active.effect.follows and own.any():
-            power = power + _weighted(active.columns(signals), own)
+            power = power + weighted(active.columns(signals), own)
     return power
 
 
@@ -369,7 +246,7 @@ def _with_motion(
     extra = np.zeros_like(signals.velocity)
     for active, own in parts:
         if active.effect.acts_on == 'speed' and own.any():
-            extra += _weighted(source(active, signals), own)
+            extra += weighted(source(active, signals), own)
     if not extra.any():
         return signals
     acceleration = signals.acceleration + rate_of(extra, signals.stretches(), signals.rate)
@@ -378,15 +255,18 @@ def _with_motion(
     )
 
 
-def _weighted(columns: Floats, coefficients: Floats) -> Floats:
+def weighted(columns: Floats, coefficients: Floats) -> Floats:
     """Multiply [T, D, n] by [D, n] and sum to [T, D]."""
+    if columns.shape[1] == 1 and columns.shape[2] > 2:
+        return np.asarray(columns[:, 0] @ coefficients[0])[:, None]
     total = columns[..., 0] * coefficients[:, 0]
     for term in range(1, coefficients.shape[1]):
         total += columns[..., term] * coefficients[:, term]
     return total
 
 
-def _split(structure: Structure, coefficients: Floats) -> Sequence[tuple[Active, Floats]]:
+def by_effect(structure: Structure, coefficients: Floats) -> Sequence[tuple[Active, Floats]]:
+    """Pair each effect with its columns of coefficients [D, m]."""
     place, out = 0, []
     for active in structure.free:
         count = len(active.effect.terms)

@@ -11,14 +11,10 @@ from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks, Normal, drawn_blocks, modelled
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
+from power_estimator.effects.fit.by_drive import ByDriveBuilder
 from power_estimator.effects.fit.delay_search import FINE_STEP, DelaySearch, group_limits
-from power_estimator.effects.fit.design import (
-    Active,
-    BasePower,
-    Design,
-    DesignBuilder,
-    Structure,
-)
+from power_estimator.effects.fit.design import Active, BasePower, Design, Structure
+from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.kept import Kept
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
@@ -112,10 +108,9 @@ class Fitter:
         """groups: drives that share coefficients, by index; base: a model underneath."""
         self.prepared = prepared
         self.blocks = Blocks.of(prepared)
-        self.builder = (
-            WholeBuilder(prepared, base) if prepared.whole else DesignBuilder(prepared, base)
-        )
         count = len(prepared.names)
+        several = ByDriveBuilder if count > 1 else DesignBuilder
+        self.builder = (WholeBuilder if prepared.whole else several)(prepared, base)
         self.groups = [list(g) for g in groups] if groups else [[d] for d in range(count)]
         noise = np.where(np.isfinite(prepared.noise), prepared.noise, 0.1 * self.scale.power)
         self.weight = np.maximum(noise, _LEAST_NOISE * self.scale.power) ** 2
@@ -137,12 +132,14 @@ class Fitter:
         start: 'Fit | None' = None,
         iterations: int = 3,
         delay: float | None = None,
+        give_up: float = np.inf,
     ) -> Fit:
         """
         Fit all coefficients within their bounds, and the delay unless it is given (s).
 
         start gives the point to linearise about by the names of its effects. At most so many
-        iterations: fewer where a step no longer moves what the linearisation depends on.
+        iterations: fewer where a step no longer moves what the linearisation depends on, or
+        where one leaves a larger error than give_up.
         """
         point = carried(structure, start, len(self.prepared.names))
         weights = np.ones(self.blocks.valid.shape) if start is None else start.weights
@@ -152,6 +149,8 @@ class Fitter:
             design = self.builder.build(structure, point, keep=current is None)
             normal, chosen = self.delays.found(design, self.blocks, weights, near, delay)
             current = self._solved(design, normal, point, weights, chosen, _REWEIGHTINGS)
+            if current.error > give_up:
+                break
             still = near is not None and abs(chosen - near) <= FINE_STEP
             if left and still and self._settled(current, design, normal):
                 more = _REWEIGHTINGS * left

@@ -33,6 +33,7 @@ class PerRecording(Effect):
         self.name = of.name  # type: ignore[misc]
         self.physics, self.formula = of.physics, of.formula  # type: ignore[misc]
         self.acts_on, self.follows = of.acts_on, of.follows  # type: ignore[misc]
+        self.per_drive = of.per_drive  # type: ignore[misc]
         self.excitation, self.near = of.excitation, of.near  # type: ignore[misc]
         self.terms = tuple(  # type: ignore[misc]
             replace(of.terms[0], symbol=f'{of.terms[0].symbol}{number + 1}')

@@ -17,6 +17,7 @@ from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
 from power_estimator.effects.fit.folds import FOLDS, Folds
 from power_estimator.effects.fit.whole_robot import column_of, expanded, share_of
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
+from power_estimator.effects.signals.pieces import pieces
 from power_estimator.effects.signals.prepared import Prepared, prepare
 
 Floats = NDArray[np.float64]
@@ -50,6 +51,13 @@ class Material:
         columns = assign(self.prepared.names, self.types)
         groups = None if per_drive else [own for own in columns.values() if own]
         return Fitter(self.prepared, groups=groups, base=self.base_power)
+
+    def at_most(self, seconds: float) -> 'Material':
+        """The same of so many seconds at most, in pieces spread over all recordings."""
+        prepared, base = pieces(self.prepared, seconds), self.base_power
+        if base is not None and prepared.rows is not None:
+            base = replace(base, power=base.power[prepared.rows])
+        return replace(self, prepared=prepared, base_power=base)
 
 
 def material(

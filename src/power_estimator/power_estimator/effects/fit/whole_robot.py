@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_estimator.effects import Effect, Shape, Signals
-from power_estimator.effects.fit.design import Active, DesignBuilder, Linearisation, Structure
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.design_builder import DesignBuilder, Linearisation
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]

@@ -12,6 +12,7 @@ class Cogging(Effect):
     name = 'cogging'
     physics = 'magnets and teeth pull the rotor to and fro, a fixed number of times per turn'
     formula = 'A·sin(order·q + phase)·w + 2·k·torque·A·sin(order·q + phase)'
+    per_drive = True
     terms = (
         Term('A·cos(phase)', 'N·m', -20.0, 20.0),
         Term('A·sin(phase)', 'N·m', -20.0, 20.0),

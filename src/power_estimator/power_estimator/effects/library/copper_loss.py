@@ -13,6 +13,7 @@ class CopperLoss(Effect):
     physics = 'the current that makes the torque heats the winding and whatever is in line with it'
     formula = 'k·motor_torque², motor_torque = torque + friction + J·acceleration'
     follows = frozenset({'motor_torque'})
+    per_drive = True
     terms = (Term('k', 'W/(N·m)²', 0.0, 1.0),)
     ties = ('inverter_resistance',)
     near = ('line_resistance', 'winding_heating')

@@ -10,6 +10,7 @@ class CoulombFriction(Effect):
     name = 'coulomb_friction'
     physics = 'dry friction: the same torque at every speed, against the motion'
     formula = 'Tc·(|w| + 2·k·torque·sgn w)'
+    per_drive = True
     terms = (Term('Tc', 'N·m', 0.0, 80.0),)
     acts_on = 'torque'
     needs_joint_torque = True

@@ -13,6 +13,7 @@ class FieldWeakening(Effect):
     name = 'field_weakening'
     physics = 'above base speed the controller spends current to hold the back-EMF down'
     formula = 'c·max(0, |w| − per_volt·V)²'
+    per_drive = True
     terms = (Term('c', 'W·s²/rad²', 0.0, 1000.0),)
     shapes = tuple({'per_volt': speed / 48.0} for speed in (3.0, 4.0, 5.0, 5.5, 6.0, 6.5, 7.0))
     near = ('iron_loss', 'viscous_friction')

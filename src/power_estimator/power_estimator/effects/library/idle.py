@@ -15,6 +15,7 @@ class Idle(Effect):
     name = 'idle'
     physics = 'electronics draw power whether the drive moves or not'
     formula = 'P0'
+    per_drive = True
     terms = (Term('P0', 'W', 0.0, 500.0),)
     near = ('current_offset',)
     discrepancy_limit = 1.0

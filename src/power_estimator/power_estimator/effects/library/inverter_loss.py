@@ -16,6 +16,7 @@ class InverterLoss(Effect):
     physics = 'the switches cost in proportion to the current, and to the bus voltage they switch'
     formula = 'a·|motor_torque| + s·|motor_torque|·V/48'
     follows = frozenset({'motor_torque'})
+    per_drive = True
     terms = (Term('a', 'W/(N·m)', 0.0, 5.0), Term('s', 'W/(N·m)', 0.0, 5.0))
     near = ('copper_loss',)
     discrepancy_limit = 0.2

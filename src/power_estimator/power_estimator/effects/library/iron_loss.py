@@ -28,6 +28,7 @@ class IronLoss(Effect):
     physics = 'the rotating field magnetises the stator back and forth (h) and drives eddies (e)'
     formula = 'h·|w| + e·w²; with carried = 1 also 2·k·torque·(h·sgn w + e·w)'
     follows = frozenset({'motor_torque'})
+    per_drive = True
     terms = (Term('h', 'W·s/rad', 0.0, 1.0), Term('e', 'W·s²/rad²', 0.0, 0.4))
     near = ('viscous_friction', 'coulomb_friction')
     shapes = ({'carried': 0.0}, {'carried': 1.0})

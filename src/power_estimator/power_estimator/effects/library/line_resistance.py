@@ -13,6 +13,7 @@ class LineResistance(Effect):
     physics = 'the current drawn heats the cable between the meter and the drive'
     formula = 'Rl·(P/V)²'
     follows = frozenset({'drawn'})
+    per_drive = True
     terms = (Term('Rl', 'ohm', 0.0, 5.0),)
     near = ('copper_loss',)
     excitation = Excitation(

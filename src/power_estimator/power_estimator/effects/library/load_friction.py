@@ -12,6 +12,7 @@ class LoadFriction(Effect):
     name = 'load_friction'
     physics = 'gear friction in proportion to the load: the efficiency of the gear'
     formula = 'c·|torque·w| + 2·k·c·torque·|torque|·sgn w'
+    per_drive = True
     terms = (Term('c', '1', 0.0, 1.0),)
     acts_on = 'torque'
     needs_joint_torque = True

@@ -15,6 +15,7 @@ class PowerGain(Effect):
         'voltage or current is scaled wrongly; shows on the shaft, whose coefficient is known'
     )
     formula = 'g·torque·w'
+    per_drive = True
     terms = (Term('g', '1', -0.04, 0.04, prior=0.02),)
     kind = 'measurement'
     near = ('shaft', 'load_friction')
@@ -35,6 +36,7 @@ class CurrentOffset(Effect):
     name = 'current_offset'
     physics = 'a zero error of the current sensor times the bus voltage'
     formula = 'I0·V'
+    per_drive = True
     terms = (Term('I0', 'A', -0.03, 0.03, prior=0.01),)
     kind = 'measurement'
     near = ('idle',)
@@ -51,6 +53,7 @@ class TorqueBias(Effect):
     name = 'torque_bias'
     physics = 'a zero error of the torque sensor'
     formula = 'b·(w + 2·k·torque)'
+    per_drive = True
     terms = (Term('b', 'N·m', -0.5, 0.5, prior=0.25),)
     kind = 'measurement'
     acts_on = 'torque'
@@ -69,6 +72,7 @@ class OffsetDrift(Effect):
     name = 'offset_drift'
     physics = 'the zero of the current sensor moves while it warms'
     formula = 'D·V·(time since the middle of the recording in minutes)'
+    per_drive = True
     terms = (Term('D', 'A/min', -0.02, 0.02, prior=0.005),)
     kind = 'measurement'
     near = ('winding_heating',)
@@ -77,8 +81,7 @@ class OffsetDrift(Effect):
     def regressors(self, signals: Signals, **shape: float) -> Floats:
         """Voltage times the time from the recording's middle."""
         minutes = np.zeros_like(signals.time)
-        for recording in np.unique(signals.recording):
-            rows = signals.recording == recording
+        for rows in signals.by_recording():
             times = signals.time[rows]
             minutes[rows] = (times - 0.5 * (times[0] + times[-1])) / 60.0
         return (minutes[:, None] * signals.voltage)[..., None]
@@ -90,6 +93,7 @@ class TorqueNonlinearity(Effect):
     name = 'torque_bend'
     physics = 'a torque sensor that is not quite linear'
     formula = 'n·torque·w·|torque|/(highest torque)'
+    per_drive = True
     terms = (Term('n', '1', -0.03, 0.03, prior=0.01),)
     kind = 'measurement'
     near = ('power_gain', 'load_friction')
@@ -107,6 +111,7 @@ class VelocityLag(Effect):
     name = 'velocity_lag'
     physics = 'the velocity passes a filter that the torque does not pass'
     formula = 'delta·torque·dw/dt'
+    per_drive = True
     terms = (Term('delta', 's', -0.003, 0.003, prior=0.0015),)
     kind = 'measurement'
     near = ('rotor_inertia', 'time_offset')
@@ -124,6 +129,7 @@ class TimeOffset(Effect):
     physics = 'power and joint signals are stamped by clocks that differ'
     formula = 'delta·dP/dt; the fit shifts the power itself'
     follows = frozenset({'drawn'})
+    per_drive = True
     terms = (Term('delta', 's', -0.006, 0.022),)
     kind = 'measurement'
     near = ('rotor_inertia', 'spring', 'velocity_lag')

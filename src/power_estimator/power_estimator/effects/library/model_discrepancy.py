@@ -18,6 +18,7 @@ class ModelDiscrepancy(Effect):
         self.name = f'{of.name}~'  # type: ignore[misc]
         self.acts_on = of.acts_on  # type: ignore[misc]
         self.follows = of.follows  # type: ignore[misc]
+        self.per_drive = of.per_drive  # type: ignore[misc]
         self.discrepancy_limit = of.discrepancy_limit  # type: ignore[misc]
         self.shape = tuple(shape.items())
 

@@ -13,6 +13,7 @@ class RegenerationEfficiency(Effect):
     physics = 'of the power that a braking drive returns only the part eta arrives at the bus'
     formula = '(1 − eta)·max(0, −P); with bridge = 1, P without the electronics'
     follows = frozenset({'drawn'})
+    per_drive = True
     terms = (Term('1 − eta', '1', 0.0, 1.0, attained=True),)
     shapes = ({'bridge': 0.0}, {'bridge': 1.0})
     near = ('regeneration_limit', 'load_friction')

@@ -10,6 +10,7 @@ class RotorInertia(Effect):
     name = 'rotor_inertia'
     physics = 'accelerating the rotor takes torque that no joint sensor sees'
     formula = 'J·w·dw/dt + 2·k·J·torque·dw/dt'
+    per_drive = True
     terms = (Term('J', 'kg·m²', 0.0, 5.0),)
     acts_on = 'torque'
     needs_joint_torque = True

@@ -10,6 +10,7 @@ class Shaft(Effect):
     name = 'shaft'
     physics = 'mechanical power delivered to the joint, negative while the joint drives the motor'
     formula = 'torque·speed, coefficient fixed at 1'
+    per_drive = True
     terms = (Term('c', '1', 1.0, 1.0),)
     fixed = 1.0
     near = ('power_gain',)

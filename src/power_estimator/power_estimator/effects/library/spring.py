@@ -17,6 +17,7 @@ class Spring(Effect):
     name = 'spring'
     physics = 'the motor also turns to load the series spring, and friction acts on that too'
     formula = '(torque + friction)·dx/dt, relaxation·dx²/dt² + dx/dt = dtorque/dt/ks'
+    per_drive = True
     terms = (Term('1/ks', 'rad/(N·m)', 0.0, 0.05, least=3e-4),)
     acts_on = 'speed'
     needs_joint_torque = True

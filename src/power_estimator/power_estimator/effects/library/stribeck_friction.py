@@ -13,6 +13,7 @@ class StribeckFriction(Effect):
     name = 'stribeck_friction'
     physics = 'surfaces touch at low speed until the lubricant carries them'
     formula = 'Ts·exp(−(w/speed)²)·(|w| + 2·k·torque·sgn w)'
+    per_drive = True
     terms = (Term('Ts', 'N·m', 0.0, 80.0),)
     acts_on = 'torque'
     needs_joint_torque = True

@@ -10,6 +10,7 @@ class ViscousFriction(Effect):
     name = 'viscous_friction'
     physics = 'grease drags in proportion to speed, and the motor carries that torque as well'
     formula = 'B·w² + 2·k·torque·B·w'
+    per_drive = True
     terms = (Term('B', 'N·m·s/rad', 0.0, 100.0),)
     acts_on = 'torque'
     needs_joint_torque = True

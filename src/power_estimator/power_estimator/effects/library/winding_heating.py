@@ -19,6 +19,7 @@ class WindingHeating(Effect):
     physics = 'a warm winding has more resistance: +0.39 % copper loss per kelvin'
     formula = "c·motor_torque²·0.0039·dT; dT measured, or time_constant·dT' = torque² − dT"
     follows = frozenset({'motor_torque'})
+    per_drive = True
     terms = (
         Term('c', 'W/((N·m)²·K)'),
         Term('c0', 'W/(N·m)²'),
@@ -65,15 +66,16 @@ def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floa
     """
     from scipy.signal import lfilter
 
-    rise = np.zeros_like(signals.torque)
-    remaining = np.zeros_like(signals.torque)
+    of = signals if signals.past is None else signals.past
+    rise = np.zeros_like(of.torque)
+    remaining = np.zeros_like(of.torque)
     decay = np.exp(-1.0 / (signals.rate * time_constant))
-    heat = np.square(signals.torque)
-    state = np.zeros(signals.torque.shape[1])
+    heat = np.square(of.torque)
+    state = np.zeros(of.torque.shape[1])
     begin, previous, last = 0.0, -1, 0.0
-    for part in signals.stretches():
-        recording = int(signals.recording[part.start])
-        start = float(signals.time[part.start])
+    for part in of.stretches():
+        recording = int(of.recording[part.start])
+        start = float(of.time[part.start])
         if recording != previous:
             state, begin = np.zeros_like(state), start
         else:
@@ -81,6 +83,8 @@ def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floa
         rise[part], _ = lfilter(
             [1.0 - decay], [1.0, -decay], heat[part], axis=0, zi=(decay * state)[None]
         )
-        remaining[part] = np.exp(-(signals.time[part] - begin) / time_constant)[:, None]
-        state, previous, last = rise[part.stop - 1], recording, float(signals.time[part.stop - 1])
+        remaining[part] = np.exp(-(of.time[part] - begin) / time_constant)[:, None]
+        state, previous, last = rise[part.stop - 1], recording, float(of.time[part.stop - 1])
+    if signals.past is not None:
+        return rise[signals.past.rows], remaining[signals.past.rows]
     return rise, remaining

@@ -53,11 +53,23 @@ class Prepared:
     torque_constant: Floats  # N·m/A [D], NaN where the torque is none that is computed here
     noise: Floats  # W [M], of the reduced power
     whole: bool = False  # one meter for the robot
+    rows: NDArray[np.intp] | None = None  # of the aligned samples, where some were left out
 
     @property
     def names(self) -> tuple[str, ...]:
         """M meters: the drives, or the robot."""
         return (WHOLE,) if self.whole else self.signals.names
+
+    def drive(self, index: int) -> 'Prepared':
+        """Signals and power of one drive, D = M = 1; not for whole robots."""
+        return replace(
+            self,
+            signals=self.signals.drive(index),
+            power=self.power[..., index : index + 1],
+            lag=self.lag[[index]],
+            torque_constant=self.torque_constant[[index]],
+            noise=self.noise[[index]],
+        )
 
     @property
     def scale(self) -> DriveScale:

@@ -1,6 +1,8 @@
 """Low-pass and decimation of products and power, alike for all."""
 
+import itertools
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +37,7 @@ class Reducer:
         """Input samples for each reduced one."""
         return max(1, round(self.rate / REDUCED_RATE))
 
-    @property
+    @cached_property
     def margin(self) -> int:
         """Input samples lost at each end of a stretch: filter and largest shift."""
         half = max(HALF_WIDTH, self.window / 2)
@@ -45,12 +47,25 @@ class Reducer:
         """[T, ...] → [N, ...]: the low-passed values at time t + shift (s)."""
         taps = self._taps(shift)
         start = self.margin - len(taps) // 2
-        parts = [
-            _known(np.asarray(values[part], np.float64)[start:], taps, self.factor, count)
-            for part in self.slices
-            if (count := self._count(part))
-        ]
-        return np.concatenate(parts) if parts else np.empty((0, *values.shape[1:]))
+        stretches = self.stretches()
+        out = np.empty((stretches[-1].stop if stretches else 0, *values.shape[1:]))
+        for places in self._alike:
+            parts = [values[self.slices[place]][start:] for place in places]
+            together = np.stack(parts, axis=1, dtype=np.float64)  # [L, parts, …]
+            count = self._count(self.slices[places[0]])
+            reduced = _known(together, taps, self.factor, count)
+            for column, place in enumerate(places):
+                out[stretches[place]] = reduced[:, column]
+        return out
+
+    @cached_property
+    def _alike(self) -> list[list[int]]:
+        """Stretches of one length, by place: one matrix product reduces them together."""
+        found: dict[int, list[int]] = {}
+        for place, part in enumerate(self.slices):
+            if self._count(part):
+                found.setdefault(part.stop - part.start, []).append(place)
+        return list(found.values())
 
     def centres(self) -> NDArray[np.intp]:
         """Index of the input sample at the middle of each reduced one, [N]."""
@@ -64,29 +79,32 @@ class Reducer:
 
     def stretches(self) -> list[slice]:
         """Gap-free stretches of the reduced samples."""
-        out, start = [], 0
-        for part in self.slices:
-            out.append(slice(start, start + self._count(part)))
-            start += self._count(part)
-        return out
+        ends = np.cumsum([self._count(part) for part in self.slices]).tolist()
+        return [slice(start, stop) for start, stop in itertools.pairwise([0, *ends])]
 
     def _count(self, part: slice) -> int:
         return max(0, (part.stop - part.start - 2 * self.margin - 1) // self.factor + 1)
 
     def _taps(self, shift: float) -> Floats:
-        half = self.margin - 1
-        time = np.arange(-half, half + 1) / self.rate - shift
-        if self.window:
-            inside = np.abs(time) <= self.window / 2
-            return np.asarray(inside / inside.sum(), np.float64)[::-1]
-        return windowed_sinc(time, CUTOFF, HALF_WIDTH, _BETA)[::-1]
+        return _filter(self.margin - 1, self.rate, self.window, shift)
+
+
+@lru_cache(64)
+def _filter(half: int, rate: float, window: float, shift: float) -> Floats:
+    """Coefficients of the low-pass at a delay, newest sample first; not to be changed."""
+    time = np.arange(-half, half + 1) / rate - shift
+    if window:
+        inside = np.abs(time) <= window / 2
+        return np.asarray(inside / inside.sum(), np.float64)[::-1]
+    return windowed_sinc(time, CUTOFF, HALF_WIDTH, _BETA)[::-1]
 
 
 def _known(values: Floats, taps: Floats, factor: int, count: int) -> Floats:
     """As `_decimated`, NaN where a value that is not known counts."""
-    unknown = ~np.isfinite(values)
-    if not unknown.any():
+    flat = values.ravel(order='K')
+    if np.isfinite(flat @ flat):
         return _decimated(values, taps, factor, count)
+    unknown = ~np.isfinite(values)
     out = _decimated(np.where(unknown, 0.0, values), taps, factor, count)
     reached = _decimated(unknown.astype(np.float64), np.abs(taps), factor, count)
     out[reached > 0.0] = np.nan

@@ -1,7 +1,9 @@
 """Signals that effects are computed from."""
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +11,21 @@ from numpy.typing import NDArray
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Past:
+    """All samples of recordings of which signals are a part, for what remembers."""
+
+    time: Floats  # s [P]
+    segment: NDArray[np.int32]  # [P]
+    recording: NDArray[np.int32]  # [P]
+    torque: Floats  # N·m at the joint [P, D]
+    rows: NDArray[np.intp]  # [T], those that the signals have
+
+    def stretches(self) -> list[slice]:
+        """The gap-free stretches, in order."""
+        return _runs(self.segment)
 
 
 @dataclass(frozen=True)
@@ -42,24 +59,55 @@ class Signals:
     drawn: Floats  # W
     scale: DriveScale  # of the drives
     at_motor: NDArray[np.bool_]  # [D], torque is the motor's: friction and inertia are in it
+    past: Past | None = None  # where these are pieces of longer recordings
+
+    def rows(self, rows: NDArray[np.intp], segment: NDArray[np.int32]) -> 'Signals':
+        """Samples at rows, as pieces numbered anew by segment, with all before them as past."""
+        past = Past(self.time, self.segment, self.recording, self.torque, rows)
+        arrays = self._each_array(lambda values: values[rows])
+        return replace(self, **arrays | {'segment': segment, 'past': past})
 
     def drive(self, index: int) -> 'Signals':
-        """The signals of one drive, D = 1."""
-        columns = {
-            f.name: getattr(self, f.name)[:, index : index + 1]
-            for f in fields(self)
-            if isinstance(getattr(self, f.name), np.ndarray) and getattr(self, f.name).ndim == 2
-        }
+        """The signals of one drive, D = 1; fields that are one array stay one."""
+        past = self.past
+        if past is not None:
+            past = replace(past, torque=np.ascontiguousarray(past.torque[:, index : index + 1]))
+
+        def column(values: NDArray[Any]) -> NDArray[Any]:
+            of_drive = values.ndim == 2
+            return np.ascontiguousarray(values[:, index : index + 1]) if of_drive else values
+
         return replace(
             self,
             names=(self.names[index],),
             scale=self.scale.take([index]),
-            at_motor=self.at_motor[[index]],
-            **columns,
+            past=past,
+            **self._each_array(column) | {'at_motor': self.at_motor[[index]]},
         )
+
+    def _each_array(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> dict[str, Any]:
+        """Return the arrays [T, …] changed by a function; fields that are one array stay one."""
+        found: dict[str, Any] = {}
+        known: dict[int, NDArray[Any]] = {}
+        for name in (f.name for f in fields(self) if f.name != 'at_motor'):
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                if id(value) not in known:
+                    known[id(value)] = function(value)
+                found[name] = known[id(value)]
+        return found
 
     def stretches(self) -> list[slice]:
         """The gap-free stretches, in order."""
-        borders = np.flatnonzero(np.diff(self.segment)) + 1
-        edges = [0, *borders.tolist(), len(self.time)]
-        return [slice(start, stop) for start, stop in itertools.pairwise(edges) if stop > start]
+        return _runs(self.segment)
+
+    def by_recording(self) -> list[slice]:
+        """Rows of each recording, in order."""
+        return _runs(self.recording)
+
+
+def _runs(values: NDArray[np.int32]) -> list[slice]:
+    """Runs of equal values."""
+    borders = np.flatnonzero(values[1:] != values[:-1]) + 1
+    edges = [0, *borders.tolist(), len(values)]
+    return [slice(start, stop) for start, stop in itertools.pairwise(edges) if stop > start]

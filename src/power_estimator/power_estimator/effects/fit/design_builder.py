@@ -1,0 +1,160 @@
+"""Builds linearised designs on prepared signals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_estimator.effects import Signals
+from power_estimator.effects.fit.blocks import modelled
+from power_estimator.effects.fit.design import (
+    Active,
+    BasePower,
+    Design,
+    Structure,
+    by_effect,
+    estimates,
+    weighted,
+)
+from power_estimator.effects.fit.kept import Kept
+from power_estimator.effects.signals.prepared import Prepared
+
+Floats = NDArray[np.float64]
+KEPT = 128_000_000
+"""Bytes of columns that a builder keeps."""
+_SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Point of linearisation of a structure, with the model's estimates there."""
+
+    structure: Structure
+    coefficients: Floats  # [D, m]
+    signals: Signals
+    power: Floats  # W [T, D], of the whole model
+    passed: Floats | None  # slope of the whole power by the drawn power [T, D]; None for 1
+
+
+class DesignBuilder:
+    """
+    Builds designs on prepared signals; keeps what no estimate moves.
+
+    It keeps one point with its columns, too: that which several fits in turn begin at.
+    """
+
+    def __init__(
+        self, prepared: Prepared, base: BasePower | None = None, kept: int = KEPT
+    ) -> None:
+        """kept: bytes of columns at most, of either rate."""
+        self.prepared = prepared
+        self.base = base
+        self._reduced: Kept[Floats] = Kept(kept)
+        self._instant: Kept[Floats] = Kept(kept)
+        self._begun: tuple[object, Linearisation, dict[object, Floats]] | None = None
+
+    def point(self, structure: Structure, coefficients: Floats) -> Linearisation:
+        """The model's own estimates at coefficients [D, m]."""
+        if self._begun is not None and self._begun[0] == _place_of(structure, coefficients):
+            return replace(self._begun[1], structure=structure, coefficients=coefficients)
+        return self._point(structure, coefficients)
+
+    def _point(self, structure: Structure, coefficients: Floats) -> Linearisation:
+        signals = self.prepared.signals
+        signals = estimates(structure, coefficients, signals, self.base, self._columns)
+        power = signals.drawn.copy()
+        passed: Floats | None = None
+        for active, own in by_effect(structure, coefficients):
+            if 'drawn' not in active.effect.follows or not own.any():
+                continue
+            power += weighted(active.columns(signals), own)
+            slope = active.effect.drawn_slope(signals, own[None], **active.parameters)
+            if slope is not None:
+                passed = (1.0 if passed is None else passed) + slope
+        return Linearisation(structure, coefficients, signals, power, passed)
+
+    def build(self, structure: Structure, coefficients: Floats, *, keep: bool = False) -> Design:
+        """Linearise about coefficients [D, m]; keep: other designs begin at them, too."""
+        place = _place_of(structure, coefficients)
+        point = self.point(structure, coefficients)
+        if keep and (self._begun is None or self._begun[0] != place):
+            self._begun = place, point, {}
+        known = self._begun[2] if self._begun is not None and self._begun[0] == place else {}
+        columns = []
+        for active in structure.free:
+            if active.key not in known:
+                known[active.key] = self.columns(active, point)
+            columns.append(known[active.key])
+        count = (len(self.prepared.time), len(self.prepared.names))
+        joined = np.concatenate(columns, axis=2) if columns else np.empty((*count, 0))
+        constant = self.constant(point, joined)
+        return Design(
+            structure, joined, constant, *structure.bounds(coefficients, self.prepared.scale)
+        )
+
+    def beside(
+        self, actives: Sequence[Active], structure: Structure, coefficients: Floats
+    ) -> list[Floats]:
+        """Reduced columns [N, D, n] of effects beside a structure at coefficients [D, m]."""
+        point = self.point(structure, coefficients)
+        return [self.columns(active, point) for active in actives]
+
+    def columns(self, active: Active, point: Linearisation) -> Floats:
+        """Reduced derivatives of the power by one effect's coefficients, [N, D, n]."""
+        signals, effect = point.signals, active.effect
+        if effect.acts_on == 'speed':
+            return self.prepared.reduced(self._by_speed(active, point))
+        if effect.acts_on == 'torque':
+            price = (signals.motor_velocity + signals.torque_cost)[..., None]
+            power = self._columns(active, signals) * price
+        elif effect.follows or point.passed is not None:
+            power = self._columns(active, signals)
+        else:
+            return self._reduced_once(active, signals)
+        if point.passed is not None and 'drawn' not in effect.follows:
+            power = power * point.passed[..., None]
+        return self.prepared.reduced(power)
+
+    def constant(self, point: Linearisation, columns: Floats) -> Floats:
+        """Return the part of the model's power at the point that its columns lack, W [N, D]."""
+        return self.prepared.reduced(point.power) - modelled(columns, point.coefficients)
+
+    def _by_speed(self, active: Active, point: Linearisation) -> Floats:
+        """Derivatives by coefficients that move the motor's speed, W per unit [T, D, n]."""
+        place = point.structure.columns_of(active.name)
+        structure, coefficients = point.structure, point.coefficients
+        if not place:
+            structure = structure.plus(active)
+            place = structure.columns_of(active.name)
+            extra = np.zeros((len(coefficients), len(place)))
+            coefficients = np.concatenate([coefficients, extra], axis=1)
+        columns = []
+        for column in place:
+            moved = coefficients.copy()
+            moved[:, column] += _SPEED_STEP
+            columns.append((self.point(structure, moved).power - point.power) / _SPEED_STEP)
+        return np.stack(columns, axis=-1)
+
+    def _columns(self, active: Active, signals: Signals) -> Floats:
+        if active.effect.follows or signals.motor_velocity is not signals.velocity:
+            return active.columns(signals)
+        return self._instant.get(active.key, lambda: active.columns(signals), _bytes)
+
+    def _reduced_once(self, active: Active, signals: Signals) -> Floats:
+        if signals.motor_velocity is not signals.velocity:
+            return self.prepared.reduced(active.columns(signals))
+        return self._reduced.get(
+            active.key, lambda: self.prepared.reduced(active.columns(signals)), _bytes
+        )
+
+
+def _bytes(values: Floats) -> int:
+    return values.nbytes
+
+
+def _place_of(structure: Structure, coefficients: Floats) -> object:
+    """Identity of a point: the effects that take part in it, with their coefficients."""
+    fixed = tuple(active.key for active in structure.actives if active.effect.fixed is not None)
+    parts = by_effect(structure, coefficients)
+    return fixed, tuple((a.key, own.tobytes()) for a, own in parts if own.any())

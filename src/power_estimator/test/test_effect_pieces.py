@@ -1,0 +1,135 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from power_estimator.effects import Effect, builtin_catalogue
+from power_estimator.effects.fit.by_drive import ByDriveBuilder
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.design_builder import DesignBuilder
+from power_estimator.effects.fit.threads import for_each
+from power_estimator.effects.library.winding_heating import WindingHeating
+from power_estimator.effects.signals.pieces import pieces
+from power_estimator.effects.signals.prepared import prepare
+from power_recordings.alignment.dataset import AlignedDataset
+from threadpoolctl import threadpool_limits
+
+RATE = 400.0
+CATALOGUE = builtin_catalogue()
+
+
+def recorded(seconds=120.0, *, gap=None, seed=3):
+    """Three drives on random smooth motions; their power is what torque and velocity do."""
+    random = np.random.default_rng(seed)
+    time = np.arange(round(seconds * RATE)) / RATE
+    lines, phases = random.uniform(0.2, 3.5, (8, 3)), random.uniform(0, 6.28, (8, 3))
+    waves = 2 * np.pi * lines * time[:, None, None] + phases
+    position = (0.25 / lines * np.sin(waves)).sum(axis=1)
+    velocity = (0.5 * np.pi * np.cos(waves)).sum(axis=1)
+    torque = 6.0 + (3.0 * np.sin(0.8 * waves)).sum(axis=1)
+    names = ('LF_HAA', 'LF_HFE', 'LF_KFE')
+    data = AlignedDataset.blank(
+        RATE,
+        names,
+        time,
+        'made',
+        position=position,
+        velocity=velocity,
+        torque=torque,
+        power=torque * velocity,
+        voltage=48.0,
+    )
+    if gap is not None:
+        segment = (data.time >= gap).astype(np.int32)
+        data = replace(data, time=data.time + 5.0 * segment, segment=segment)
+    return prepare(data)
+
+
+def structure(*names):
+    return Structure(tuple(Active.of(CATALOGUE[name]) for name in names))
+
+
+@pytest.mark.parametrize('gap', [None, 50.0])
+def test_pieces_have_the_samples_and_the_power_of_the_whole_recording(gap):
+    whole = recorded(gap=gap)
+    some = pieces(whole, 40.0)
+    assert 30.0 < some.seconds <= 40.0
+    where = np.searchsorted(whole.time, some.time)
+    assert some.time == pytest.approx(whole.time[where])
+    assert np.array_equal(some.power, whole.power[:, where])
+    assert np.array_equal(some.signals.torque, whole.signals.torque[some.rows])
+    product = whole.signals.torque * whole.signals.velocity
+    assert some.reduced(product[some.rows]) == pytest.approx(whole.reduced(product)[where])
+    assert len(some.reducer.slices) == len(some.signals.stretches())
+
+
+def test_pieces_are_spread_over_the_whole_recording():
+    whole = recorded()
+    some = pieces(whole, 40.0)
+    starts = [some.signals.time[part.start] for part in some.signals.stretches()]
+    assert starts == pytest.approx([0.0, 40.0, 80.0], abs=0.1)
+
+
+def test_a_recording_that_is_short_enough_is_used_whole():
+    whole = recorded(seconds=30.0)
+    assert pieces(whole, 30.0) is whole
+
+
+def test_the_winding_remembers_what_lies_between_the_pieces():
+    whole = recorded()
+    some = pieces(whole, 40.0)
+    heating = WindingHeating()
+    before = heating.regressors(whole.signals, time_constant=20.0)
+    after = heating.regressors(some.signals, time_constant=20.0)
+    assert after == pytest.approx(before[some.rows])
+    alone = heating.regressors(some.signals.drive(1), time_constant=20.0)
+    assert alone[:, 0] == pytest.approx(after[:, 1])
+
+
+FULL = ('shaft', 'copper_loss', 'coulomb_friction', 'spring', 'winding_heating', 'line_resistance')
+
+
+@pytest.mark.parametrize('effects', [FULL, (*FULL, 'regeneration_limit')])
+def test_designs_made_drive_by_drive_are_those_of_all_drives(effects):
+    prepared = recorded(seconds=30.0)
+    model = structure(*effects).with_discrepancies()
+    random = np.random.default_rng(1)
+    point = random.uniform(0.001, 0.01, (3, len(model.labels)))
+    alike, apart = DesignBuilder(prepared), ByDriveBuilder(prepared)
+    one, other = alike.build(model, point), apart.build(model, point)
+    assert other.columns == pytest.approx(one.columns, rel=1e-9, abs=1e-9)
+    assert other.constant == pytest.approx(one.constant, rel=1e-9, abs=1e-9)
+    assert np.array_equal(other.upper, one.upper)
+    beside = [Active.of(CATALOGUE[n]) for n in ('viscous_friction', 'regeneration_efficiency')]
+    beside += [Active.of(CATALOGUE['regeneration_limit'])] if len(effects) == len(FULL) else []
+    for own, joined in zip(
+        alike.beside(beside, model, point), apart.beside(beside, model, point), strict=True
+    ):
+        assert joined == pytest.approx(own, rel=1e-9, abs=1e-9)
+
+
+def test_an_effect_that_looks_at_other_drives_gets_the_signals_of_all():
+    class Neighbour(Effect):
+        name = 'neighbour'
+        physics = formula = 'the torque of the drive before'
+        terms = CATALOGUE['idle'].terms
+        excitation = CATALOGUE['idle'].excitation
+
+        def regressors(self, signals, **shape):
+            return np.roll(signals.torque, 1, axis=1)[..., None]
+
+    prepared = recorded(seconds=30.0)
+    model = Structure((*structure('shaft', 'copper_loss').actives, Active.of(Neighbour())))
+    point = np.full((3, len(model.labels)), 0.01)
+    column = ByDriveBuilder(prepared).build(model, point).columns[..., -1]
+    assert column == pytest.approx(prepared.reduced(np.roll(prepared.signals.torque, 1, axis=1)))
+
+
+@pytest.mark.parametrize('limit', [1, None])
+def test_results_come_in_the_order_of_the_items_on_any_number_of_threads(limit):
+    with threadpool_limits(limits=limit, user_api='blas'):
+        assert for_each(lambda item: item * item, range(20)) == [i * i for i in range(20)]
+
+
+def test_the_error_of_an_item_is_raised():
+    with pytest.raises(ZeroDivisionError):
+        for_each(lambda item: 1 / item, [1, 0, 2])
