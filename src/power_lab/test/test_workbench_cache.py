@@ -13,6 +13,7 @@ from power_lab.workbench import coarse
 from power_lab.workbench.array_file import ArrayFile, DamagedFileError
 from power_lab.workbench.coarse import coarse_view
 from power_lab.workbench.desk import Desk
+from power_lab.workbench.jobs import SessionJob
 from power_lab.workbench.opened_cache import OpenedCache
 from power_lab.workbench.session import LabSession, SessionStep
 from power_lab.workbench.source import Source
@@ -217,3 +218,24 @@ def test_the_first_look_is_the_power_of_a_part_of_the_recording(bag, monkeypatch
     )
     assert view.slots[~first].min() > view.slots[first].max()
     assert coarse_view([str(bag), '/no/such/bag'], ()) is None
+
+
+def test_opening_shows_a_part_first_and_then_the_whole(bag, monkeypatch):
+    size = sum(path.stat().st_size for path in bag.glob('*.mcap'))
+    monkeypatch.setattr(coarse, '_SMALL', size // 4)
+    shown = []
+    result = Work().open(lambda *one: shown.append(one), Source((str(bag),)), '')
+    part, whole = (content for kind, content in shown if kind == 'view')
+    assert part.share < 1.0 == whole.share
+    assert len(part.slots) < 0.3 * len(whole.slots)
+    assert whole is result['view']
+
+
+def test_a_first_look_goes_where_the_recording_is_refused(bag, tmp_path, monkeypatch):
+    monkeypatch.setattr(coarse, '_SMALL', 100_000)
+    desk = Desk(tmp_path, LabSession(), lambda: None)
+    job = SessionJob('Opening', error='its units contradict each other')
+    desk._heard(job, 'view', coarse_view([str(bag)], ()))
+    assert desk.view.share < 1.0
+    desk._heard(job, 'error', job.error)
+    assert (desk.view, desk.error) == (None, job.error)

@@ -58,11 +58,10 @@ class KeptOpening:
 
 
 class ReadAgain(Sequence[Recording]):
-    """Recordings that are read when somebody asks for one."""
+    """Recordings that are read when somebody asks for one, each time anew."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._paths = tuple(paths)
-        self._read: tuple[Recording, ...] = ()
 
     def __len__(self) -> int:
         return len(self._paths)
@@ -74,9 +73,9 @@ class ReadAgain(Sequence[Recording]):
     def __getitem__(self, index: slice) -> tuple[Recording, ...]: ...
 
     def __getitem__(self, index: int | slice) -> Recording | tuple[Recording, ...]:
-        if not self._read:
-            self._read = tuple(Recording.open(path) for path in self._paths)
-        return self._read[index]
+        if isinstance(index, slice):
+            return tuple(Recording.open(path) for path in self._paths[index])
+        return Recording.open(self._paths[index])
 
 
 class OpenedCache:

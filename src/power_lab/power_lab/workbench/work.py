@@ -10,6 +10,7 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.training import LEAST_TO_FIT, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model, write_model
+from power_recordings.reading.bag_folder import find
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import read_bytes, write_whole
 from wattwalk_core.yaml_file import SIZE
@@ -172,7 +173,7 @@ class Work:
 
         outcome = self._diagnosed(show, source, spec)
         proposed = outcome.motion if seconds is None else shortened(outcome.motion, seconds)
-        folders = [recording.folder for recording in outcome.loaded.recordings]
+        folders = [find(Path(path)).folder for path in source.recordings]
         riddle = next((folder for folder in folders if (folder / SEALED).exists()), None)
 
         def tell(text: str) -> None:
