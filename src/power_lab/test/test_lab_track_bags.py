@@ -57,7 +57,7 @@ def test_recordings_with_a_hidden_step_of_friction_end_in_one_alarm(days, tmp_pa
     assert 'LF_HFE: coulomb friction changed' in alarm
     assert '2026-03-07' in alarm
     assert 'coulomb friction' in page.read_text()
-    assert 'power_lab diagnose walk06' in capsys.readouterr().out.replace('\n', ' ')
+    assert f'power_lab diagnose {bags[6]} --model' in capsys.readouterr().out.replace('\n', ' ')
 
 
 def test_an_effect_that_the_model_lacks_is_named_by_diagnosis_and_tracked(tmp_path):

@@ -1,5 +1,6 @@
 """Outcome of tracking: series, changes, alarms in words, and JSON."""
 
+import shlex
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -40,6 +41,7 @@ class Tracked:
     common: Mapping[tuple[str, int], Common]
     left_out: tuple[str, ...] = ()  # recordings that say nothing, with the reason
     unmodelled: Mapping[str, Unmodelled] = field(default_factory=dict)  # by drive
+    paths: Mapping[str, Path] = field(default_factory=dict)  # of the recordings by name
 
     @property
     def sentence(self) -> str:
@@ -91,14 +93,19 @@ class Tracked:
         """Return what to type next: look into the recordings after a change, or record on."""
         unknown = next((one for one in self.unmodelled.values() if one.discovered), None)
         if unknown is not None:
-            names = ' '.join(map(printable, unknown.after.recordings))
-            return f'ros2 run power_lab discover {names} --model {spec} -o effect.py'
+            bags = ' '.join(map(self._typed, unknown.after.recordings))
+            return f'ros2 run power_lab discover {bags} --model {spec} -o effect.py'
         if not self.result.findings:
             return 'record on, and track again with the new recordings'
         finding = self.result.findings[0]
         history, change = self.histories[finding.drive], finding.change
         later = history.recordings[change.profile.end]
-        return f'ros2 run power_lab diagnose {printable(later)} --model {spec} --report why.html'
+        bag = self._typed(later)
+        return f'ros2 run power_lab diagnose {bag} --model {spec} --report why.html'
+
+    def _typed(self, recording: str) -> str:
+        """Return a recording as one types it."""
+        return shlex.quote(printable(str(self.paths.get(recording, recording))))
 
     def told(self, finding: CertainChange) -> str:
         """One certain change in words."""
@@ -308,7 +315,7 @@ def track(
             request = request.with_effects(one.added)
             read = read_fits(paths, request, index, show)
             found = tracked(read.fits, request.model, request.catalogue, read.left_out)
-    return replace(found, unmodelled=unmodelled)
+    return replace(found, unmodelled=unmodelled, paths=read.paths)
 
 
 def _suspect(found: Tracked, seen: Collection[str]) -> tuple[int, Change, Growth | None] | None:
