@@ -1,7 +1,7 @@
 """
 Verdicts on all of a long recording and on pieces of it.
 
-    python bench/lab_pieces.py [--seconds 600] [--most 240 120] [--count 24] [--out FILE.jsonl]
+    python bench/lab_pieces.py [--seconds 600] [--most 240 150 120] [--count 24] [--out FILE.jsonl]
 
 Ten minutes of three drives from the circuit of the blind benchmark, in random order of scenarios;
 each is judged on all of it and on pieces of so many seconds. What is in FILE is not run again.
@@ -49,7 +49,7 @@ def main() -> int:
     )
     add = parser.add_argument
     add('--seconds', type=float, default=600.0)
-    add('--most', type=float, nargs='+', default=[240.0, 120.0])
+    add('--most', type=float, nargs='+', default=[240.0, 150.0, 120.0])
     add('--count', type=int, default=24)
     add('--seed', type=int, default=0)
     add('--out', type=Path, default=Path('runs/lab_pieces.jsonl'))
