@@ -56,10 +56,14 @@ def test_pieces_have_the_samples_and_the_power_of_the_whole_recording(gap):
     where = np.searchsorted(whole.time, some.time)
     assert some.time == pytest.approx(whole.time[where])
     assert np.array_equal(some.power, whole.power[:, where])
-    assert np.array_equal(some.signals.torque, whole.signals.torque[some.rows])
+    assert np.array_equal(some.signals.torque, whole.signals.torque[some.part.samples])
     product = whole.signals.torque * whole.signals.velocity
-    assert some.reduced(product[some.rows]) == pytest.approx(whole.reduced(product)[where])
+    assert some.reduced(product[some.part.samples]) == pytest.approx(whole.reduced(product)[where])
     assert len(some.reducer.slices) == len(some.signals.stretches())
+    shown = some.part.everywhere(some.power[0])
+    assert np.array_equal(shown[where], some.power[0])
+    assert np.isfinite(shown[:, 0]).sum() == len(where)
+    assert shown.shape == whole.power[0].shape
 
 
 def test_pieces_are_spread_over_the_whole_recording():
@@ -80,7 +84,7 @@ def test_the_winding_remembers_what_lies_between_the_pieces():
     heating = WindingHeating()
     before = heating.regressors(whole.signals, time_constant=20.0)
     after = heating.regressors(some.signals, time_constant=20.0)
-    assert after == pytest.approx(before[some.rows])
+    assert after == pytest.approx(before[some.part.samples])
     alone = heating.regressors(some.signals.drive(1), time_constant=20.0)
     assert alone[:, 0] == pytest.approx(after[:, 1])
 

@@ -311,8 +311,8 @@ def describe_state(
     state['time'] = np.broadcast_to(since[:, None], shape)
     labels: dict[str, NDArray[np.str_]] = {}
     force = loaded.data.extras.get('foot_force')
-    if force is not None and prepared.rows is not None:
-        force = force[prepared.rows] if len(force) > prepared.rows[-1] else None
+    if force is not None and (part := prepared.part) is not None:
+        force = force[part.samples] if len(force) > part.samples[-1] else None
     if force is not None and len(force) == len(prepared.signals.time):
         loads = prepared.reduced(np.nan_to_num(np.asarray(force, dtype=np.float64)))
         words = np.full(shape, '', dtype='<U6')

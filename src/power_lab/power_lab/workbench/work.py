@@ -126,7 +126,11 @@ class Work:
             row['words'] = in_words(row['name'])
         singles = {one.name: one for one in outcome.diagnosis.singles}
         names = [row.name for row in outcome.rows][:_PREVIEWED]
-        return Findings(content, {name: singles[name].explained for name in names})
+        explained = {name: singles[name].explained for name in names}
+        part = outcome.diagnoser.fitter.prepared.part
+        if part is not None:
+            explained = {name: part.everywhere(own) for name, own in explained.items()}
+        return Findings(content, explained)
 
     def report(self, show: Show, source: Source, spec: str, output: Path) -> str:
         """Write the page of the diagnosis; return its name."""

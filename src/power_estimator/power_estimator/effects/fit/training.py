@@ -55,8 +55,8 @@ class Material:
     def at_most(self, seconds: float) -> 'Material':
         """The same of so many seconds at most, in pieces spread over all recordings."""
         prepared, base = pieces(self.prepared, seconds), self.base_power
-        if base is not None and prepared.rows is not None:
-            base = replace(base, power=base.power[prepared.rows])
+        if base is not None and prepared.part is not None:
+            base = replace(base, power=base.power[prepared.part.samples])
         return replace(self, prepared=prepared, base_power=base)
 
 

@@ -34,6 +34,21 @@ _RELATED = 0.8  # correlation of velocity and the rate of position, where one is
 
 
 @dataclass(frozen=True)
+class Part:
+    """Samples of whole recordings that are used."""
+
+    samples: NDArray[np.intp]  # [T] at the input rate
+    rows: NDArray[np.intp]  # [N] reduced
+    count: int  # rows of all
+
+    def everywhere(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Put values [N, …] at their rows of the whole recordings, NaN at all others."""
+        out = np.full((self.count, *values.shape[1:]), np.nan, dtype=values.dtype)
+        out[self.rows] = values
+        return out
+
+
+@dataclass(frozen=True)
 class Prepared:
     """
     Signals of D drives with the power of M meters reduced at every delay.
@@ -53,7 +68,7 @@ class Prepared:
     torque_constant: Floats  # N·m/A [D], NaN where the torque is none that is computed here
     noise: Floats  # W [M], of the reduced power
     whole: bool = False  # one meter for the robot
-    rows: NDArray[np.intp] | None = None  # of the aligned samples, where some were left out
+    part: 'Part | None' = None  # where samples were left out
 
     @property
     def names(self) -> tuple[str, ...]:
