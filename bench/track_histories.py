@@ -1,4 +1,4 @@
-"""Histories of one robot's leg for the benchmark of `track`: weather, wear and meters."""
+"""Histories of legs of one or two robots for the benchmark of `track`: weather, wear, meters."""
 
 import json
 from collections.abc import Iterator
@@ -27,7 +27,11 @@ _KEPT = ('values', 'covariance', 'watts', 'rms', 'error', 'power')
 
 @dataclass(frozen=True)
 class Plan:
-    """Sealed change of one drive in a history."""
+    """
+    Sealed change of one drive in a history.
+
+    The robots of a history take turns; begin and end count the recordings of the one that changes.
+    """
 
     seed: int
     kind: str  # quiet, wear, gain or offset
@@ -37,6 +41,13 @@ class Plan:
     begin: int = 0  # first recording that differs
     end: int = 0  # first recording with all of the change
     size: float = 0.0  # share of the effect; of the gain: 1; of the offset: A
+    robots: int = 1
+    robot: int = 0  # the one that changes
+
+    @property
+    def meter(self) -> str:
+        """Name of the drive that changes in the results, with the robot where there are two."""
+        return f'leg_{self.robot} {self.drive}' if self.robots > 1 else self.drive
 
     def share(self, index: int) -> float:
         """Share of the change in a recording."""
@@ -48,29 +59,34 @@ class Plan:
 
 
 def plan(seed: int, count: int) -> Plan:
-    """Draw the sealed plan of a history of so many recordings."""
+    """Draw the sealed plan of a history of so many recordings; every third has two robots."""
     random = np.random.default_rng([seed, 1900])
     kind = _KINDS[seed % len(_KINDS)]
+    robots = 2 if seed % 3 == 2 else 1
+    count //= robots
     if kind == 'quiet':
-        return Plan(seed, kind)
+        return Plan(seed, kind, robots=robots)
     drive = str(random.choice(NAMES))
     begin = int(random.integers(count // 4, count - count // 3))
     course = str(random.choice(('step', 'ramp')))
     end = begin if course == 'step' else int(random.integers(begin + count // 5, count))
     if kind == 'wear':
-        effect, size = str(random.choice(WORN)), float(random.uniform(0.25, 0.6))
+        effect, size = WORN[seed // 4 % len(WORN)], float(random.uniform(0.25, 0.6))
     elif kind == 'gain':
         effect, size = 'power_gain', float(random.choice((-1, 1)) * random.uniform(0.03, 0.06))
     else:
         effect, size = 'current_offset', float(random.uniform(0.02, 0.04))
-    return Plan(seed, kind, effect, drive, course, begin, end, size)
+    robot = int(random.integers(robots))
+    return Plan(seed, kind, effect, drive, course, begin, end, size, robots, robot)
 
 
 def circumstances(own: Plan, count: int) -> Iterator[tuple[Occasion, Truth]]:
     """Yield the recordings of a history: a season, gaits, payloads, a few on the bench."""
     random = np.random.default_rng([own.seed, 1901])
     phase, days = random.uniform(0, 2 * np.pi), np.cumsum(random.integers(1, 4, count))
+    days[random.integers(count) :] += 7  # a week without recordings
     for index in range(count):
+        turn, robot = divmod(index, own.robots)
         season = 9.0 * np.sin(2 * np.pi * days[index] / 365.0 + phase)
         temperature = 16.0 + season + random.normal(0, 4.0)
         gait = str(random.choice(('trot', 'slow', 'bench'), p=(0.55, 0.3, 0.15)))
@@ -80,7 +96,8 @@ def circumstances(own: Plan, count: int) -> Iterator[tuple[Occasion, Truth]]:
             for name in EFFECTS
         }
         faults, place = Faults(), [name == own.drive for name in NAMES]
-        step = own.size * own.share(index) * np.array(place, dtype=np.float64)
+        share = own.share(turn) if robot == own.robot else 0.0
+        step = own.size * share * np.array(place, dtype=np.float64)
         if own.kind == 'wear':
             effects[own.effect] = effects[own.effect] * (1.0 + step)
         elif own.kind == 'gain':
@@ -91,7 +108,7 @@ def circumstances(own: Plan, count: int) -> Iterator[tuple[Occasion, Truth]]:
             Occasion(
                 f'day_{days[index]:03d}',
                 _START + _DAY * float(days[index]),
-                'leg',
+                f'leg_{robot}',
                 {'temperature': round(temperature + random.normal(0, 1.0), 1), 'payload': payload},
                 {'controller': gait},
             ),
@@ -100,7 +117,7 @@ def circumstances(own: Plan, count: int) -> Iterator[tuple[Occasion, Truth]]:
                 'ladder' if gait == 'bench' else 'walk',
                 SECONDS,
                 seed=own.seed * 1000 + index,
-                unit=own.seed,
+                unit=2 * own.seed + robot,
                 faults=faults,
                 pace=0.8 if gait == 'slow' else 1.0,
                 payload=1.0 + payload / 50.0,
@@ -119,7 +136,7 @@ def history(own: Plan, count: int, cache: Path) -> list[RecordingFit]:
     cache.mkdir(parents=True, exist_ok=True)
     out = []
     for index, (occasion, truth) in enumerate(circumstances(own, count)):
-        file = cache / f'{own.seed}_{count}_{index}.json'
+        file = cache / f'{own.seed}_{count}_of_{own.robots}_{index}.json'
         if file.exists():
             out.append(_read(file))
             continue
