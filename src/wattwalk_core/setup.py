@@ -18,6 +18,7 @@ setup(
         'matplotlib',
         'pydantic',
         'numpy',
+        'numba',
         'plotly',
         'rich',
     ],

@@ -121,7 +121,7 @@ def test_windings_heat_to_where_heat_flows_out_as_fast_as_it_comes():
     circuit = Circuit(plant, DRIVE, plant.resolve(DRIVE))
     p = plant.parameters('LF_KFE')
     for _ in range(20_000):
-        circuit.temperature.heat(np.full((1, 1), 10.0), np.zeros((1, 1)))
+        circuit.temperature.heat[0] += 10.0
         circuit.temperature.settle(1.0, 1)
     rise = 10.0 / p.housing_conductance
     assert circuit.temperature.housing[0] == pytest.approx(plant.sensors.ambient + rise, abs=0.1)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import POSITION_GAIN, VELOCITY_GAIN
 
+from sim_bridge.plant.drive_steps import drive_step, friction_torque
 from sim_bridge.plant.parameters import Plant
 
 Floats = NDArray[np.float64]
@@ -57,42 +58,13 @@ class Friction:
         self._slope = 1.0 / np.maximum(
             p['presliding_velocity'], step * dry / (_STABLE * (rotor + link))
         )
-        self._has_stribeck = bool(self._stribeck.any())
-        self._has_load = bool(self._load.any())
-        self._has_viscous = bool(self._viscous.any())
-        self._has_rub = bool(self._rub.any())
-        self._a, self._b, self._sign = (np.empty_like(self._coulomb) for _ in range(3))
+        rows = [self._coulomb, self._stribeck, self._viscous, self._load, self._asymmetry]
+        rows += [self._rub, self._angle, self._width, self._slope, self._fade, self._thin]
+        self.table = np.array(rows)
 
     def torque(self, position: Floats, velocity: Floats, motor: Floats, out: Floats) -> None:
         """Write the drag on the motor at one instant, N·m [D], to out."""
-        a, b, sign = self._a, self._b, self._sign
-        np.multiply(velocity, self._slope, out=a)
-        np.tanh(a, out=sign)
-        out[:] = self._coulomb
-        if self._has_stribeck:
-            np.multiply(velocity, self._fade, out=a)
-            np.multiply(a, a, out=a)
-            np.add(a, 1.0, out=a)
-            np.multiply(a, a, out=a)
-            np.divide(self._stribeck, a, out=a)
-            np.add(out, a, out=out)
-        if self._has_load:
-            np.abs(motor, out=a)
-            np.multiply(self._load, a, out=a)
-            np.multiply(self._asymmetry, motor, out=b)
-            np.multiply(b, sign, out=b)
-            np.add(out, a, out=out)
-            np.add(out, b, out=out)
-        if self._has_rub:
-            np.add(out, self._rubbing(position), out=out)
-        np.multiply(out, sign, out=out)
-        if self._has_viscous:
-            np.abs(velocity, out=a)
-            np.multiply(a, self._thin, out=a)
-            np.add(a, 1.0, out=a)
-            np.multiply(self._viscous, velocity, out=b)
-            np.divide(b, a, out=b)
-            np.add(out, b, out=out)
+        friction_torque(self.table, position, velocity, motor, out)
 
     def _rubbing(self, position: Floats) -> Floats:
         away = (np.abs(position) - self._angle) / self._width
@@ -111,9 +83,9 @@ class Trace:
     output: Floats  # N·m, handed to the joint (before the inertia of a rigidly coupled rotor)
 
     @classmethod
-    def empty(cls, steps: int, drives: int) -> 'Trace':
-        """Return the trace of a block of steps, zeros."""
-        return cls(*(np.zeros((steps, drives)) for _ in range(6)))
+    def of(cls, values: Floats) -> 'Trace':
+        """Return the trace whose signals are views of values [6, B, D]."""
+        return cls(*values)
 
 
 class Drives:
@@ -129,26 +101,23 @@ class Drives:
         effects = plant.effects
         self.names = tuple(names)
         self.parameters = p
-        self.trace = Trace.empty(block, len(names))
+        self._signals = np.zeros((6, block, len(names)))
+        self.trace = Trace.of(self._signals)
         self.friction = Friction(plant, p, step)
         self.inertia: Floats = p['rotor_inertia'] * effects.rotor_inertia.scale
         self.elastic = effects.spring.enabled
         self.stiffness: Floats = p['spring_stiffness'] / max(effects.spring.strength, 1e-3)
         self.damping: Floats = p['spring_damping']
-        self._step = step
-        self._cogging = p['cogging'] * effects.cogging.scale
-        self._order = p['cogging_order']
-        self._has_cogging = bool(self._cogging.any())
+        self._step = step if self.elastic else 0.0
         weakening = effects.field_weakening.scale
         flux = p['reactance'] * p['weakening_current'] if weakening else 0.0
         self._stall = p['torque_constant'] * p['modulation'] / p['resistance']
-        self._droop = p['torque_constant'] * (p['torque_constant'] - flux) / p['resistance']
-        self._limit = p['torque_limit']
-        self._least = -self._limit
-        self._floor = -self._limit
-        self._ceiling = self._limit
-        self._a, self._b, self._tau, self._feed = (np.zeros(len(names)) for _ in range(4))
-        self._kp, self._kd = np.zeros(len(names)), np.zeros(len(names))
+        droop = p['torque_constant'] * (p['torque_constant'] - flux) / p['resistance']
+        cogging = p['cogging'] * effects.cogging.scale
+        rows = (droop, p['torque_limit'], cogging, p['cogging_order'], self.inertia)
+        self._table = np.array((*rows, self.stiffness, self.damping))
+        self._held = np.zeros((5, len(names)))
+        self._kp, self._kd, self._feed, self._ceiling, self._floor = self._held
         self.rotor = np.zeros(len(names))
         self.rotor_velocity = np.zeros(len(names))
         self.hold(JointCommand())
@@ -186,8 +155,8 @@ class Drives:
 
     def set_voltage(self, voltage: float) -> None:
         """Set the bus voltage, V, which limits torque at speed."""
-        self._ceiling = self._stall * voltage
-        self._floor = -self._ceiling
+        self._ceiling[:] = self._stall * voltage
+        self._floor[:] = -self._ceiling
 
     def step(self, row: int, position: Floats, velocity: Floats, out: Floats) -> None:
         """
@@ -195,41 +164,16 @@ class Drives:
 
         position (rad) and velocity (rad/s) are the joints' now; row counts within the block.
         """
-        trace, a, b, tau = self.trace, self._a, self._b, self.trace.motor[row]
-        angle = self.rotor if self.elastic else position
-        speed = self.rotor_velocity if self.elastic else velocity
-        np.multiply(self._kp, position, out=a)
-        np.multiply(self._kd, speed, out=b)
-        np.subtract(self._feed, a, out=tau)
-        np.subtract(tau, b, out=tau)
-        np.multiply(self._droop, speed, out=b)
-        np.subtract(self._ceiling, b, out=a)
-        np.minimum(tau, a, out=tau)
-        np.subtract(self._floor, b, out=a)
-        np.maximum(tau, a, out=tau)
-        np.minimum(tau, self._limit, out=tau)
-        np.maximum(tau, self._least, out=tau)
-        drag = trace.drag[row]
-        self.friction.torque(angle, speed, tau, drag)
-        trace.position[row] = angle
-        trace.velocity[row] = speed
-        np.subtract(tau, drag, out=a)
-        if self._has_cogging:
-            np.multiply(self._order, angle, out=b)
-            np.sin(b, out=b)
-            cogging = trace.cogging[row]
-            np.multiply(self._cogging, b, out=cogging)
-            np.subtract(a, cogging, out=a)
-        if self.elastic:
-            np.subtract(self.rotor, position, out=b)
-            np.multiply(self.stiffness, b, out=b)
-            b += self.damping * (speed - velocity)
-            out[:] = b
-            self._turn(a - b)
-        else:
-            out[:] = a
-        trace.output[row] = out
-
-    def _turn(self, torque: Floats) -> None:
-        self.rotor_velocity += torque * (self._step / self.inertia)
-        self.rotor += self.rotor_velocity * self._step
+        drive_step(
+            self.friction.table,
+            self._table,
+            self._held,
+            position,
+            velocity,
+            self.rotor,
+            self.rotor_velocity,
+            row,
+            self._signals,
+            self._step,
+            out,
+        )

@@ -218,7 +218,7 @@ class Simulation:
         joints = self._qvel[rows.start : rows.stop + 1, -len(self.joints) :]
         speed = 0.5 * (joints[:-1] + joints[1:])
         if not self.drives.elastic:
-            return speed, speed, np.diff(joints, axis=0) / STEP
+            return speed, speed, (joints[1:] - joints[:-1]) / STEP
         before = self.drives.trace.velocity[rows]
         after = np.vstack((before[1:], self.drives.rotor_velocity))
         return speed, 0.5 * (before + after), (after - before) / STEP
@@ -228,7 +228,7 @@ class Simulation:
         qpos, qvel = self._qpos[1 : steps + 1], self._qvel[: steps + 1]
         if self.world.floating:
             base = np.hstack((qpos[:, :7], qvel[1:, :6]))
-            acceleration = np.diff(qvel[:, :3], axis=0) / STEP
+            acceleration = (qvel[1:, :3] - qvel[:-1, :3]) / STEP
         else:
             base = np.full((steps, 13), np.nan)
             acceleration = np.full((steps, 3), np.nan)
