@@ -13,6 +13,7 @@ from wattwalk_core.processes import ChildProcess
 BROWSER = next(
     filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None
 )
+SLOW = 180_000  # ms
 PROGRAM = 'import sys; from power_lab.commands.open import main; sys.exit(main(sys.argv[1:]))'
 
 
@@ -43,6 +44,19 @@ class Served:
             return answer.status, json.loads(data) if 'json' in kind else data
         finally:
             connection.close()
+
+
+def page_of(browser, address, complaints):
+    """A page of a workbench; what it complains of in its console is added to complaints."""
+    page = browser.new_context(viewport={'width': 1280, 'height': 900}).new_page()
+    page.set_default_timeout(SLOW)
+    page.on('pageerror', lambda error: complaints.append(str(error)))
+    page.on(
+        'console',
+        lambda said: complaints.append(said.text) if said.type in ('error', 'warning') else None,
+    )
+    page.goto(address)
+    return page
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from power_lab.commands import compare as compare_command
 from power_lab.commands import fit as fit_command
 from power_lab.commands import replay_session as replay_command
 from power_lab.workbench.session import LabSession
-from workbench_page import BROWSER, served
+from workbench_page import BROWSER, page_of, served
 
 playwright = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
 pytestmark = pytest.mark.skipif(BROWSER is None, reason='no Chromium on this machine')
@@ -26,7 +26,6 @@ EFFECTS = (
     'rotor inertia',
 )
 KNOWN = 'shaft,copper_loss,idle,viscous_friction,coulomb_friction,rotor_inertia'
-SLOW = 180_000  # ms
 
 
 @pytest.fixture(scope='module')
@@ -35,18 +34,6 @@ def browser():
         made = running.chromium.launch(executable_path=BROWSER, args=['--no-sandbox'])
         yield made
         made.close()
-
-
-def page_of(browser, address, complaints):
-    page = browser.new_context(viewport={'width': 1280, 'height': 900}).new_page()
-    page.set_default_timeout(SLOW)
-    page.on('pageerror', lambda error: complaints.append(str(error)))
-    page.on(
-        'console',
-        lambda said: complaints.append(said.text) if said.type in ('error', 'warning') else None,
-    )
-    page.goto(address)
-    return page
 
 
 def barriers_of(page):
