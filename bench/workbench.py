@@ -65,7 +65,8 @@ _BOX = """
 _SPAN = 'await where.markSpan(act);'
 _ZOOM = 'traces.setWindow(act);'
 _PREVIEW = """
-  document.querySelectorAll('.candidate')[act].dispatchEvent(new MouseEvent('mouseenter'));
+  const rows = document.querySelectorAll('.candidate[data-preview]');
+  rows[act % rows.length].dispatchEvent(new MouseEvent('mouseenter'));
 """
 
 
@@ -102,6 +103,7 @@ class WorkbenchFigures:
         shown = '' if goal is None else f'{goal:.0f} ms'
         row = (f'{middle:.0f} ms', f'{worst:.0f} ms', shown, str(len(values)))
         self._table.add_row(name, *row)
+        print(f'{name}: {row[0]}', file=sys.stderr, flush=True)
 
     def memory(self, name: str, megabytes: float, most: float | None = None) -> None:
         """Add a memory in MB, and its peak."""
@@ -199,7 +201,7 @@ def _use(page: Any, count: int, table: WorkbenchFigures, *, preview: bool) -> No
     page.locator('#verdict').wait_for()
     table.times('diagnose', [1e3 * (time.perf_counter() - start)])
     page.wait_for_timeout(3000)
-    table.times("a candidate's preview", timed(_PREVIEW, [i % 6 for i in range(count)]), 300)
+    table.times("a candidate's preview", timed(_PREVIEW, range(count)), 300)
 
 
 def _times(page: Any, work: Callable[[int], float], count: int) -> list[float]:

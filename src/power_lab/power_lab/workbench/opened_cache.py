@@ -24,7 +24,7 @@ from power_lab.workbench.array_file import ArrayFile, DamagedFileError
 from power_lab.workbench.source import Source
 from power_lab.workbench.view import PowerView, StateWords
 
-FOLDER = 'workbench'
+FOLDER = 'workbench_cache'
 """Beside the index of recordings."""
 _CODE = (
     *('power_recordings', 'power_estimator.effects', 'power_lab.recordings'),

@@ -51,6 +51,7 @@ function candidates(state, found) {
   }
   return h('div', {}, h('h3', {}, 'Candidates'),
     h('p', { class: 'faint' }, 'By how much the error on held-out data falls with each, on average over the drives. Coloured ones may be the best; the others are ruled out.'),
+    found.judged_on_s < found.of_s - 1 ? h('p', { class: 'faint' }, `Judged on ${found.judged_on_s.toFixed(0)} of ${found.of_s.toFixed(0)} s, in pieces spread evenly over the recording; a preview is drawn in these.`) : null,
     h('div', { id: 'candidates' }, parts));
 }
 
@@ -60,7 +61,7 @@ function row(state, one, top) {
   bar.style.width = `${(100 * fall) / top}%`;
   const seen = state.previews.includes(one.name);
   const button = h('button', { type: 'button', disabled: Boolean(state.job), 'aria-label': `Add ${one.words}`, onclick: () => take({ kind: 'add', effects: [one.name] }) }, 'Add');
-  const node = h('div', { class: `candidate${one.in_confidence_set ? ' in' : ''}` },
+  const node = h('div', { class: `candidate${one.in_confidence_set ? ' in' : ''}`, 'data-preview': seen },
     h('span', {}, one.words, one.in_confidence_set ? h('small', {}, ' may be it') : null),
     h('div', { class: 'track', 'aria-hidden': 'true' }, bar),
     h('span', { class: 'falls' }, `${fall.toFixed(3)} W`),
