@@ -21,6 +21,8 @@ from wattwalk_core.anymal import (
 )
 from wattwalk_core.physics import GRAVITY
 
+from policy_runner.policies.leg_steps import forward_steps, inverse_steps, weight_steps
+
 Floats = NDArray[np.float64]
 
 _HIP: Final = np.column_stack([HIP_IN_BASE[0] * FRONT, HIP_IN_BASE[1] * LEFT, np.zeros(4)])
@@ -34,6 +36,12 @@ _MOMENT_ASIDE: Final = (
     HIP_MASS * HIP_CENTRE[1] * LEFT
     + THIGH_MASS * ((THIGH_IN_HIP[1] + THIGH_CENTRE[1]) * LEFT)
     + SHANK_MASS * ((THIGH_IN_HIP[1] + SHANK_IN_THIGH[1] + SHANK_CENTRE[1]) * LEFT)
+)
+_LEGS: Final = np.ascontiguousarray(np.vstack([_HIP.T, _AHEAD, _ASIDE, _BEND]))
+_FRONT: Final = np.array(FRONT, np.float64)
+_WEIGHTS: Final = np.ascontiguousarray(np.vstack([_MOMENT_ASIDE, SHANK_CENTRE[0] * FRONT]))
+_MASSES: Final = np.array(
+    [THIGH_MASS, SHANK_MASS, _THIGH, -THIGH_CENTRE[2] / _THIGH, SHANK_CENTRE[2]]
 )
 
 
@@ -54,27 +62,11 @@ def clipped(values: Floats, low: Floats | float, high: Floats | float) -> Floats
 def forward(position: Floats) -> LegState:
     """Return feet and Jacobians at joint angles, rad [..., 12]."""
     angles = np.reshape(position, (*np.shape(position)[:-1], 4, 3))
-    haa, hfe, kfe = angles[..., 0], angles[..., 1], angles[..., 2]
-    shank_angle = hfe + kfe + _BEND
-    knee_x, knee_z = -_THIGH * np.sin(hfe), -_THIGH * np.cos(hfe)
-    shank_x, shank_z = -_SHANK * np.sin(shank_angle), -_SHANK * np.cos(shank_angle)
-    x, z = knee_x + shank_x, knee_z + shank_z
-    c, s = np.cos(haa), np.sin(haa)
-    feet = np.empty(angles.shape)
-    feet[..., 0] = _AHEAD + x
-    feet[..., 1] = _ASIDE * c - z * s
-    feet[..., 2] = _ASIDE * s + z * c
-    jacobian = np.zeros((*angles.shape, 3))
-    jacobian[..., 1, 0] = -feet[..., 2]
-    jacobian[..., 2, 0] = feet[..., 1]
-    jacobian[..., 0, 1] = z
-    jacobian[..., 1, 1] = x * s
-    jacobian[..., 2, 1] = -x * c
-    jacobian[..., 0, 2] = shank_z
-    jacobian[..., 1, 2] = shank_x * s
-    jacobian[..., 2, 2] = -shank_x * c
-    feet += _HIP
-    return LegState(angles=angles, feet=feet, jacobian=jacobian)
+    flat = np.array(angles, np.float64, order='C').reshape(-1, 4, 3)
+    feet, jacobian = np.empty(flat.shape), np.empty((*flat.shape, 3))
+    forward_steps(_LEGS, _THIGH, _SHANK, flat, feet, jacobian)
+    shape = angles.shape
+    return LegState(angles, feet.reshape(shape), jacobian.reshape((*shape, 3)))
 
 
 def inverse(feet: Floats) -> Floats:
@@ -83,18 +75,10 @@ def inverse(feet: Floats) -> Floats:
 
     Knees point inwards as in DEFAULT_POSE. Places out of reach give the nearest straight leg.
     """
-    place = feet - _HIP
-    x, y, z = place[..., 0], place[..., 1], place[..., 2]
-    side = np.hypot(y, z)
-    drop = -np.sqrt(np.maximum(side**2 - _ASIDE**2, 1e-4))
-    haa = np.arctan2(z, y) - np.arctan2(drop, _ASIDE)
-    haa = (haa + np.pi) % (2 * np.pi) - np.pi
-    x = x - _AHEAD
-    reach = np.clip(np.hypot(x, drop), *_REACH)
-    fold = np.arccos((reach**2 - _THIGH**2 - _SHANK**2) / (2 * _THIGH * _SHANK))
-    knee = -FRONT * fold
-    hfe = np.arctan2(-x, -drop) - np.arctan2(_SHANK * np.sin(knee), _THIGH + _SHANK * np.cos(knee))
-    return np.stack([haa, hfe, knee - _BEND], axis=-1)
+    places = np.ascontiguousarray(feet, np.float64).reshape(-1, 4, 3)
+    angles = np.empty(places.shape)
+    inverse_steps(_LEGS, _FRONT, _THIGH, _SHANK, *_REACH, places, angles)
+    return angles.reshape(np.shape(feet))
 
 
 def leg_weight_torque(angles: Floats, gravity: Floats) -> Floats:
@@ -103,23 +87,8 @@ def leg_weight_torque(angles: Floats, gravity: Floats) -> Floats:
 
     angles: rad [..., 4, 3]. gravity: its direction in the base's frame, unit vector [..., 3].
     """
-    haa, hfe, kfe = angles[..., 0], angles[..., 1], angles[..., 2]
-    c, s = np.cos(haa), np.sin(haa)
-    pull_x, y, z = (GRAVITY * gravity[..., axis, None] for axis in range(3))
-    pull_y, pull_z = c * y + s * z, c * z - s * y
-    centre_x, centre_z = SHANK_CENTRE[0] * FRONT, SHANK_CENTRE[2]
-    knee_x, knee_z = -_THIGH * np.sin(hfe), -_THIGH * np.cos(hfe)
-    share = -THIGH_CENTRE[2] / _THIGH
-    thigh_x, thigh_z = share * knee_x, share * knee_z
-    cs, ss = np.cos(hfe + kfe), np.sin(hfe + kfe)
-    shank_x, shank_z = centre_x * cs + centre_z * ss, centre_z * cs - centre_x * ss
-    moment_x = THIGH_MASS * thigh_x + SHANK_MASS * (knee_x + shank_x)
-    moment_z = THIGH_MASS * thigh_z + SHANK_MASS * (knee_z + shank_z)
-    return np.stack(
-        [
-            moment_z * pull_y - _MOMENT_ASIDE * pull_z,
-            moment_x * pull_z - moment_z * pull_x,
-            SHANK_MASS * (shank_x * pull_z - shank_z * pull_x),
-        ],
-        axis=-1,
-    )
+    flat = np.ascontiguousarray(angles, np.float64).reshape(-1, 4, 3)
+    pull = np.broadcast_to(GRAVITY * np.asarray(gravity), (*angles.shape[:-2], 3)).reshape(-1, 3)
+    torque = np.empty(flat.shape)
+    weight_steps(_WEIGHTS, _MASSES, flat, np.array(pull, order='C'), torque)
+    return torque.reshape(angles.shape)

@@ -295,23 +295,26 @@ def battery_block(
 encode_batteries = _in_a_list(battery_block)
 
 
-def encode_imu(
+def imu_block(
     stamps_ns: NDArray[np.int64],
     orientation: NDArray[np.float64],
     angular_velocity: NDArray[np.float64],
     linear_acceleration: NDArray[np.float64],
     frame_id: str = 'base',
-) -> list[bytes]:
+) -> NDArray[np.uint8]:
     """Encode N sensor_msgs/Imu: quaternion x y z w [N, 4], rad/s [N, 3] and m/s² [N, 3]."""
     columns = {
         **_vector('orientation', 'xyzw', orientation),
         **_vector('angular_velocity', 'xyz', angular_velocity),
         **_vector('linear_acceleration', 'xyz', linear_acceleration),
     }
-    return encode(IMU, stamps_ns, columns, header={'frame_id': frame_id})
+    return encode_block(IMU, stamps_ns, columns, header={'frame_id': frame_id})
 
 
-def encode_odometry(
+encode_imu = _in_a_list(imu_block)
+
+
+def odometry_block(
     stamps_ns: NDArray[np.int64],
     position: NDArray[np.float64],
     orientation: NDArray[np.float64],
@@ -319,7 +322,7 @@ def encode_odometry(
     angular_velocity: NDArray[np.float64],
     frame_id: str = 'odom',
     child_frame_id: str = 'base',
-) -> list[bytes]:
+) -> NDArray[np.uint8]:
     """Encode N nav_msgs/Odometry: pose in frame_id, twist in child_frame_id."""
     columns = {
         **_vector('pose.pose.position', 'xyz', position),
@@ -328,19 +331,25 @@ def encode_odometry(
         **_vector('twist.twist.angular', 'xyz', angular_velocity),
     }
     header = {'frame_id': frame_id}
-    return encode(ODOMETRY, stamps_ns, columns, header=header, child_frame_id=child_frame_id)
+    return encode_block(ODOMETRY, stamps_ns, columns, header=header, child_frame_id=child_frame_id)
 
 
-def encode_twists(
+encode_odometry = _in_a_list(odometry_block)
+
+
+def twist_block(
     stamps_ns: NDArray[np.int64], velocity: NDArray[np.float64], frame_id: str = 'base'
-) -> list[bytes]:
+) -> NDArray[np.uint8]:
     """Encode N geometry_msgs/TwistStamped from velocity [N, 3]: vx, vy m/s, yaw rate rad/s."""
     columns = {
         'twist.linear.x': velocity[:, 0],
         'twist.linear.y': velocity[:, 1],
         'twist.angular.z': velocity[:, 2],
     }
-    return encode(TWIST_STAMPED, stamps_ns, columns, header={'frame_id': frame_id})
+    return encode_block(TWIST_STAMPED, stamps_ns, columns, header={'frame_id': frame_id})
+
+
+encode_twists = _in_a_list(twist_block)
 
 
 def _vector(path: str, axes: str, values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:

@@ -4,7 +4,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
 from power_recordings.messages import cdr
+from power_recordings.writing.mcap_chunks import MessageBlock
 from power_recordings.writing.writer import BagWriter
 from wattwalk_core.anymal import FOOT_NAMES
 
@@ -37,37 +40,43 @@ class BagTopics:
         self._samples = 0
         self._seconds = 0
         self._counts = {'fall': 0, 'push': 0}
-        of_joints = partial(cdr.encode_joint_states, names=joints)
-        self._encoders: dict[str, Callable[..., list[bytes]]] = {
-            'drive_supply': partial(cdr.encode_drive_supply, names=measured, frame_id=device),
+        of_joints = partial(cdr.joint_state_block, names=joints)
+        self._encoders: dict[str, Callable[..., NDArray[np.uint8]]] = {
+            'drive_supply': partial(_drive_supply, names=measured, frame_id=device),
             'joint_states': of_joints,
             'joint_commands': of_joints,
-            'supply': cdr.encode_batteries,
-            'imu': cdr.encode_imu,
-            'odom': cdr.encode_odometry,
-            'foot_force': partial(cdr.encode_joint_states, names=FOOT_NAMES),
-            'cmd_vel': cdr.encode_twists,
+            'supply': cdr.battery_block,
+            'imu': cdr.imu_block,
+            'odom': cdr.odometry_block,
+            'foot_force': partial(cdr.joint_state_block, names=FOOT_NAMES),
+            'cmd_vel': cdr.twist_block,
         }
 
     def write(self, telemetry: Telemetry) -> None:
         """Add a stretch; RecordingError where the disk refuses."""
-        encoded = {}
+        blocks = []
         for name, rows in telemetry.topics.items():
             values: dict[str, Any] = rows.values
             if name == 'drive_supply':
                 values = {**values, 'sequence0': self._samples}
                 self._samples += len(rows.stamp_ns)
-            found = self._encoders[name](rows.stamp_ns, **values)
-            encoded[name] = zip(rows.stamp_ns.tolist(), found, strict=True)
-        messages = []
-        for name, pairs in (*encoded.items(), ('diagnostics', self._diagnostics(telemetry))):
-            topic = self._topics.get(name)
-            if topic is None:
-                topic = self._topics[name] = self._bag.add_topic(name, _TYPES[name])
-            messages += [(stamp, topic, data) for stamp, data in pairs]
-        messages.sort(key=lambda message: message[:2])
-        for stamp, topic, data in messages:
-            self._bag.write(topic, stamp, data)
+            if len(rows.stamp_ns):
+                messages = self._encoders[name](rows.stamp_ns, **values)
+                blocks.append(MessageBlock(self._topic(name), rows.stamp_ns, messages))
+            else:
+                self._topic(name)
+        topic = self._topic('diagnostics')
+        for stamp, data in self._diagnostics(telemetry):
+            whole = np.frombuffer(data, np.uint8)[None]
+            blocks.append(MessageBlock(topic, np.array([stamp]), whole))
+        self._bag.write_blocks(sorted(blocks, key=lambda block: block.topic))
+
+    def _topic(self, name: str) -> int:
+        """Return the handle of a topic, which is added where it is new."""
+        topic = self._topics.get(name)
+        if topic is None:
+            topic = self._topics[name] = self._bag.add_topic(name, _TYPES[name])
+        return topic
 
     def _diagnostics(self, telemetry: Telemetry) -> list[tuple[int, bytes]]:
         """Return the messages at 1 Hz with their stamps."""
@@ -80,6 +89,11 @@ class BagTopics:
         self._seconds = (last - START_NS) // _SECOND
         falls = [event for event in telemetry.events if event.kind == 'fall']
         return [(last, _diagnostic(last, falls, self._counts))]
+
+
+def _drive_supply(stamps_ns: NDArray[np.int64], **values: Any) -> NDArray[np.uint8]:
+    (block,) = cdr.drive_supply_blocks(stamps_ns, **values)
+    return block
 
 
 def _diagnostic(stamp: int, falls: Sequence[Event], counts: dict[str, int]) -> bytes:

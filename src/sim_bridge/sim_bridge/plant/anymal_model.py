@@ -20,6 +20,7 @@ from wattwalk_core.anymal import (
     STANDING_HEIGHT,
 )
 
+from sim_bridge.plant.drive_steps import foot_force
 from sim_bridge.plant.terrain import FLAT, Terrain
 from wattwalk_core import anymal
 
@@ -104,14 +105,9 @@ class FootForce:
 
     def __call__(self, data: mujoco.MjData) -> NDArray[np.float64]:
         """Return the ground's forces along the contact normals, N [4], of the last step."""
-        contact = data.contact
-        address = contact.efc_address
-        acting = address >= 0
-        if not acting.any():
-            return np.zeros(4)
-        foot = self._foot[contact.geom[acting]].min(axis=1)
-        normal = data.efc_force[address[acting]]
-        return np.bincount(foot, weights=normal, minlength=5)[:4].astype(np.float64)
+        contact, force = data.contact, np.zeros(len(FOOT_NAMES))
+        foot_force(self._foot, contact.geom, contact.efc_address, data.efc_force, force)
+        return force
 
 
 def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:

@@ -1,4 +1,4 @@
-"""Steps of the drives, compiled: friction and torque of D drives at one instant."""
+"""Steps of drives and feet, compiled: friction, torque and forces at one instant."""
 
 from math import sin, tanh
 from typing import Final
@@ -86,3 +86,24 @@ def drive_step(
             torque = twist
         out[d] = torque
         output[d] = torque
+
+
+@compiled('void(i8[::1], i4[:, :], i4[:], f8[:], f8[::1])')
+def foot_force(
+    feet: NDArray[np.int64],
+    geoms: NDArray[np.int32],
+    addresses: NDArray[np.int32],
+    forces: Floats,
+    out: Floats,
+) -> None:
+    """
+    Add the normal forces of C contacts, N, to those of F feet, out [F].
+
+    feet: index of the foot by the geom's, F for any other; geoms [C, 2]; addresses: of a
+    contact's normal force among forces, negative for one that does not act [C].
+    """
+    for index in range(len(addresses)):
+        if addresses[index] >= 0:
+            foot = min(feet[geoms[index, 0]], feet[geoms[index, 1]])
+            if foot < len(out):
+                out[foot] += forces[addresses[index]]

@@ -1,0 +1,44 @@
+"""Compiled kinematics and stance torques are those of the same functions that Python interprets."""
+
+from dataclasses import fields
+
+import numpy as np
+from policy_runner.policies import kinematics, stance_torque
+from policy_runner.policies.trot_gait import Feedback
+from wattwalk_core.anymal import DEFAULT_POSE
+
+
+def legs(count=20):
+    """Return feet, joint angles of moved feet, weight and stance torques of random robots."""
+    random = np.random.default_rng(0)
+    state = kinematics.forward(DEFAULT_POSE + random.normal(0, 0.3, (count, 12)))
+    moved = kinematics.inverse(state.feet + random.normal(0, 0.05, state.feet.shape))
+    gravity = random.normal(0, 0.1, (count, 3)) - (0.0, 0.0, 1.0)
+    weight = kinematics.leg_weight_torque(state.angles, gravity)
+    feedback = Feedback()
+    gains = {item.name: np.full(count, getattr(feedback, item.name)) for item in fields(feedback)}
+    load = np.clip(random.uniform(-0.5, 1.5, (count, 4)), 0.0, 1.0)
+    load[0] = 0.0
+    torque = stance_torque.stance_torque(
+        gains,
+        state,
+        load,
+        height=np.full(count, 0.5),
+        gravity=gravity,
+        spin=random.normal(0, 0.3, (count, 3)),
+        velocity_error=random.normal(0, 0.3, (count, 3)),
+    )
+    return state.feet, state.jacobian, moved, weight, torque
+
+
+def test_compiled_and_interpreted_legs_differ_by_rounding_alone(monkeypatch):
+    compiled = legs()
+    for name in ('forward_steps', 'inverse_steps', 'weight_steps'):
+        monkeypatch.setattr(kinematics, name, getattr(kinematics, name).py_func)
+    monkeypatch.setattr(stance_torque, 'stance_steps', stance_torque.stance_steps.py_func)
+    for found, expected in zip(legs(), compiled, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_robot_without_a_bearing_foot_gets_no_stance_torque():
+    assert not legs()[4][0].any()
