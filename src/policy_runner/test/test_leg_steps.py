@@ -1,4 +1,4 @@
-"""Compiled kinematics and stance torques are those of the same functions that Python interprets."""
+"""Compiled legs are those of the same functions that Python interprets."""
 
 from dataclasses import fields
 
