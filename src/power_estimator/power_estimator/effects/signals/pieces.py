@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from power_estimator.effects.signals.prepared import Part, Prepared
+from power_estimator.effects.signals.prepared import Prepared, SignalPart
 
 _PIECE = 12.0  # s, many times what filters and blocks lose at the ends of each
 
@@ -52,7 +52,7 @@ def pieces(prepared: Prepared, most: float) -> Prepared:
         power=prepared.power[:, kept],
         time=prepared.time[kept],
         recording=prepared.recording[kept],
-        part=Part(rows, kept, len(prepared.time)),
+        part=SignalPart(rows, kept, len(prepared.time)),
     )
 
 

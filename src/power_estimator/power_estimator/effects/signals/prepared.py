@@ -34,7 +34,7 @@ _RELATED = 0.8  # correlation of velocity and the rate of position, where one is
 
 
 @dataclass(frozen=True)
-class Part:
+class SignalPart:
     """Samples of whole recordings that are used."""
 
     samples: NDArray[np.intp]  # [T] at the input rate
@@ -68,7 +68,7 @@ class Prepared:
     torque_constant: Floats  # N·m/A [D], NaN where the torque is none that is computed here
     noise: Floats  # W [M], of the reduced power
     whole: bool = False  # one meter for the robot
-    part: 'Part | None' = None  # where samples were left out
+    part: SignalPart | None = None  # where samples were left out
 
     @property
     def names(self) -> tuple[str, ...]:
