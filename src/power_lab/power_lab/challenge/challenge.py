@@ -34,6 +34,13 @@ STRENGTHS = (1.0, 1.5, 2.5)
 _NOTHING = 0.12  # share of challenges that hide nothing
 _UNMODELLED_SHARE = 0.12  # that hide an unmodelled effect
 _TOP_STRENGTH = {'cross_talk': 1.5}
+_LEAST_STRENGTH = {
+    'iron_loss': 2.5,
+    'inverter_loss': 1.5,
+    'line_resistance': 6.0,
+    'winding_heating': 2.5,
+}
+"""Where the usual size puts on less than a diagnosis names, so that no riddle lacks an answer."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +99,7 @@ def draw(seed: int) -> Challenge:
     if kind >= _NOTHING + _UNMODELLED_SHARE:
         choices = [name for name in HIDDEN if name not in known]
         hidden = (str(random.choice(choices)),)
+        strength = max(strength, _LEAST_STRENGTH.get(hidden[0], strength))
     elif kind >= _NOTHING:
         hidden = (str(random.choice(UNMODELLED)),)
         strength = min(strength, _TOP_STRENGTH.get(hidden[0], strength))
