@@ -220,6 +220,16 @@ def test_the_first_look_is_the_power_of_a_part_of_the_recording(bag, monkeypatch
     assert coarse_view([str(bag), '/no/such/bag'], ()) is None
 
 
+def test_a_part_of_the_chunks_has_samples_of_the_whole_and_no_others(bag):
+    whole, part = Recording.open(bag), Recording.open(bag, every=5)
+    for topic in ('drive_supply', 'joint_states'):
+        every, some = (getattr(recording, topic)() for recording in (whole, part))
+        assert 0.1 * len(every) < len(some) < 0.4 * len(every)
+        rows = np.searchsorted(every.stamp_ns, some.stamp_ns)
+        np.testing.assert_array_equal(every.stamp_ns[rows], some.stamp_ns)
+    assert part.problems == whole.problems == ()
+
+
 def test_opening_shows_a_part_first_and_then_the_whole(bag, monkeypatch):
     size = sum(path.stat().st_size for path in bag.glob('*.mcap'))
     monkeypatch.setattr(coarse, '_SMALL', size // 4)

@@ -1,6 +1,6 @@
 """A first look at long recordings: the power of a part of them, before all is read."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,14 +38,7 @@ def coarse_view(paths: Sequence[str], drives: Sequence[str]) -> PowerView | None
 
 def _sparse(path: Path, every: int) -> tuple[DriveSamples, int, int]:
     """Electrical samples of every n-th chunk, and start and end of the recording [ns]."""
-    seen = 0
-
-    def skip(counts: Mapping[str, int]) -> bool:
-        nonlocal seen
-        seen += 1
-        return seen % every != 0
-
-    recording = Recording.open(path, _MOST_MESSAGES, skip)
+    recording = Recording.open(path, _MOST_MESSAGES, every)
     return recording.drive_supply(), recording.start_ns, recording.end_ns
 
 

@@ -35,12 +35,13 @@ class Bag:
         problems: list[str],
         topics: dict[str, Topic],
         skip: Callable[[Mapping[str, int]], bool] | None = None,
+        every: int = 1,
     ) -> Iterator[Batch]:
         """
         Yield all messages; add to `problems` and to the declared `topics`.
 
         skip: told the numbers of messages by topic of a chunk of which they are known, says
-        whether to leave the chunk out.
+        whether to leave the chunk out. every: of the chunks of an MCAP file only every n-th.
         """
         for path in self.files:
             if self.is_sqlite:
@@ -49,7 +50,7 @@ class Bag:
                 file: McapFile | SqliteFile = database
             else:
                 file = mcap = McapFile(path)
-                yield from mcap.batches(None if skip is None else _by_name(mcap, skip))
+                yield from mcap.batches(None if skip is None else _by_name(mcap, skip), every)
             problems += file.problems
             topics.update({topic.name: topic for topic in file.topics.values()})
 

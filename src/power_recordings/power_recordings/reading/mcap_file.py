@@ -36,6 +36,7 @@ _NEEDED = {
     Opcode.SCHEMA: _LARGEST_TEXT,
     Opcode.CHANNEL: _LARGEST_TEXT,
 }
+_DECLARING = 4  # chunks at the start of a file that are read in any case
 _MOST_SCANNED = 2_000_000  # messages of a chunk without index
 _MOST_PROBLEMS = 50
 
@@ -65,17 +66,20 @@ class McapFile:
         if start != MAGIC[: len(start)]:
             raise InputError(f'{path} is not an MCAP file: it begins with {start!r}')
 
-    def batches(self, skip: Callable[[Mapping[int, int]], bool] | None = None) -> Iterator[Batch]:
+    def batches(
+        self, skip: Callable[[Mapping[int, int]], bool] | None = None, every: int = 1
+    ) -> Iterator[Batch]:
         """
         Yield the messages; damaged parts are left out and noted in `problems`.
 
         skip: told the numbers of messages by channel of a chunk with an index, says whether to
-        leave the chunk out.
+        leave the chunk out. every: of chunks after the first few, which declare the topics, only
+        every n-th is read from the disk.
         """
         packed: bytes | None = None
         indices: list[bytes] = []
         loose: list[bytes] = []
-        for code, body in self._records():
+        for code, body in self._records(every):
             if code == Opcode.MESSAGE_INDEX and packed is not None:
                 indices.append(body)
                 continue
@@ -100,8 +104,9 @@ class McapFile:
         if len(self.problems) < _MOST_PROBLEMS:
             self.problems.append(f'{self.path.name}{text}')
 
-    def _records(self) -> Iterator[tuple[int, bytes]]:
+    def _records(self, every: int) -> Iterator[tuple[int, bytes]]:
         """Yield code and content of the records that are needed, up to the end or a damage."""
+        chunks, passed = 0, False
         with self.path.open('rb') as file:
             position = file.seek(len(MAGIC))
             while len(head := file.read(_RECORD.size)) == _RECORD.size:
@@ -112,7 +117,14 @@ class McapFile:
                 if not code or length > self._size - position:
                     position -= _RECORD.size
                     break
+                if code == Opcode.CHUNK:
+                    chunks += 1
+                    passed = chunks > _DECLARING and chunks % every != 0
                 most = _NEEDED.get(code, -1)
+                if passed and code in (Opcode.CHUNK, Opcode.MESSAGE_INDEX):
+                    file.seek(length, 1)
+                    position += length
+                    continue
                 if 0 <= most < length:
                     self._problem(f': a record of {length >> 20} MiB was left out')
                 if length > most:

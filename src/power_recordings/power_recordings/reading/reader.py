@@ -1,7 +1,7 @@
 """Recordings in memory: reading of bags, checks and order of stamps."""
 
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -65,27 +65,22 @@ class Recording:
     _errors: Mapping[str, InputError]
 
     @classmethod
-    def open(
-        cls,
-        path: Path,
-        most_messages: int | None = None,
-        skip: Callable[[Mapping[str, int]], bool] | None = None,
-    ) -> Self:
+    def open(cls, path: Path, most_messages: int | None = None, every: int = 1) -> Self:
         """
         Read a bag folder or .mcap file of any program.
 
         A recording that was cut off is read up to there; with most_messages, a longer one no
-        further than the chunk that reaches them; with skip, without the chunks of which it says
-        so, told their numbers of messages by topic (`Bag.batches`). Raises InputError if it is
-        empty or not a bag. Errors of a topic (another type or definition, arrays of a wrong
-        length) are raised by the method that returns it.
+        further than the chunk that reaches them; with every, of the chunks of an MCAP file after
+        the first few only every n-th. Raises InputError if it is empty or not a bag. Errors of a
+        topic (another type or definition, arrays of a wrong length) are raised by the method that
+        returns it.
         """
         path = Path(path)
         bag = bag_folder.find(path)
         loader = _Loader(path)
         problems = list(bag.problems)
         topics: dict[str, Topic] = {}
-        for batch in bag.batches(problems, topics, skip):
+        for batch in bag.batches(problems, topics, every=every):
             loader.add(batch)
             if most_messages is not None and loader.total >= most_messages:
                 break
@@ -94,7 +89,7 @@ class Recording:
                 f'{path} holds no messages' + (f': {"; ".join(problems)}' if problems else '')
             )
         missing = (bag.promised or 0) - loader.total
-        if missing > 0 and most_messages is None and skip is None:
+        if missing > 0 and most_messages is None and every == 1:
             problems.append(f'{missing} of {bag.promised} messages are missing')
         samples, breaks = loader.samples(problems)
         return cls(
