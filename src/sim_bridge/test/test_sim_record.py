@@ -87,3 +87,24 @@ def test_help_shows_an_example(capsys):
 def test_seeds_of_the_two_sets_differ():
     seeds = [plan.seed for which in record_command.SECONDS for plan in record_command.plans(which)]
     assert len(np.unique(seeds)) == 6
+
+
+def test_recordings_made_side_by_side_are_those_of_one_worker(tmp_path, capsys):
+    for workers in ('1', '2'):
+        folder = tmp_path / workers
+        run = ['paper', '-o', str(folder), '--seconds', '1', '--seed', '4', '--workers', workers]
+        assert record_command.main(run) == 0
+        assert '3 of 3: ' in capsys.readouterr().out
+    for kind in ('HAA', 'HFE', 'KFE'):
+        one, two = (tmp_path / workers / kind for workers in ('1', '2'))
+        for file in (f'{kind}_0.mcap', 'card.yaml'):
+            assert (one / file).read_bytes() == (two / file).read_bytes()
+
+
+def test_no_workers_and_an_error_in_one_of_several_are_told_in_one_line(tmp_path, capsys):
+    run = ['paper', '-o', str(tmp_path / 'set')]
+    assert record_command.main([*run, '--workers', '0']) == 2
+    assert '--workers is 0; it must lie in 1..256' in capsys.readouterr().err
+    assert record_command.main([*run, '--seconds', '0.5', '--workers', '2']) == 2
+    assert '--seconds is 0.5; it must lie in 1..36000' in capsys.readouterr().err
+    assert not (tmp_path / 'set').exists()

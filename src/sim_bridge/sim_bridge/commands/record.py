@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from power_recordings.card import FILE, Card
@@ -11,6 +12,7 @@ from wattwalk_core.command import command, command_parser, own_arguments
 from wattwalk_core.errors import InputError
 
 from sim_bridge.commands.sim import load_plant
+from sim_bridge.offline.side_by_side import side_by_side, worker_count
 
 _SEED = 21
 _SHORTEST, _LONGEST = 1.0, 36_000.0  # s
@@ -21,8 +23,9 @@ sets:
   robustness  trot_slow, trot_high, unit: 150 s each of other gaits and of another unit of the
               robot on level ground, all drives metered (Section III-B)
 
-All walk by random velocity commands. Recordings that are there already are kept; what was broken
-off is recorded anew.
+All walk by random velocity commands, side by side, one to a core. A seed belongs to a recording:
+it does not depend on the number of workers. Recordings that are there already are kept; what was
+broken off is recorded anew.
 
 examples:
   ros2 run sim_bridge record paper -o bags/paper
@@ -63,7 +66,14 @@ def plans(which: str, seed: int = _SEED) -> tuple[RecordingPlan, ...]:
 SECONDS = {'paper': 600.0, 'robustness': 150.0}
 
 
-def record(plan: RecordingPlan, folder: Path, seconds: float, plant: str = 'anymal_c') -> bool:
+def record(
+    plan: RecordingPlan,
+    folder: Path,
+    seconds: float,
+    plant: str = 'anymal_c',
+    *,
+    progress: bool = True,
+) -> bool:
     """
     Make one recording; False if it is there already.
 
@@ -98,7 +108,7 @@ def record(plan: RecordingPlan, folder: Path, seconds: float, plant: str = 'anym
         pushes=plan.pushes,
         drives=plan.drives,
         overwrite=True,
-        progress=True,
+        progress=progress,
     )
     card = Card.load(bag)
     replace(card, other={**card.other, **wanted}).save(bag)
@@ -122,6 +132,7 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
     add('--seconds', type=float, metavar='S', help='of each recording (600 or 150)')
     add('--seed', type=int, default=_SEED, help='of commands, noise, terrain and pushes')
     add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
+    add('--workers', type=int, metavar='N', help='recordings at a time, one to a core if absent')
     return parser.parse_args(args)
 
 
@@ -131,8 +142,17 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parse(own_arguments(args))
     seconds = SECONDS[options.set] if options.seconds is None else options.seconds
     wanted = plans(options.set, options.seed)
-    for number, plan in enumerate(wanted, 1):
-        made = record(plan, options.output, seconds, options.plant)
+    load_plant(options.plant, None)
+    workers = worker_count(options.workers, len(wanted))
+    made_of = partial(
+        record,
+        folder=options.output,
+        seconds=seconds,
+        plant=options.plant,
+        progress=workers == 1,
+    )
+    results = side_by_side(made_of, wanted, workers)
+    for number, (plan, made) in enumerate(zip(wanted, results, strict=True), 1):
         state = 'recorded' if made else 'there already'
         print(f'{number} of {len(wanted)}: {options.output / plan.name} {state}')
     bags = ' '.join(str(options.output / plan.name) for plan in wanted)
