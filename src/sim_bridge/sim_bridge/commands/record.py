@@ -20,6 +20,7 @@ _EPILOG = """\
 sets:
   paper       HAA, HFE, KFE: ten minutes each with one drive of that type metered, on rough
               ground (±2 cm, slopes to 2 %) and pushed (Section II-A)
+  ageing      a unit that ages day by day, by the plan of --plan FILE.yaml
   robustness  trot_slow, trot_high, unit: 150 s each of other gaits and of another unit of the
               robot on level ground, all drives metered (Section III-B)
 
@@ -119,6 +120,20 @@ def _content(plan: RecordingPlan) -> dict[str, object]:
     return {**asdict(plan), 'drives': list(plan.drives)}
 
 
+def _age(options: argparse.Namespace) -> int:
+    from sim_bridge.offline.history import record_history
+    from sim_bridge.plant.ageing import AgeingPlan
+
+    if options.seconds is not None or options.seed != _SEED:
+        raise InputError('--seconds and --seed are entries of the plan in the set ageing')
+    plan = AgeingPlan.load(options.plan)
+    workers = worker_count(options.workers, len(plan.days))
+    for number, bag in enumerate(record_history(plan, options.output, workers), 1):
+        print(f'{number} of {len(plan.days)}: {bag} recorded', flush=True)
+    print(f'next: ros2 run power_lab track {options.output}/* --model model.yaml')
+    return 0
+
+
 def parse(args: Sequence[str]) -> argparse.Namespace:
     """Return the options of the command from its own arguments."""
     parser = command_parser(
@@ -127,7 +142,8 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
         _EPILOG,
     )
     add = parser.add_argument
-    add('set', choices=tuple(SECONDS), help='which recordings to make')
+    add('set', choices=(*SECONDS, 'ageing'), help='which recordings to make')
+    add('--plan', type=Path, metavar='FILE.yaml', help='of the set ageing: wear and days')
     add('-o', '--output', type=Path, required=True, metavar='FOLDER', help='of the recordings')
     add('--seconds', type=float, metavar='S', help='of each recording (600 or 150)')
     add('--seed', type=int, default=_SEED, help='of commands, noise, terrain and pushes')
@@ -140,6 +156,10 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
 def main(args: Sequence[str] | None = None) -> int:
     """Make the recordings that are not there yet."""
     options = parse(own_arguments(args))
+    if (options.set == 'ageing') != (options.plan is not None):
+        raise InputError('--plan FILE.yaml belongs to the set ageing; give both or neither')
+    if options.plan is not None:
+        return _age(options)
     seconds = SECONDS[options.set] if options.seconds is None else options.seconds
     wanted = plans(options.set, options.seed)
     load_plant(options.plant, None)

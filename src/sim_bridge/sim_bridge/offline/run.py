@@ -106,6 +106,7 @@ class WalkOptions(TypedDict, total=False):
     drives: Sequence[str] | None
     velocity: Sequence[float] | None
     trust_code: bool
+    payload: float
 
 
 def walking_run(
@@ -117,12 +118,13 @@ def walking_run(
     controller: name or folder of a policy, or `stand`; `trot` if absent. terrain: flat (if absent)
     or rough. pushes: every few seconds. drives: those whose power is metered, all if absent.
     velocity: vx, vy in m/s and yaw rate in rad/s to hold; random ones if absent. trust_code: run a
-    TorchScript file as controller.
+    TorchScript file as controller. payload: on the base, kg.
     """
     terrain = options.get('terrain', 'flat')
     if terrain not in TERRAINS:
         raise InputError(f'terrain is {terrain!r}; it is one of {", ".join(TERRAINS)}')
-    world = walking_world(rough(max(seed, 0)) if terrain == 'rough' else FLAT)
+    ground = rough(max(seed, 0)) if terrain == 'rough' else FLAT
+    world = walking_world(ground, options.get('payload', 0.0))
     controller = make_controller(
         options.get('controller', 'trot'),
         max(seed, 0),

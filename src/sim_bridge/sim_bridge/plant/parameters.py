@@ -19,6 +19,7 @@ from wattwalk_core.schema import Quantity, check, parse, schema
 from wattwalk_core.yaml_file import read_yaml, shipped_file
 
 from sim_bridge.plant.effects import Effects, SimulatedEffect, expand
+from sim_bridge.plant.wear import apply_wear, check_wear
 
 Floats = NDArray[np.float64]
 PLANTS = Path(__file__).parents[1] / 'plants'
@@ -154,7 +155,8 @@ class Plant:
 
     drive_types: parameters by type; the type of a drive is what follows the last underscore of
     its name, or `default`. unit: 0 for a unit exactly as written; any other number draws the
-    spread of that unit's parts.
+    spread of that unit's parts. wear: factors on single drives' parameters by the effect's name,
+    and the `current_offset` of a sensor, A, as {LF_KFE: {coulomb_friction: 1.4}}.
     """
 
     name: str = 'default'
@@ -167,8 +169,10 @@ class Plant:
     sensors: SensorParameters = field(default_factory=SensorParameters)
     spread: Spread = field(default_factory=Spread)
     unit_number: Annotated[int, Quantity(0, 2**31 - 1)] = 0
+    wear: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_wear(self.wear)
         if not self.drive_types:
             raise InputError('drive_types is empty; describe at least one type')
 
@@ -221,6 +225,7 @@ class Plant:
             ('torque_bias', self.sensors.torque_bias, spread.torque_bias),
         ):
             values[name] = np.array([centre + draw.shift(width) for draw in errors])
+        apply_wear(values, drives, self.wear)
         return values
 
     @classmethod

@@ -41,9 +41,16 @@ class World:
         return float(self.model.body_mass.sum())
 
 
-def walking_world(terrain: Terrain = FLAT) -> World:
-    """Return ANYmal C standing on a terrain; joints in the order of JOINT_NAMES."""
+def walking_world(terrain: Terrain = FLAT, payload: float = 0.0) -> World:
+    """
+    Return ANYmal C standing on a terrain; joints in the order of JOINT_NAMES.
+
+    payload: kg, at the centre of the base's mass. InputError outside 0..50 kg.
+    """
+    if not 0.0 <= payload <= 50.0:
+        raise InputError(f'payload is {payload:g}; it must lie in 0..50 kg')
     model = build_spec(terrain).compile()
+    model.body_mass[1] += payload
     start: Floats = np.array(model.key('default').qpos, dtype=np.float64)
     return World(model, JOINT_NAMES, start, FootForce(model))
 
