@@ -113,8 +113,13 @@ def seal(challenge: Challenge, bag: Path) -> Path:
 
     It guards against looking by accident, not against wanting to know.
     """
-    path = bag / SEALED
-    packed = zlib.compress(json.dumps(challenge.content()).encode())
+    return seal_content(challenge.content(), bag)
+
+
+def seal_content(content: Mapping[str, Any], folder: Path) -> Path:
+    """Write an answer into a folder, as `seal` does."""
+    path = folder / SEALED
+    packed = zlib.compress(json.dumps(content).encode())
     write_whole(path, base64.b64encode(_mixed(packed)).decode() + '\n')
     return path
 
