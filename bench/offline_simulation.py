@@ -12,15 +12,18 @@ import os
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 os.environ['OMP_NUM_THREADS'] = '1'
 
+import mujoco
 from power_daq.bus.description import BusDescription
 from rich.console import Console
 from rich.table import Table
 from sim_bridge.live.frames import FrameEncoder
 from sim_bridge.live.real_time import BLOCK
 from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
+from sim_bridge.plant import simulation as simulation_module
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import STEP, Simulation
@@ -30,6 +33,7 @@ from wattwalk_core.anymal import DEFAULT_POSE
 
 TARGET = 5.0
 LIVE_TARGET = 0.6
+RIGID_TARGET = 2.0
 
 
 def bag_ratio(seconds: float, terrain: str, path: Path) -> float:
@@ -45,6 +49,34 @@ def memory_ratio(seconds: float) -> float:
     begin = time.process_time()
     simulate_recording(run)
     return seconds / (time.process_time() - begin)
+
+
+class TimedSteps:
+    """The module mujoco, whose `mj_step` counts the seconds that it takes."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(mujoco, name)
+
+    def mj_step(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Step."""
+        begin = time.thread_time()
+        mujoco.mj_step(model, data)
+        self.seconds += time.thread_time() - begin
+
+
+def rigid_body_ratio(seconds: float) -> float:
+    """CPU time of a walk into memory over that of the rigid bodies' steps alone."""
+    run = walking_run(Plant.load('anymal_c'), duration=seconds, seed=1)
+    steps, former = TimedSteps(), simulation_module.mujoco
+    simulation_module.mujoco = steps
+    begin = time.process_time()
+    simulate_recording(run)
+    spent = time.process_time() - begin
+    simulation_module.mujoco = former
+    return spent / steps.seconds
 
 
 def live_share(seconds: float) -> float:
@@ -76,6 +108,9 @@ def main() -> int:
             table.add_row(f'walk on {terrain} ground to a bag', *cells)
     reached = memory_ratio(options.seconds)
     table.add_row('walk on flat ground to memory', f'{reached:.1f} × real time', '', '')
+    reached = rigid_body_ratio(options.seconds)
+    cells = f'{reached:.1f} × mj_step', f'{RIGID_TARGET:.0f} ×', f'{RIGID_TARGET / reached:.2f}'
+    table.add_row('walk to memory against rigid bodies alone', *cells)
     share = live_share(min(options.seconds, 10.0))
     cells = f'{share:.0%} of a core', f'under {LIVE_TARGET:.0%}', f'{LIVE_TARGET / share:.2f}'
     table.add_row('plant, meter and frames in real time', *cells)
