@@ -21,8 +21,6 @@ from wattwalk_core.anymal import (
 )
 from wattwalk_core.physics import GRAVITY
 
-from policy_runner.policies.leg_steps import forward_steps, inverse_steps, weight_steps
-
 Floats = NDArray[np.float64]
 
 _HIP: Final = np.column_stack([HIP_IN_BASE[0] * FRONT, HIP_IN_BASE[1] * LEFT, np.zeros(4)])
@@ -61,6 +59,8 @@ def clipped(values: Floats, low: Floats | float, high: Floats | float) -> Floats
 
 def forward(position: Floats) -> LegState:
     """Return feet and Jacobians at joint angles, rad [..., 12]."""
+    from policy_runner.policies.leg_steps import forward_steps  # compiled: numba is slow to import
+
     angles = np.reshape(position, (*np.shape(position)[:-1], 4, 3))
     flat = np.array(angles, np.float64, order='C').reshape(-1, 4, 3)
     feet, jacobian = np.empty(flat.shape), np.empty((*flat.shape, 3))
@@ -75,6 +75,8 @@ def inverse(feet: Floats) -> Floats:
 
     Knees point inwards as in DEFAULT_POSE. Places out of reach give the nearest straight leg.
     """
+    from policy_runner.policies.leg_steps import inverse_steps  # compiled: numba is slow to import
+
     places = np.ascontiguousarray(feet, np.float64).reshape(-1, 4, 3)
     angles = np.empty(places.shape)
     inverse_steps(_LEGS, _FRONT, _THIGH, _SHANK, *_REACH, places, angles)
@@ -87,6 +89,8 @@ def leg_weight_torque(angles: Floats, gravity: Floats) -> Floats:
 
     angles: rad [..., 4, 3]. gravity: its direction in the base's frame, unit vector [..., 3].
     """
+    from policy_runner.policies.leg_steps import weight_steps  # compiled: numba is slow to import
+
     flat = np.ascontiguousarray(angles, np.float64).reshape(-1, 4, 3)
     pull = np.broadcast_to(GRAVITY * np.asarray(gravity), (*angles.shape[:-2], 3)).reshape(-1, 3)
     torque = np.empty(flat.shape)

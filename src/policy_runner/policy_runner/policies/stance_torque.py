@@ -8,7 +8,6 @@ from wattwalk_core.anymal import FOOT_RADIUS, ROBOT_MASS
 from wattwalk_core.physics import GRAVITY
 
 from policy_runner.policies.kinematics import LegState
-from policy_runner.policies.leg_steps import stance_steps
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +31,8 @@ def stance_torque(
     vector in the base's frame [N, 3]. spin: rad/s [N, 3]. velocity_error: commanded minus measured
     vx, vy, yaw rate [N, 3].
     """
+    from policy_runner.policies.leg_steps import stance_steps  # compiled: numba is slow to import
+
     rows = [gains[name] for name in ('height', 'tilt', 'tilt_rate', 'velocity', 'yaw')]
     torque = np.empty(legs.feet.shape)
     stance_steps(
