@@ -1,5 +1,5 @@
 """
-CPU time and memory of `diagnose` by the length of a walk and its drives.
+Time and memory of `diagnose` by the length of a walk and its drives.
 
     python bench/diagnose_cost.py [--seconds 150 600] [--drives 3 6 12] [--keep DIR]
 
@@ -8,7 +8,6 @@ simulated once and kept in DIR.
 """
 
 import argparse
-import os
 import re
 import subprocess
 import sys
@@ -20,11 +19,13 @@ from rich.table import Table
 ORDER = [f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')]
 EFFECTS = 'shaft, copper_loss, rotor_inertia, idle, viscous_friction, coulomb_friction'
 JUDGE = """
-import resource, sys
+import resource, sys, time
+begin = time.perf_counter()
 from power_lab.commands.diagnose import main
 code = main(sys.argv[1:])
 used = resource.getrusage(resource.RUSAGE_SELF)
-print('COST', used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+wall = time.perf_counter() - begin
+print('COST', used.ru_utime + used.ru_stime, wall, used.ru_maxrss / 1024)
 sys.exit(code)
 """
 
@@ -39,22 +40,20 @@ def walk(folder: Path, seconds: float) -> Path:
     return path
 
 
-def cost(bag: Path, model: Path, drives: list[str]) -> tuple[float, float, str]:
-    """CPU s, MB and the first line of the verdict of one diagnosis."""
+def cost(bag: Path, model: Path, drives: list[str]) -> tuple[float, float, float, str]:
+    """CPU s, s, MB and the first line of the verdict of one diagnosis."""
     arguments = [str(bag), '--model', str(model), '--drives', *drives]
-    one = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
     done = subprocess.run(
         [sys.executable, '-c', JUDGE, *arguments],
-        env=os.environ | one,
         capture_output=True,
         text=True,
         check=True,
     )
-    found = re.search(r'COST (\S+) (\S+)', done.stdout)
+    found = re.search(r'COST (\S+) (\S+) (\S+)', done.stdout)
     if found is None:
         raise RuntimeError(done.stdout + done.stderr)
     told = next((line.strip() for line in done.stdout.splitlines() if line.strip()), '')
-    return float(found[1]), float(found[2]), told
+    return float(found[1]), float(found[2]), float(found[3]), told
 
 
 def main() -> int:
@@ -71,14 +70,13 @@ def main() -> int:
     model = options.keep / 'base.yaml'
     model.write_text(f'format: power_model/1\nname: base\neffects: [{EFFECTS}]\n')
     table = Table(title='cost of diagnose')
-    for column in ('walk', 'drives', 'CPU', 'CPU per drive and minute', 'memory', 'verdict'):
+    for column in ('walk', 'drives', 'CPU', 'on all cores', 'memory', 'verdict'):
         table.add_column(column, justify='left' if column == 'verdict' else 'right')
     for seconds in options.seconds:
         bag = walk(options.keep, seconds)
         for count in options.drives:
-            used, memory, told = cost(bag, model, ORDER[:count])
-            share = used / count / (seconds / 60)
-            row = (f'{used:.1f} s', f'{share:.2f} s', f'{memory:.0f} MB', told[:60])
+            used, wall, memory, told = cost(bag, model, ORDER[:count])
+            row = (f'{used:.1f} s', f'{wall:.1f} s', f'{memory:.0f} MB', told[:60])
             table.add_row(f'{seconds:g} s', str(count), *row)
     Console().print(table)
     return 0
