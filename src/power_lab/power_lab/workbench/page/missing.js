@@ -108,7 +108,8 @@ export function stairs() {
   const { stairs: steps, view } = bench.state;
   const lines = [['meter’s noise', view.noise_w, 'dot'], ...(bench.state.lines || []).map((one) => [one.name, one.rmse_w, 'dash'])].filter(([, level]) => level != null);
   const body = find('stairs-body');
-  if (!find('plot-stairs')) fill(body, h('div', { class: 'plot low', id: 'plot-stairs' }), h('p', { id: 'stairs-words' }), other());
+  if (!find('plot-stairs')) fill(body, h('div', { class: 'plot low', id: 'plot-stairs' }), h('p', { id: 'stairs-words' }),
+    h('p', { class: 'faint' }, 'The steps judge each model as it is. The verdict above allows for errors of the meter and for formulas that are not quite what a drive does, so that its figures are a little lower.'), other());
   const last = steps[steps.length - 1];
   const first = steps[0];
   find('stairs-words').textContent = steps.length > 1
