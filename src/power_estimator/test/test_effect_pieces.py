@@ -73,6 +73,42 @@ def test_pieces_are_spread_over_the_whole_recording():
     assert starts == pytest.approx([0.0, 40.0, 80.0], abs=0.1)
 
 
+def test_a_short_recording_beside_a_long_one_stays_whole():
+    whole = recorded(gap=100.0)
+    second = (whole.signals.time >= 105.0).astype(np.int32)
+    two = replace(
+        whole,
+        signals=replace(whole.signals, recording=second),
+        recording=(whole.time >= 105.0).astype(np.int32),
+        recordings=('walk', 'ladder'),
+    )
+    some = pieces(two, 60.0)
+    seconds = [np.sum(some.signals.recording == index) / RATE for index in (0, 1)]
+    assert seconds == pytest.approx([36.0, 20.0], abs=0.1)  # three pieces of 12 s, and all
+
+
+def test_several_recordings_keep_what_tells_their_delays():
+    whole = recorded(gap=60.0)
+    second = (whole.signals.time >= 65.0).astype(np.int32)
+    two = replace(
+        whole,
+        signals=replace(whole.signals, recording=second),
+        recording=(whole.time >= 65.0).astype(np.int32),
+    )
+    some = pieces(two, 30.0)
+    seconds = [np.sum(some.signals.recording == index) / RATE for index in (0, 1)]
+    assert seconds == pytest.approx([36.0, 36.0], abs=0.1)
+
+
+def test_where_power_is_known_for_a_part_of_the_time_as_much_of_it_is_kept():
+    whole = recorded()
+    power = np.where(whole.time[:, None] < 60.0, whole.power, np.float32(np.nan))
+    half = replace(whole, power=power)
+    assert pieces(half, 60.0) is half
+    known = np.isfinite(pieces(half, 30.0).power[0, :, 0]).sum() / 50.0
+    assert known == pytest.approx(30.0, abs=7.0)
+
+
 def test_a_recording_that_is_short_enough_is_used_whole():
     whole = recorded(seconds=30.0)
     assert pieces(whole, 30.0) is whole

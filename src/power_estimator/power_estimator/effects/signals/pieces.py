@@ -1,5 +1,6 @@
 """Pieces of long recordings, evenly spread, to judge on instead of all of them."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,47 +9,54 @@ from numpy.typing import NDArray
 from power_estimator.effects.signals.prepared import Prepared, SignalPart
 
 _PIECE = 12.0  # s, many times what filters and blocks lose at the ends of each
+_LEAST = 40.0  # s of each recording, that its delay and gain can be told
 
 
 def pieces(prepared: Prepared, most: float) -> Prepared:
     """
-    Return most seconds of the signals at most, in pieces of 12 s spread evenly over all stretches.
+    Return most seconds of the signals, in pieces of 12 s spread evenly over each recording.
 
+    Recordings share the seconds: short ones stay whole, and none has less than 40 s for others.
     What remembers (a winding's temperature) still follows all samples. Meters that are slow keep
-    all of theirs.
+    all of theirs. Where power was measured part of the time, seconds are those.
     """
     reducer = prepared.reducer
     total = sum(part.stop - part.start for part in reducer.slices)
+    most /= max(float(prepared.measured.any(axis=1).mean()), 1e-6)
     if reducer.window or total <= most * reducer.rate:
         return prepared
-    length = round(_PIECE * reducer.rate / reducer.factor) * reducer.factor
-    period = total / max(1, int(most * reducer.rate / length))
-    starts, stops, reduced = [], [], []
-    done, row = 0, 0
+    recordings = prepared.signals.recording
+    parts: dict[int, list[tuple[slice, int]]] = {}
     for part, stretch in zip(reducer.slices, reducer.stretches(), strict=True):
-        size = part.stop - part.start
-        first = int(np.ceil((done - length) / period))
-        for number in range(max(first, 0), int((done + size) / period) + 1):
-            offset = round((number * period - done) / reducer.factor) * reducer.factor
-            begin, end = max(0, offset), min(size, offset + length)
-            if end - begin > 2 * reducer.margin + reducer.factor:
-                starts.append(part.start + begin)
-                stops.append(part.start + end)
-                reduced.append(row + begin // reducer.factor)
-        done, row = done + size, row + stretch.stop - stretch.start
-    sizes = [stop - start for start, stop in zip(starts, stops, strict=True)]
+        parts.setdefault(int(recordings[part.start]), []).append((part, stretch.start))
+    lengths = [sum(part.stop - part.start for part, _ in own) for own in parts.values()]
+    shares = np.maximum(_shares(lengths, most * reducer.rate), _LEAST * reducer.rate)
+    length = round(_PIECE * reducer.rate / reducer.factor) * reducer.factor
+    least = 2 * reducer.margin + reducer.factor
+    starts, sizes, reduced = [], [], []
+    for own, whole, share in zip(parts.values(), lengths, shares.tolist(), strict=True):
+        period = whole / max(1, int(share / length)) if whole > share else 0.0
+        done = 0
+        for part, row in own:
+            size = part.stop - part.start
+            for begin, end in _within(done, size, length, period, reducer.factor):
+                if end - begin > least:
+                    starts.append(part.start + begin)
+                    sizes.append(end - begin)
+                    reduced.append(row + begin // reducer.factor)
+            done += size
     ends = np.cumsum(sizes).tolist()
-    own = replace(
+    shorter = replace(
         reducer,
         slices=tuple(slice(end - size, end) for size, end in zip(sizes, ends, strict=True)),
     )
-    counts = [part.stop - part.start for part in own.stretches()]
+    counts = [part.stop - part.start for part in shorter.stretches()]
     rows, kept = _joined(starts, sizes), _joined(reduced, counts)
     segment = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
     return replace(
         prepared,
         signals=prepared.signals.rows(rows, segment),
-        reducer=own,
+        reducer=shorter,
         power=prepared.power[:, kept],
         time=prepared.time[kept],
         recording=prepared.recording[kept],
@@ -56,7 +64,35 @@ def pieces(prepared: Prepared, most: float) -> Prepared:
     )
 
 
-def _joined(starts: list[int], sizes: list[int]) -> NDArray[np.intp]:
+def _shares(lengths: Sequence[int], budget: float) -> NDArray[np.float64]:
+    """Samples of each recording: what the shorter ones do not need goes to the longer ones."""
+    shares = np.zeros(len(lengths))
+    left = budget
+    order = np.argsort(lengths)
+    for place, index in enumerate(order):
+        shares[index] = min(lengths[index], left / (len(order) - place))
+        left -= shares[index]
+    return shares
+
+
+def _within(
+    done: int, size: int, length: int, period: float, factor: int
+) -> Iterator[tuple[int, int]]:
+    """
+    Begin and end of each piece within a stretch of a size, after done samples of its recording.
+
+    A period of 0 leaves the stretch whole. Pieces begin at a multiple of factor.
+    """
+    if not period:
+        yield 0, size
+        return
+    first = max(0, int(np.ceil((done - length) / period)))
+    for number in range(first, int((done + size) / period) + 1):
+        offset = round((number * period - done) / factor) * factor
+        yield max(0, offset), min(size, offset + length)
+
+
+def _joined(starts: Sequence[int], sizes: Sequence[int]) -> NDArray[np.intp]:
     return np.concatenate(
         [start + np.arange(size) for start, size in zip(starts, sizes, strict=True)]
     )
