@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
 
 import numpy as np
 from sim_bridge.plant.ageing import AgeingPlan, HistoryDay, WearCourse
@@ -17,7 +17,11 @@ KINDS = ('quiet', 'wear', 'meter')
 WORN = ('coulomb_friction', 'viscous_friction', 'copper_loss', 'idle')
 LEAST_RECORDINGS = 8
 _SHARES = (0.5, 0.35, 0.15)  # of the kinds
-_GAITS = ('trot', 'trot_slow', 'trot_high')
+_GAITS: Final[tuple[Literal['trot', 'trot_slow', 'trot_high'], ...]] = (
+    'trot',
+    'trot_slow',
+    'trot_high',
+)
 _WEEK = 7.0
 
 
@@ -106,7 +110,7 @@ def _days(random: np.random.Generator, count: int) -> list[HistoryDay]:
                 day=float(number),
                 temperature=round(float(16.0 + season + random.normal(0, 4.0)), 1),
                 terrain='rough' if random.uniform() < 0.25 else 'flat',
-                controller=str(random.choice(_GAITS, p=(0.6, 0.25, 0.15))),
+                controller=_GAITS[int(random.choice(len(_GAITS), p=(0.6, 0.25, 0.15)))],
                 payload=float(random.choice((0.0, 5.0, 10.0))),
             )
         )
