@@ -41,7 +41,10 @@ def stance_torque(
         FOOT_RADIUS,
         legs.feet,
         legs.jacobian,
-        *(np.array(values, np.float64) for values in (load, gravity, spin, velocity_error)),
+        np.array(load, np.float64),
+        np.array(gravity, np.float64),
+        np.array(spin, np.float64),
+        np.array(velocity_error, np.float64),
         torque,
     )
     return torque
