@@ -152,6 +152,14 @@ GOOD = """
     """
 
 
+def test_an_effect_derived_from_another_says_itself_that_it_needs_its_own_drive_alone():
+    class Neighbours(type(CATALOGUE['viscous_friction'])):
+        """Looks at other drives than the effect that it derives from."""
+
+    assert type(CATALOGUE['viscous_friction']).per_drive
+    assert not Neighbours.per_drive
+
+
 def test_a_user_adds_an_effect_by_one_file(tmp_path):
     path = write(tmp_path, GOOD)
     catalogue = load_catalogue([path])

@@ -75,6 +75,14 @@ def test_a_stretch_is_chosen_where_the_error_is_largest():
     assert part.stop >= 3100
 
 
+def test_a_stretch_spans_no_gap():
+    residual = np.zeros(1000)
+    residual[450:550] = 5.0
+    part = figures.worst_stretch(residual, [slice(0, 500), slice(500, 1000)])
+    assert (part.start, part.stop) in {(0, 500), (500, 1000)}
+    assert figures.worst_stretch(residual, [slice(0, 540), slice(540, 1000)]) == slice(0, 540)
+
+
 def test_an_error_without_variation_is_not_drawn():
     assert figures.error_over('position', np.zeros(500), {'base': np.ones(500)}) is None
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from power_estimator.effects.fit.blocks import Blocks
@@ -79,6 +81,20 @@ def test_what_lives_in_time_alone_is_found_with_its_period(walk):
     assert left.slow.min() > 0.15
     assert left.period == pytest.approx([10.0] * 3, rel=0.25)
     assert left.ljung_box.max() < 1e-6
+
+
+def test_the_period_is_looked_for_within_the_longest_recording(walk):
+    prepared, blocks, _ = walk
+    later = np.arange(len(blocks.starts)) >= 45
+    two = replace(
+        blocks,
+        recording=later.astype(np.int32),
+        time=blocks.time - 600_000.0 * later,  # the second recording is a week older
+    )
+    since = prepared.time - prepared.time[0]
+    cycle = np.sign(np.sin(2 * np.pi * since / 10.0))[:, None]
+    left = examine_structure(noise(prepared) + cycle, prepared, two, Folds.of(two))
+    assert left.period == pytest.approx([10.0] * 3, rel=0.35)
 
 
 def test_a_neighbours_power_is_found_as_cross_talk(walk):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from power_recordings.calibration import NONE, label
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -22,6 +23,7 @@ from power_daq.acquisition.receiver import Sample
 
 _PERIOD = 1.0
 _PUBLISHING_ENDS = 10.0
+_DELIVERED = 3.0  # s that reliable subscriptions have for the last messages
 _QUEUED_SAMPLES = 4000
 _LOSSLESS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000
@@ -105,6 +107,16 @@ class DaqNode(Node):
             self._publishing.stop()
             if not self._publishing.join(_PUBLISHING_ENDS):
                 self.get_logger().error(f'{len(self._queue)} samples were not published')
+            elif self.context.ok():
+                self._deliver()
+
+    def _deliver(self) -> None:
+        # A writer that is destroyed forgets what a busy subscription has not fetched yet.
+        end = time.monotonic() + _DELIVERED
+        for publisher in self.publishers:
+            left = max(end - time.monotonic(), 0.0)
+            if not publisher.wait_for_all_acked(Duration(seconds=left)):
+                self.get_logger().warning(f'{publisher.topic_name}: last messages not delivered')
 
     def _end_acquisition(self) -> None:
         device, logger = self._device, self.get_logger()

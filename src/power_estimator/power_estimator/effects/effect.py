@@ -83,6 +83,16 @@ class Effect(ABC):
     Each drive's regressors come from its own signals alone. Fits then go drive by drive, several
     at once, with Signals of one drive.
     """
+    remembers: ClassVar[bool] = False
+    """
+    The regressors follow what was seconds before (heat, backlash, rest) from each gap on, so
+    that a recording must not be cut into pieces.
+    """
+
+    def __init_subclass__(cls) -> None:
+        """Let each class say `per_drive` itself: an override may look at other drives."""
+        super().__init_subclass__()
+        cls.per_drive = bool(vars(cls).get('per_drive', False))
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and self.name == getattr(other, 'name', None)

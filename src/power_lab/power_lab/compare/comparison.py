@@ -312,7 +312,9 @@ def describe_state(
     labels: dict[str, NDArray[np.str_]] = {}
     force = loaded.data.extras.get('foot_force')
     if force is not None and (part := prepared.part) is not None:
-        force = force[part.samples] if len(force) > part.samples[-1] else None
+        past = prepared.signals.past
+        whole = past is not None and len(force) == len(past.time)
+        force = force[part.samples] if whole else None
     if force is not None and len(force) == len(prepared.signals.time):
         loads = prepared.reduced(np.nan_to_num(np.asarray(force, dtype=np.float64)))
         words = np.full(shape, '', dtype='<U6')

@@ -1,5 +1,7 @@
 """The part of a recording in which a model fails most."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,9 +9,20 @@ _SPAN = 12.0  # s shown of a recording
 _RATE = 50.0  # Hz
 
 
-def worst_stretch(residual: NDArray[np.float64]) -> slice:
-    """The part of 12 s in which the squared residual is largest."""
-    length = min(len(residual), round(_SPAN * _RATE))
-    summed = np.concatenate([[0.0], np.cumsum(np.square(np.nan_to_num(residual)))])
-    start = int(np.argmax(summed[length:] - summed[:-length])) if len(residual) > length else 0
-    return slice(start, start + length)
+def worst_stretch(residual: NDArray[np.float64], gap_free: Sequence[slice] = ()) -> slice:
+    """
+    The part of at most 12 s in which the squared residual is largest.
+
+    gap_free: stretches of rows [N], of which the part lies in one; none: all rows are one.
+    """
+    best, most = slice(0, 0), -1.0
+    for within in gap_free or [slice(0, len(residual))]:
+        square = np.square(np.nan_to_num(residual[within]))
+        length = min(len(square), round(_SPAN * _RATE))
+        summed = np.concatenate([[0.0], np.cumsum(square)])
+        spans = summed[length:] - summed[: len(summed) - length]
+        start = int(np.argmax(spans))
+        if spans[start] > most:
+            first = within.start + start
+            best, most = slice(first, first + length), float(spans[start])
+    return best

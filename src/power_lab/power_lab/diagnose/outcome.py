@@ -194,7 +194,9 @@ def diagnose(
         least=max(LEAST_SECONDS, LEAST_SECONDS * loaded.window),
         window=loaded.window,
     )
-    seconds, own = own.prepared.seconds, own.at_most(MOST_SECONDS)
+    seconds = own.prepared.seconds
+    if not any(catalogue[name].remembers for name in catalogue):
+        own = own.at_most(MOST_SECONDS)
     structure = own.structure(model.structure.actives)
     own, terms, delays = together(own, structure, catalogue)
     fitter = own.fitter(per_drive=True)

@@ -78,7 +78,9 @@ def examine_structure(
         gaps = np.diff(blocks.starts[use]) != blocks.length
         found['slow'][drive] = _slow(means, gaps)
         found['total'][drive] = float(np.nanmean(np.square(target)))
-        period[drive] = _period(means, blocks.time[use])
+        longest = np.bincount(blocks.recording[use]).argmax()
+        alone = blocks.recording[use] == longest
+        period[drive] = _period(means[alone], blocks.time[use][alone])
         if len(means) > 2 * _TEST_LAGS:
             table = acorr_ljungbox(means, lags=[_TEST_LAGS])
             test[drive] = float(table['lb_pvalue'].iloc[0])
@@ -149,7 +151,7 @@ def _slow(means: Floats, gaps: NDArray[np.bool_]) -> float:
 
 
 def _period(means: Floats, time: Floats) -> float:
-    """Period of a line that stands out of the spectrum of means of blocks at times, s."""
+    """Period of a line that stands out of the spectrum of a recording's blocks at times, s."""
     if len(means) < 40:
         return float('nan')
     step = float(np.median(np.diff(time)))

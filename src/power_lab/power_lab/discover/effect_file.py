@@ -92,6 +92,8 @@ def _class(one: Written) -> str:
     ]
     if not family.driver.other:
         lines.append('    per_drive = True')
+    if family.driver.memory:
+        lines.append('    remembers = True')
     if family.acts_on == 'torque':
         lines.append('    needs_joint_torque = True')
     if 'drawn' in family.driver.code:

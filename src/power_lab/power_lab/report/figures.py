@@ -18,10 +18,14 @@ _MAP_BINS = 22
 
 
 def traces(
-    time: Floats, measured: Floats, residuals: Mapping[str, Floats], floor: float
+    time: Floats,
+    measured: Floats,
+    residuals: Mapping[str, Floats],
+    floor: float,
+    gap_free: Sequence[slice] = (),
 ) -> Figure:
-    """Measured and estimated power over time with the residuals below, W [N] each."""
-    part = worst_stretch(next(iter(residuals.values())))
+    """Measured and estimated power where the first residual is largest, W [N] each."""
+    part = worst_stretch(next(iter(residuals.values())), gap_free)
     t = time[part] - time[0]
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, row_heights=[0.66, 0.34], vertical_spacing=0.04

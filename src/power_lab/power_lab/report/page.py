@@ -142,15 +142,21 @@ def _section_traces(
 ) -> None:
     page.heading('Measured against model')
     page.text(
-        'The twelve seconds in which the model is worst. Drag to zoom, double-click to go back. '
-        'The grey band of the error is what is too small to judge.',
+        'At most twelve seconds without a gap in which the model is worst. Drag to zoom, '
+        'double-click to go back. The grey band of the error is what is too small to judge.',
         faint=True,
     )
     panels = {}
     for column in _worst_first(residuals):
         name = prepared.names[column]
         own = {key: values[:, column] for key, values in residuals.items()}
-        figure = figures.traces(prepared.time, measured[:, column], own, float(floors[name]))
+        figure = figures.traces(
+            prepared.time,
+            measured[:, column],
+            own,
+            float(floors[name]),
+            prepared.reducer.stretches(),
+        )
         panels[name] = page.figure(figure, f'Power of {name} over time', size='tall')
     page.tabs(panels)
 

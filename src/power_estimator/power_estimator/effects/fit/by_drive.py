@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -33,12 +34,17 @@ class ByDriveBuilder(DesignBuilder):
 
     def __init__(self, prepared: Prepared, base: BasePower | None = None) -> None:
         super().__init__(prepared, base)
-        count = len(prepared.names)
-        self._drives = [
+        self._count = len(prepared.names)
+
+    @cached_property
+    def _drives(self) -> list[DesignBuilder]:
+        """Builders of one drive each, with copies of its signals."""
+        base, kept = self.base, KEPT // self._count
+        return [
             DesignBuilder(
-                prepared.drive(index), None if base is None else base.drive(index), KEPT // count
+                self.prepared.drive(index), None if base is None else base.drive(index), kept
             )
-            for index in range(count)
+            for index in range(self._count)
         ]
 
     def _point(self, structure: Structure, coefficients: Floats) -> Linearisation:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from power_estimator.effects.signals.prepared import Prepared, SignalPart
 
 _PIECE = 12.0  # s, many times what filters and blocks lose at the ends of each
+_GOLDEN = 0.6180339887  # its multiples spread most evenly over 0 to 1
 _LEAST = 40.0  # s of each recording, that its delay and gain can be told
 
 
@@ -22,7 +23,8 @@ def pieces(prepared: Prepared, most: float) -> Prepared:
     """
     reducer = prepared.reducer
     total = sum(part.stop - part.start for part in reducer.slices)
-    most /= max(float(prepared.measured.any(axis=1).mean()), 1e-6)
+    known = prepared.measured.mean(axis=0)
+    most /= float(known[known > 0].min()) if known.any() else 1.0
     if reducer.window or total <= most * reducer.rate:
         return prepared
     recordings = prepared.signals.recording
@@ -81,14 +83,15 @@ def _within(
     """
     Begin and end of each piece within a stretch of a size, after done samples of its recording.
 
-    A period of 0 leaves the stretch whole. Pieces begin at a multiple of factor.
+    A period of 0 leaves the stretch whole. Pieces begin at a multiple of factor, each at another
+    place of its period, so that a motion that repeats is seen in all of its phases.
     """
     if not period:
         yield 0, size
         return
-    first = max(0, int(np.ceil((done - length) / period)))
-    for number in range(first, int((done + size) / period) + 1):
-        offset = round((number * period - done) / factor) * factor
+    for number in range(max(0, int(done / period) - 1), int((done + size) / period) + 1):
+        later = (number * _GOLDEN) % 1.0 * (period - length)
+        offset = round((number * period + later - done) / factor) * factor
         yield max(0, offset), min(size, offset + length)
 
 
