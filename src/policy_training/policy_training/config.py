@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from policy_runner.policies.gait_phase import CADENCE_ADAPTATION, COMMAND_RATE_LIMIT
-from policy_runner.policies.observations import CLOCKED, Observation
+from policy_runner.policies.observations import CLOCKED, STANDARD, Observation
 from policy_runner.policies.trot_gait import TROTS
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
@@ -282,6 +282,7 @@ class TrainingConfig:
     seed: Annotated[int, Quantity(0, 2**31 - 1)] = 1
     steps: Annotated[float, Quantity(1.0, 1e12, '', 'policy steps of all environments')] = 20e6
     action_scale: Annotated[float, Quantity(0.01, 5.0, 'rad', 'per unit of action')] = 0.5
+    clock: bool = True  # the policy is given its gait phase
     stride_frequency: Annotated[float, Quantity(0.8, 3.0, 'Hz')] = CLOCKED.stride_frequency
     frequency_per_speed: Annotated[float, Quantity(0.0, 3.0, 'Hz·s/m', 'by command')] = 0.0
     cadence_adaptation: tuple[float, ...] = CADENCE_ADAPTATION
@@ -305,12 +306,17 @@ class TrainingConfig:
                 f'ppo.anchor_rate is {self.ppo.anchor_rate!r} without cadence_adaptation; give '
                 'that, or 0'
             )
+        if not self.clock and self.cadence_adaptation:
+            raise InputError(
+                f'cadence_adaptation is {list(self.cadence_adaptation)} with clock: false; a '
+                'policy without a gait phase has no cadence to adapt: give []'
+            )
 
     @property
     def observation(self) -> Observation:
         """Observation of the trained policies."""
         return replace(
-            CLOCKED,
+            CLOCKED if self.clock else STANDARD,
             stride_frequency=self.stride_frequency,
             frequency_per_speed=self.frequency_per_speed,
             cadence_adaptation=self.cadence_adaptation,

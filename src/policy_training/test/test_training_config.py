@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 from policy_runner.policies.by_name import SHIPPED
-from policy_training.config import CONFIGS, PowerConfig, TrainingConfig
+from policy_training.config import CONFIGS, PowerConfig, RewardConfig, TrainingConfig
 from wattwalk_core.errors import InputError
 
 
@@ -20,6 +20,18 @@ def test_the_pmp_is_the_baseline_without_torque_and_with_power():
         assert config.power.weight == weight
         same = config.with_values({'rewards.torques': -2.5e-5, 'name': 'baseline'})
         assert replace(same, power=PowerConfig(), imitation=baseline.imitation) == baseline
+
+
+def test_the_papers_pair_differs_by_its_terms_alone_and_sees_what_legged_gym_gives():
+    baseline, pmp = TrainingConfig.load('paper_baseline'), TrainingConfig.load('paper_pmp')
+    same = pmp.with_values({'rewards.torques': -2.5e-5, 'name': 'paper_baseline'})
+    assert replace(same, power=PowerConfig()) == baseline
+    assert baseline.rewards == RewardConfig()
+    assert (baseline.rewards.tracking_sigma, baseline.rewards.only_positive) == (0.25, True)
+    assert 'gait_clock' not in baseline.observation.names
+    assert baseline.observation.size == 48
+    assert not baseline.imitation.gait
+    assert baseline.ppo.anchor_rate == 0.0
 
 
 def test_a_config_is_read_back_as_it_was_saved(tmp_path, tiny):
@@ -40,6 +52,7 @@ def test_a_config_is_read_back_as_it_was_saved(tmp_path, tiny):
             'ppo: {hidden: [0]}',
             r'ppo.hidden\[0\]: expected a whole number from 1 to 4096, there is 0',
         ),
+        ('clock: false', r'cadence_adaptation is \[3.0, 0.25, 0.6\] with clock: false'),
         ('nonsense: 1', "unknown key 'nonsense'"),
         ('seed: -3', 'seed: expected .* there is -3'),
         ('- a list', 'expected keys with values'),

@@ -28,7 +28,7 @@ def _parser() -> argparse.ArgumentParser:
         _EPILOG,
     )
     add = parser.add_argument
-    add('--config', default='baseline', help='file, or baseline, pmp, pmp_heavy')
+    add('--config', default='baseline', help='file, or a shipped one: baseline, pmp, …')
     add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the run')
     add('--resume', action='store_true', help='go on with the run in that folder')
     add('--from', dest='source', type=Path, metavar='RUN', help="start from a run's networks")
