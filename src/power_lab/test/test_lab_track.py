@@ -136,6 +136,18 @@ def test_a_cold_season_is_explained_by_temperature_and_is_no_alarm():
     assert {one.change.hypothesis for one in found.explained} == {'viscous_friction'}
 
 
+def test_grease_that_thins_exponentially_over_a_season_raises_no_alarm():
+    random = np.random.default_rng(8)
+    season = 15.0 + 14.0 * np.sin(np.linspace(0.0, 4.0, 40)) + random.normal(0, 1.0, 40)
+    thinner = np.zeros((40, 5))
+    thinner[:, 0] = 2.0 * (np.exp(-0.04 * (season - 15.0)) - 1.0)
+    drives = ('LF_HAA', 'LF_HFE', 'LF_KFE')
+    fits = made(8, temperature=season, added=dict.fromkeys(drives, thinner))
+    assert not run(fits).findings
+    straight = [own.with_covariates(('temperature',)) for own in histories(fits)]
+    assert search(straight, CATALOGUE).findings, 'the curvature is seen without that covariate'
+
+
 def test_covariates_that_say_the_same_count_once():
     fits = made(6)
     for fit in fits:
@@ -144,7 +156,7 @@ def test_covariates_that_say_the_same_count_once():
         facts['constant'] = 4.0
         object.__setattr__(fit.occasion, 'facts', facts)
     history: DriveHistory = histories(fits)[0]
-    assert history.names == ('temperature',)
+    assert history.names == ('temperature', 'temperature, squared')
 
 
 def test_recordings_are_taken_in_the_order_of_their_time():

@@ -10,6 +10,7 @@ from power_lab.track.recording_fit import RecordingFit
 
 Floats = NDArray[np.float64]
 
+TEMPERATURE_CURVE = 'temperature, squared'
 _COMMON = 0.98  # correlation above which one covariate says what another says
 _LEAST_VARIATION = 1e-3  # of a covariate's mean
 _PER_COVARIATE = 5  # recordings
@@ -119,7 +120,13 @@ def _covariates(pairs: Sequence[tuple[RecordingFit, int]]) -> dict[str, Floats]:
         for word in common[1:]:
             if counts[word] >= _LEAST_OF_KIND:
                 out[f'{kind} {word or "unknown"}'] = np.array([float(w == word) for w in words])
-    return {name: _standard(values) for name, values in out.items() if _varies(values)}
+    known = {name: _standard(values) for name, values in out.items() if _varies(values)}
+    if 'temperature' in known:
+        # Grease thins exponentially: over a season a straight slope leaves its curvature.
+        curve = np.square(known['temperature'])
+        if _varies(curve):
+            known[TEMPERATURE_CURVE] = _standard(curve)
+    return known
 
 
 def _varies(values: Floats) -> bool:
