@@ -22,7 +22,11 @@ setup(
         'plotly',
         'rich',
     ],
-    extras_require={'tensors': ['torch', 'safetensors'], 'test': ['pytest']},
+    extras_require={
+        'tensors': ['torch', 'safetensors'],
+        'engine': ['distributed', 'cryptography', 'threadpoolctl'],
+        'test': ['pytest'],
+    },
     zip_safe=False,
     maintainer='wattwalk maintainers',
     maintainer_email='wattwalk@example.org',

@@ -39,7 +39,7 @@ def days(tmp_path_factory):
 def test_recordings_with_a_hidden_step_of_friction_end_in_one_alarm(days, tmp_path, capsys):
     bags, base = days
     told, page = tmp_path / 't.json', tmp_path / 't.html'
-    outputs = ['--json', str(told), '--report', str(page)]
+    outputs = ['--json', str(told), '--report', str(page), '--workers', '1']
     assert track_command.main([*bags[::-1], '--model', str(base), *outputs]) == 0
     content = json.loads(told.read_text())
     series = {(one['drive'], one['effect']): one for one in content['series']}
@@ -107,7 +107,7 @@ def index(tmp_path, monkeypatch):
 
 
 def tracked_json(bags, base, told, *more):
-    outputs = ['--json', str(told), *more]
+    outputs = ['--json', str(told), '--workers', '1', *more]
     assert track_command.main([*map(str, bags), '--model', str(base), *outputs]) == 0
     return json.loads(told.read_text())
 
@@ -145,7 +145,7 @@ def test_after_an_interruption_finished_recordings_are_not_fitted_again(
         return load(paths, *rest, **options)
 
     monkeypatch.setattr(reading, 'load', interrupted)
-    assert track_command.main([*bags[:5], '--model', str(base)]) == 130
+    assert track_command.main([*bags[:5], '--model', str(base), '--workers', '1']) == 130
     content = tracked_json(bags[:5], base, tmp_path / 'a.json')
     assert read == ['walk00', 'walk01', 'walk02', 'walk02', 'walk03', 'walk04']
     assert len(content['series'][0]['points']) == 5

@@ -84,6 +84,11 @@ class Catalogue(Mapping[str, Effect]):
     def __len__(self) -> int:
         return len(self._effects)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Travel as the names of files: a user's classes are in no module of others."""
+        files = dict.fromkeys(path.absolute() for path in self.origins.values())
+        return load_catalogue, (tuple(files),)
+
     def get_known(self, name: str, where: str) -> Effect:
         """Return the effect of that name; InputError, with the names there are, for another."""
         if name not in self._effects:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from wattwalk_core.command import command
 from wattwalk_core.console import check_suffix, progress, write_json
+from wattwalk_core.engine.options import Workplace, add_workplace
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
@@ -22,8 +23,10 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     common.add_bags(parser)
     parser.add_argument('--model', required=True, metavar='MODEL.yaml', help='model of effects')
+    add_workplace(parser, 'recordings')
     common.add_outputs(parser)
     options = parser.parse_args(args)
+    place = Workplace.of(options)
     check_suffix(options.report, '--report', ('.html',))
     common.check_bags([path for path in options.bags if not path.exists()])
     catalogue = common.catalogue_of(options)
@@ -31,6 +34,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     from power_recordings.index.store import RecordingIndex, usual_path
     from threadpoolctl import threadpool_limits
+    from wattwalk_core.engine.task_engine import TaskEngine
 
     from power_lab.compare.comparison import open_model
     from power_lab.report.track_tables import print_tracked
@@ -43,8 +47,8 @@ def main(args: Sequence[str] | None = None) -> int:
     key = key_of(model, options.model, options.effects_path, how)
     request = Request(model, catalogue, options.model, *how, key)
     with progress('reading') as show, threadpool_limits(limits=1):
-        with RecordingIndex(usual_path()) as index:
-            found = track(options.bags, request, index, show)
+        with RecordingIndex(usual_path()) as index, TaskEngine(place) as engine:
+            found = track(options.bags, request, index, engine, show)
         content = found.json()
     print_tracked(common.console(), found)
     with together():

@@ -21,7 +21,7 @@ from power_lab.track.recording_fit import Occasion, RecordingFit
 Floats = NDArray[np.float64]
 
 KIND = 'fit'
-_CODE = (
+CODE = (
     *('power_estimator.effects', 'power_recordings.reading', 'power_recordings.messages'),
     *('power_recordings.alignment', 'power_recordings.quality', 'power_lab.recordings'),
     *('power_lab.track.recording_fit', 'power_lab.track.kept_fit', 'power_lab.track.reading'),
@@ -50,7 +50,7 @@ def key_of(
     if model.base is not None:
         base = Path(model.base.removeprefix('ppn:'))
         files += [base] if base.exists() else []
-    parts = (code_fingerprint(*_CODE), file_fingerprint(files), repr(tuple(options)))
+    parts = (code_fingerprint(*CODE), file_fingerprint(files), repr(tuple(options)))
     return sha256(' '.join(parts).encode()).hexdigest()
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.model_file.model import EffectModel
 from power_recordings.index.store import RecordingIndex
+from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
@@ -277,16 +278,22 @@ class Tracked:
 
 
 def model_of(model: object, spec: str) -> EffectModel:
-    """Return the model; InputError where it has no effects that could change."""
+    """
+    Return the model, with the file of its base by an absolute path, as workers need it.
+
+    InputError where it has no effects that could change.
+    """
     if not isinstance(model, EffectModel):
         raise InputError(f'--model {spec}: track needs a model of effects (model.yaml)')
-    return model
+    prefix, _, file = (model.base or '').rpartition(':')
+    return replace(model, base=f'{prefix}:{Path(file).absolute()}') if prefix else model
 
 
 def track(
     paths: Sequence[Path],
     request: Request,
     index: RecordingIndex,
+    engine: TaskEngine,
     show: Callable[[str], None] = lambda text: None,
 ) -> Tracked:
     """
@@ -296,7 +303,7 @@ def track(
     most, recordings before and after are diagnosed; an effect that they name is tracked, too.
     InputError where no recording is left.
     """
-    read = read_fits(paths, request, index, show)
+    read = read_fits(paths, request, index, engine, show)
     if not read.fits:
         raise InputError(f'no recording says anything: {read.left_out[0]}')
     show('searching for changes')
@@ -313,7 +320,7 @@ def track(
         unmodelled[history.drive] = one
         if one.added:
             request = request.with_effects(one.added)
-            read = read_fits(paths, request, index, show)
+            read = read_fits(paths, request, index, engine, show)
             found = tracked(read.fits, request.model, request.catalogue, read.left_out)
     return replace(found, unmodelled=unmodelled, paths=read.paths)
 

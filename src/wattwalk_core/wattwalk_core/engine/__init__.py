@@ -1,0 +1,1 @@
+"""One function for many tasks: in this process, on all cores, or on a cluster of machines."""
