@@ -34,6 +34,11 @@ def refused(number):
     return number
 
 
+def refused_after(seconds):
+    time.sleep(seconds)
+    raise InputError(f'after {seconds} s')
+
+
 def ended(number):
     if number == 2:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -94,6 +99,11 @@ def test_an_error_of_a_task_comes_out_as_it_was_raised(two):
     with pytest.raises(InputError, match=r'^2 is too much$'):
         list(two.completed(refused, range(4)))
     assert len(list(two.completed(refused, [0, 1]))) == 2
+
+
+def test_in_order_the_error_of_the_first_item_is_raised(two):
+    with pytest.raises(InputError, match=r'after 0\.4 s'):
+        list(two.in_order(refused_after, [0.4, 0.0]))
 
 
 def test_a_task_that_no_worker_survives_is_refused_in_one_line(two):

@@ -9,6 +9,7 @@ import numpy as np
 from sim_bridge.plant.ageing import AgeingPlan, HistoryDay, WearCourse
 from sim_bridge.plant.wear import OFFSET
 from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 
 from power_lab.challenge.challenge import seal_content
@@ -90,12 +91,12 @@ def draw_fleet(
     return FleetChallenge(plans, kind, robot, drive, course)
 
 
-def record_fleet(challenge: FleetChallenge, folder: Path, workers: int) -> Iterator[Path]:
+def record_fleet(challenge: FleetChallenge, folder: Path, engine: TaskEngine) -> Iterator[Path]:
     """Record all days of all robots into a folder, and seal the answer there last."""
     from sim_bridge.offline.history import record_history
 
     for index, plan in enumerate(challenge.plans):
-        yield from record_history(plan, folder, workers, prefix=f'robot_{index}')
+        yield from record_history(plan, folder, engine, prefix=f'robot_{index}')
     seal_content(challenge.answer(), folder)
 
 

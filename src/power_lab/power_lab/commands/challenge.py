@@ -7,6 +7,7 @@ from pathlib import Path
 
 from wattwalk_core.command import command
 from wattwalk_core.console import write_json
+from wattwalk_core.engine.options import Workplace, add_workplace
 from wattwalk_core.errors import InputError
 
 from power_lab.commands import options as common
@@ -29,7 +30,7 @@ def main(args: Sequence[str] | None = None) -> int:
     add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
     add('--fleet', action='store_true', help='recordings of two robots over months, for track')
     add('--recordings', type=int, default=40, metavar='N', help='of a fleet, in all (default: 40)')
-    add('--workers', type=int, metavar='N', help='recordings of a fleet at a time')
+    add_workplace(parser, 'recordings of a fleet')
     add('--walk', type=int, default=0, metavar='N', help='another walk of the same robot')
     add('--duration', type=float, metavar='S', help='seconds to record (150; fleet: 30)')
     add('--plant', default='anymal_c', metavar='FILE', help='plant to hide it in')
@@ -83,14 +84,14 @@ def _fleet(options: argparse.Namespace) -> int:
     if options.output.exists():
         raise InputError(f'{options.output} is there already; give another folder')
 
-    from sim_bridge.offline.side_by_side import worker_count
+    from wattwalk_core.engine.task_engine import TaskEngine
 
     from power_lab.challenge.fleet import draw_fleet, record_fleet
 
     challenge = draw_fleet(options.seed, options.recordings, options.duration, DRIVES)
-    workers = worker_count(options.workers, options.recordings)
-    for number, bag in enumerate(record_fleet(challenge, options.output, workers), 1):
-        print(f'{number} of {options.recordings}: {bag}', flush=True)
+    with TaskEngine(Workplace.of(options)) as engine:
+        for number, bag in enumerate(record_fleet(challenge, options.output, engine), 1):
+            print(f'{number} of {options.recordings}: {bag}', flush=True)
     bags = options.output
     print(f'{bags}: two robots over months. Something may have changed in a drive of one of them.')
     known = 'shaft,copper_loss,idle,coulomb_friction,viscous_friction,rotor_inertia'

@@ -5,14 +5,18 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from power_recordings.card import FILE, Card
 from wattwalk_core.anymal import JOINT_NAMES, JOINT_TYPES
 from wattwalk_core.command import command, command_parser, own_arguments
+from wattwalk_core.engine.options import Workplace, add_workplace
 from wattwalk_core.errors import InputError
 
 from sim_bridge.commands.sim import load_plant
-from sim_bridge.offline.side_by_side import side_by_side, worker_count
+
+if TYPE_CHECKING:
+    from sim_bridge.plant.parameters import Plant
 
 _SEED = 21
 _SHORTEST, _LONGEST = 1.0, 36_000.0  # s
@@ -73,11 +77,13 @@ def record(
     seconds: float,
     plant: str = 'anymal_c',
     *,
+    loaded: 'Plant | None' = None,
     progress: bool = True,
 ) -> bool:
     """
     Make one recording; False if it is there already.
 
+    loaded: the plant, where this machine may lack its file.
     The card says when a recording is whole, for it is written last. InputError if one of other
     settings is there, or for a duration outside 1..36000 s.
     """
@@ -98,12 +104,13 @@ def record(
 
     from sim_bridge.offline.run import run_offline
 
+    known = load_plant(plant, None) if loaded is None else loaded
     folder.mkdir(parents=True, exist_ok=True)
     run_offline(
         bag,
         duration=seconds,
         seed=plan.seed,
-        plant=load_plant(plant, plan.unit),
+        plant=known if plan.unit is None else known.unit(plan.unit),
         controller=plan.controller,
         terrain=plan.terrain,
         pushes=plan.pushes,
@@ -121,15 +128,17 @@ def _content(plan: RecordingPlan) -> dict[str, object]:
 
 
 def _age(options: argparse.Namespace) -> int:
+    from wattwalk_core.engine.task_engine import TaskEngine
+
     from sim_bridge.offline.history import record_history
     from sim_bridge.plant.ageing import AgeingPlan
 
     if options.seconds is not None or options.seed != _SEED:
         raise InputError('--seconds and --seed are entries of the plan in the set ageing')
     plan = AgeingPlan.load(options.plan)
-    workers = worker_count(options.workers, len(plan.days))
-    for number, bag in enumerate(record_history(plan, options.output, workers), 1):
-        print(f'{number} of {len(plan.days)}: {bag} recorded', flush=True)
+    with TaskEngine(Workplace.of(options)) as engine:
+        for number, bag in enumerate(record_history(plan, options.output, engine), 1):
+            print(f'{number} of {len(plan.days)}: {bag} recorded', flush=True)
     print(f'next: ros2 run power_lab track {options.output}/* --model model.yaml')
     return 0
 
@@ -148,7 +157,7 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
     add('--seconds', type=float, metavar='S', help='of each recording (600 or 150)')
     add('--seed', type=int, default=_SEED, help='of commands, noise, terrain and pushes')
     add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
-    add('--workers', type=int, metavar='N', help='recordings at a time, one to a core if absent')
+    add_workplace(parser, 'recordings')
     return parser.parse_args(args)
 
 
@@ -156,25 +165,29 @@ def parse(args: Sequence[str]) -> argparse.Namespace:
 def main(args: Sequence[str] | None = None) -> int:
     """Make the recordings that are not there yet."""
     options = parse(own_arguments(args))
+    place = Workplace.of(options)
     if (options.set == 'ageing') != (options.plan is not None):
         raise InputError('--plan FILE.yaml belongs to the set ageing; give both or neither')
     if options.plan is not None:
         return _age(options)
     seconds = SECONDS[options.set] if options.seconds is None else options.seconds
     wanted = plans(options.set, options.seed)
-    load_plant(options.plant, None)
-    workers = worker_count(options.workers, len(wanted))
     made_of = partial(
         record,
-        folder=options.output,
+        folder=options.output.absolute(),
         seconds=seconds,
         plant=options.plant,
-        progress=workers == 1,
+        loaded=load_plant(options.plant, None),
+        progress=not place.scheduler and place.processes(len(wanted)) == 1,
     )
-    results = side_by_side(made_of, wanted, workers)
-    for number, (plan, made) in enumerate(zip(wanted, results, strict=True), 1):
-        state = 'recorded' if made else 'there already'
-        print(f'{number} of {len(wanted)}: {options.output / plan.name} {state}')
+
+    from wattwalk_core.engine.task_engine import TaskEngine
+
+    with TaskEngine(place) as engine:
+        results = engine.in_order(made_of, wanted)
+        for number, (plan, made) in enumerate(zip(wanted, results, strict=True), 1):
+            state = 'recorded' if made else 'there already'
+            print(f'{number} of {len(wanted)}: {options.output / plan.name} {state}', flush=True)
     bags = ' '.join(str(options.output / plan.name) for plan in wanted)
     print(
         f'next: ros2 run power_estimator train {bags} -o runs/paper'

@@ -1,15 +1,15 @@
 """Recordings of a unit that ages, one for each day of its plan."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 
+from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 
 from sim_bridge.offline.run import walking_run, write_bag
-from sim_bridge.offline.side_by_side import side_by_side
 from sim_bridge.plant.ageing import AgeingPlan
 from sim_bridge.plant.parameters import Plant
 
@@ -17,7 +17,7 @@ _NOON = 12  # h
 
 
 def record_history(
-    plan: AgeingPlan, folder: Path, workers: int = 1, prefix: str = 'day'
+    plan: AgeingPlan, folder: Path, engine: TaskEngine, prefix: str = 'day'
 ) -> Iterator[Path]:
     """
     Write a recording for each day of a plan, in their order, and yield its path.
@@ -26,14 +26,15 @@ def record_history(
     The recordings do not depend on the number of workers. InputError for a plant that is not there
     or a folder that has a recording of a day already.
     """
-    Plant.load(plan.plant)
+    plant = Plant.load(plan.plant)
     bags = [folder / name for name in bag_names(plan, prefix)]
     for bag in bags:
         if bag.exists():
             raise InputError(f'{bag} is there already; give another folder')
     folder.mkdir(parents=True, exist_ok=True)
-    task = partial(_record_day, plan, bags)
-    yield from side_by_side(task, range(len(bags)), workers)
+    task = partial(_record_day, plan, plant, [bag.absolute() for bag in bags])
+    for place in engine.in_order(task, range(len(bags))):
+        yield bags[place]
 
 
 def bag_names(plan: AgeingPlan, prefix: str = 'day') -> list[str]:
@@ -41,10 +42,10 @@ def bag_names(plan: AgeingPlan, prefix: str = 'day') -> list[str]:
     return [f'{prefix}_{index:03d}_{day.day:g}' for index, day in enumerate(plan.days)]
 
 
-def _record_day(plan: AgeingPlan, bags: list[Path], index: int) -> Path:
+def _record_day(plan: AgeingPlan, plant: Plant, bags: Sequence[Path], index: int) -> int:
     day = plan.days[index]
     run = walking_run(
-        plan.aged(Plant.load(plan.plant), day),
+        plan.aged(plant, day),
         duration=plan.seconds,
         seed=(plan.seed * 100_003 + index) % 2**31,
         controller=day.controller,
@@ -61,5 +62,6 @@ def _record_day(plan: AgeingPlan, bags: list[Path], index: int) -> Path:
         payload=day.payload,
     )
     created = (start + timedelta(days=day.day)).isoformat()
-    write_bag(bags[index], run, replace(card, created=created))
-    return bags[index]
+    # A worker that was lost may have begun it.
+    write_bag(bags[index], run, replace(card, created=created), overwrite=True)
+    return index

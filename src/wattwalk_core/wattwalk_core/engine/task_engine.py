@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from tempfile import TemporaryDirectory
@@ -99,10 +100,33 @@ class TaskEngine:
         the function's package. What a task raises is raised here, and the others are given up.
         InputError for a scheduler that cannot be used, or a task that workers do not survive.
         """
+        for place, outcome in self._ended(function, items, code):
+            yield place, outcome()
+
+    def in_order(
+        self, function: Callable[[Item], Result], items: Sequence[Item], code: Sequence[str] = ()
+    ) -> Iterator[Result]:
+        """
+        Yield the results in the order of the items, each when those before it are there.
+
+        Of several errors the one of the first item is raised; else as `completed`.
+        """
+        waiting: dict[int, Callable[[], Result]] = {}
+        due = 0
+        for place, outcome in self._ended(function, items, code):
+            waiting[place] = outcome
+            while due in waiting:
+                yield waiting.pop(due)()
+                due += 1
+
+    def _ended(
+        self, function: Callable[[Item], Result], items: Sequence[Item], code: Sequence[str]
+    ) -> Iterator[tuple[int, Callable[[], Result]]]:
+        """Yield places of items as their tasks end, each with a call for its result."""
         remote = bool(self.place.scheduler)
         if not items or (not remote and self.place.processes(len(items)) == 1):
             own = _Task(function, (), '')
-            yield from ((place, own(item)) for place, item in enumerate(items))
+            yield from ((place, partial(own, item)) for place, item in enumerate(items))
             return
         from distributed import as_completed
 
@@ -114,23 +138,10 @@ class TaskEngine:
         try:
             for future in as_completed(futures, loop=client.loop):
                 place = places[future.key]
-                yield place, self._result(future, items[place])
-                future.release()
+                yield place, partial(self._result, future, items[place])
         finally:
             with suppress(Exception):
                 client.cancel(futures, force=True)
-
-    def in_order(
-        self, function: Callable[[Item], Result], items: Sequence[Item], code: Sequence[str] = ()
-    ) -> Iterator[Result]:
-        """Yield the results in the order of the items, each when those before it are there."""
-        waiting: dict[int, Result] = {}
-        due = 0
-        for place, result in self.completed(function, items, code):
-            waiting[place] = result
-            while due in waiting:
-                yield waiting.pop(due)
-                due += 1
 
     def _result(self, future: 'Future[Any]', item: object) -> Any:
         from distributed import KilledWorker
@@ -138,7 +149,9 @@ class TaskEngine:
         from distributed.comm import CommClosedError
 
         try:
-            return future.result()
+            result = future.result()
+            future.release()
+            return result
         except KilledWorker:
             raise InputError(
                 f'{printable(str(item))}: every worker that took it was lost; is there memory '
