@@ -134,7 +134,8 @@ def test_a_local_cluster_opens_to_its_own_key_alone(two):
     list(two.completed(squared, [1, 2]))
     address = two._cluster.scheduler_address
     assert address.startswith('tls://127.0.0.1:')
-    with pytest.raises(InputError), TaskEngine(Workplace(scheduler=address)) as other:
+    place = Workplace(scheduler=address)
+    with pytest.raises(InputError, match='no certificates'), TaskEngine(place) as other:
         list(other.completed(squared, [1, 2], OWN))
 
 

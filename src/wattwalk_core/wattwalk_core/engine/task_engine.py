@@ -30,6 +30,7 @@ Result = TypeVar('Result')
 
 _PATIENCE: Final = 5.0  # s, for a scheduler to answer
 _WORKERS_WITHIN: Final = 10.0  # s, for a scheduler to have a worker
+_LOGS: Final = ('distributed', 'tornado')
 _THREADS: Final = ('OMP', 'OPENBLAS', 'MKL', 'NUMBA')
 
 
@@ -169,30 +170,42 @@ class TaskEngine:
             ) from None
 
     def _begin(self, tasks: int) -> 'Client':
-        # A lost worker is no news: its tasks run again.
-        logging.getLogger('distributed').setLevel(logging.CRITICAL)
+        import distributed  # noqa: F401  gives its loggers levels of their own
+
+        # A lost worker is no news, its tasks run again; and a lost scheduler is told in one line.
+        for name in [name for name in logging.root.manager.loggerDict if name.startswith(_LOGS)]:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         client = self._connect() if self.place.scheduler else self._start(tasks)
         self._client = client
         self._open.callback(client.close, timeout=_PATIENCE)
         return client
 
     def _connect(self) -> 'Client':
-        from distributed import Client
+        from distributed import Client, Security
 
         address = self.place.scheduler
+        security = Security()
+        if (
+            address.startswith('tls:')
+            and not security.get_connection_args('client')['ssl_context']
+        ):
+            raise InputError(
+                f'--scheduler {address}: no certificates; name them under distributed.comm.tls in '
+                'the configuration of Dask'
+            )
+        if address.startswith('tcp:') and security.require_encryption:
+            raise InputError(f'--scheduler {address}: the configuration of Dask wants tls://')
         try:
-            client = Client(address, timeout=_PATIENCE, set_as_default=False)
+            client = Client(address, timeout=_PATIENCE, set_as_default=False, security=security)
         except (OSError, TimeoutError) as error:
             raise InputError(
                 f'--scheduler {address}: no scheduler answers there '
                 f'({type(error).__name__}); start one by `dask scheduler`'
             ) from None
-        except (TypeError, ValueError, RuntimeError) as error:
-            raise InputError(f'--scheduler {address}: {error}') from None
         try:
             client.wait_for_workers(1, timeout=_WORKERS_WITHIN)
         except TimeoutError:
-            client.close()
+            client.close(_PATIENCE)
             raise InputError(
                 f'--scheduler {address}: it has no workers; start some by `dask worker {address}`'
             ) from None
