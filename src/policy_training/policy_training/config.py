@@ -19,8 +19,20 @@ from wattwalk_core.schema import Length, Quantity, parse, schema
 from wattwalk_core.yaml_file import dump_yaml, read_yaml, shipped_file
 
 CONFIGS: Final = Path(__file__).parent / 'configs'
+GAITS: Final = Path(__file__).parent / 'gaits'
 POLICY: Final = 'policy'
 """Folder of the exported policy in that of its run."""
+
+
+def gait_path(source: str) -> Path:
+    """Return the file of a gait, or where the shipped one of that name would be."""
+    shipped = GAITS / f'{source}.yaml'
+    return shipped if shipped.parent == GAITS and shipped.exists() else Path(source)
+
+
+def gait_names() -> tuple[str, ...]:
+    """Return the names of the gaits that a training may imitate."""
+    return (*TROTS, *sorted(path.stem for path in GAITS.glob('*.yaml')))
 
 
 def _check_ramp(name: str, begin: float, end: float) -> None:
@@ -257,7 +269,7 @@ class CurriculumConfig:
 class ImitationConfig:
     """Imitation of a scripted gait before PPO, see `imitation.py`."""
 
-    gait: str = ''  # a name, or a file of optimise_gait; empty: none
+    gait: str = ''  # a name, or a file or run of optimise_gait; empty: none
     robots: Annotated[int, Quantity(2, 4096, '', 'led by the gait')] = 128
     seconds: Annotated[float, Quantity(2.0, 600.0, 's', 'of walking in each round')] = 8.0
     epochs: Annotated[int, Quantity(2, 1000, '', 'of learning after each round')] = 24
@@ -265,10 +277,10 @@ class ImitationConfig:
     rounds: Annotated[int, Quantity(1, 50, '', 'of demonstrations (DAgger)')] = 3
 
     def __post_init__(self) -> None:
-        if self.gait and self.gait not in TROTS and not Path(self.gait).exists():
+        if self.gait and self.gait not in TROTS and not gait_path(self.gait).exists():
             raise InputError(
-                f'gait is {self.gait!r}; it must be one of {", ".join(TROTS)}, or a file of '
-                'optimise_gait'
+                f'gait is {self.gait!r}; it must be one of {", ".join(gait_names())}, or a file '
+                'of optimise_gait'
             )
 
 
@@ -343,9 +355,12 @@ class TrainingConfig:
         """Return the config with values by dotted name: `{'power.weight': 8e-4, 'seed': 2}`."""
         content = self.content()
         for name, value in changes.items():
-            section, _, key = name.rpartition('.')
-            place = content.get(section) if section else content
-            kind = getattr(self, section, None) if section else self
+            *sections, key = name.split('.')
+            place: Any = content
+            kind: Any = self
+            for section in sections:
+                place = place.get(section) if isinstance(place, dict) else None
+                kind = getattr(kind, section, None)
             key = getattr(kind, 'RENAMED', {}).get(key, key)
             if not isinstance(place, dict) or isinstance(place.get(key, {}), dict):
                 raise InputError(f'a config has no {name!r}')

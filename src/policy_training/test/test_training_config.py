@@ -82,6 +82,14 @@ def test_changes_name_what_there_is(tiny, name):
         tiny.with_values({name: 1})
 
 
+def test_a_value_within_a_section_of_a_section_may_be_changed(tiny):
+    changed = tiny.with_values({'selection.trial.push_period': 4.5})
+    assert changed.selection.trial.push_period == 4.5
+    for name in ('selection.trial', 'selection.trial.nothing', 'selection.every.push'):
+        with pytest.raises(InputError, match=f"no '{name}'"):
+            tiny.with_values({name: 1})
+
+
 def test_values_that_only_fit_together_may_be_changed_together():
     config = TrainingConfig.load('pmp').with_values({'power.ramp_to': 2.0, 'power.ramp_from': 1.0})
     assert (config.power.ramp_from, config.power.ramp_to) == (1.0, 2.0)

@@ -14,7 +14,7 @@ from wattwalk_core.files import write_whole
 from wattwalk_core.schema import Printable, Quantity, parse, read, schema
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
-from policy_training.config import TrainingConfig
+from policy_training.config import TrainingConfig, gait_names, gait_path
 from policy_training.evaluation.task_trial import TrialScore
 from policy_training.learning.gait_search import RANGES, GaitSearch, GaitSearchConfig
 
@@ -47,12 +47,13 @@ def load_gait(source: str) -> TrotConfig:
     """Return a gait by name or from a file; InputError names what is missing or out of range."""
     if source in TROTS:
         return TROTS[source]
-    path = Path(source)
+    path = gait_path(source)
     if os.path.isdir(path):
         path = path / GAIT
     if not os.path.isfile(path):
         raise InputError(
-            f'no gait {source!r}; there are {", ".join(TROTS)}, or give a file of optimise_gait'
+            f'no gait {source!r}; there are {", ".join(gait_names())}, or give a file of '
+            'optimise_gait'
         )
     found = read(GaitFile, path, 'gait')
     try:
