@@ -15,8 +15,6 @@ import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +32,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from threadpoolctl import threadpool_limits
+from wattwalk_core.engine.options import Workplace, add_workplace
+from wattwalk_core.engine.task_engine import TaskEngine
 
 HERE = Path(__file__).resolve().parent
 CATALOGUE = builtin_catalogue()
@@ -198,7 +198,7 @@ def main() -> int:
     add('--groups', nargs='+', default=[], help='only these: effect null pair unmodelled fault …')
     add('--quick', action='store_true', help='one strength and one base each')
     add('--limit', type=int, default=0, help='at most so many, a fair sample')
-    add('--workers', type=int, default=2)
+    add_workplace(parser, 'scenarios')
     add('--out', type=Path, default=Path('runs/lab.jsonl'))
     add('--markdown', type=Path, help='write matrix and gates there')
     options = parser.parse_args()
@@ -213,12 +213,10 @@ def main() -> int:
     rows = _known(options.out, judged_by)
     done = {row['key'] for row in rows}
     todo = [scenario for scenario in todo if scenario.key not in done]
-    context = get_context('spawn')
-    pool = ProcessPoolExecutor(options.workers, mp_context=context)
-    with pool, options.out.open('a') as file:
-        futures = [pool.submit(judge, scenario) for scenario in todo]
-        for future in track(as_completed(futures), 'judging', total=len(futures)):
-            row = future.result() | {'judge': judged_by}
+    with TaskEngine(Workplace.of(options)) as engine, options.out.open('a') as file:
+        judged = engine.completed(judge, todo, ('power_lab', 'power_estimator', 'lab'))
+        for _, judgement in track(judged, 'judging', total=len(todo)):
+            row = judgement | {'judge': judged_by}
             rows.append(row)
             file.write(json.dumps(row) + '\n')
             file.flush()
@@ -370,4 +368,6 @@ def _gate(name: str, scores: Sequence[str], wanted: Sequence[str], gate: str) ->
 
 
 if __name__ == '__main__':
-    raise SystemExit(main())
+    from lab import main as named  # workers import `judge` by the name of its module
+
+    raise SystemExit(named())

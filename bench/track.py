@@ -13,8 +13,6 @@ The circuit is that of bench/truth_circuit.py, never the lab's own formulas.
 import argparse
 import json
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +26,8 @@ from rich.progress import track
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 from track_histories import CATALOGUE, Plan, history, plan
+from wattwalk_core.engine.options import Workplace, add_workplace
+from wattwalk_core.engine.task_engine import TaskEngine
 
 NEAR = 5
 """Recordings that a date may be off by."""
@@ -125,27 +125,18 @@ def main() -> None:
     parser.add_argument('--first', type=int, default=0, help='seed of the first history')
     parser.add_argument('--cache', type=Path, default=Path('runs/track'))
     parser.add_argument('--out', type=Path, default=Path('runs/track/result.json'))
-    parser.add_argument('--workers', type=int, default=1, help='processes side by side')
+    add_workplace(parser, 'histories')
     options = parser.parse_args()
     console, rows = Console(), []
     seeds = range(options.first, options.first + options.histories)
     judged = partial(judge_seed, count=options.recordings, cache=options.cache)
-    found = _spread(judged, seeds, options.workers)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    for row in track(found, 'histories', len(seeds), console=Console(stderr=True)):
-        rows.append(row)
-        options.out.write_text(json.dumps(rows, indent=1, default=float))
+    with TaskEngine(Workplace.of(options)) as engine:
+        found = engine.in_order(judged, seeds, ('power_lab', 'power_estimator', 'track'))
+        for row in track(found, 'histories', len(seeds), console=Console(stderr=True)):
+            rows.append(row)
+            options.out.write_text(json.dumps(rows, indent=1, default=float))
     console.print(table(rows))
-
-
-def _spread(
-    judged: partial[dict[str, Any]], seeds: Sequence[int], workers: int
-) -> Iterator[dict[str, Any]]:
-    if workers == 1:
-        yield from map(judged, seeds)
-        return
-    with ProcessPoolExecutor(workers) as pool:
-        yield from pool.map(judged, seeds)
 
 
 def table(rows: list[dict[str, Any]]) -> Table:
@@ -172,4 +163,6 @@ def table(rows: list[dict[str, Any]]) -> Table:
 
 
 if __name__ == '__main__':
-    main()
+    from track import main as named  # workers import `judge_seed` by the name of its module
+
+    named()

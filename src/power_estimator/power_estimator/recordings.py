@@ -28,6 +28,9 @@ class TrainingSet:
     data: AlignedDataset
     live: Floats  # features of the same samples as the live node forms them [T, D, 3]
     recordings: tuple[TrainingRecording, ...]
+    paths: tuple[Path, ...] = ()
+    drives: tuple[str, ...] = ()
+    """Patterns of the drives that were asked for; none for all."""
 
     def as_live(self) -> AlignedDataset:
         """Return the data with the live node's features in place of the smoothed signals."""
@@ -50,7 +53,7 @@ def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingS
     recordings = open_recordings(paths)
     check_sampling(recordings)
     data = load(recordings, drives)
-    return TrainingSet(data, live_features(recordings, data), known)
+    return TrainingSet(data, live_features(recordings, data), known, tuple(paths), tuple(drives))
 
 
 def load(recordings: Sequence[Path | Recording], drives: Sequence[str]) -> AlignedDataset:

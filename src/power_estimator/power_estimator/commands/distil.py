@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from wattwalk_core.command import command, command_parser
 from wattwalk_core.console import output, print_table
+from wattwalk_core.engine.options import Workplace, add_workplace
 
 from power_estimator.commands.options import add_training
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(args)
+    place = Workplace.of(options)
 
     from power_recordings.reading.bag_folder import check_recordings
 
@@ -57,9 +59,10 @@ def main(args: Sequence[str] | None = None) -> int:
     }
     folder.open(about, validation.recordings, resume=options.resume)
     jobs = [job.name for job in validation.jobs]
+    workers = place.processes(len(jobs))
     with TrainingBars(progress, jobs, training.epochs, folder.path) as bars:
         trainers = validation.run(
-            folder, lambda job, trainer: bars.show(job.name, trainer), options.workers
+            folder, lambda job, trainer: bars.show(job.name, trainer), workers
         )
     with progress.status('testing on held-out data'):
         checkpoint = distillation.checkpoint(trainers, str(options.teacher))
@@ -130,6 +133,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add('teacher', type=Path, metavar='TEACHER', help='run folder or file of the trained network')
     add_training(parser)
+    add_workplace(parser, 'networks', scheduler=False)
     add('--hidden', type=int, default=32, help='hidden units of the small network (32)')
     add(
         '--robots', nargs='+', type=int, default=(64, 512, 4096), help='side by side, for the cost'

@@ -1,20 +1,33 @@
 """Arguments that the commands of training have in common."""
 
 import argparse
-import os
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wattwalk_core.engine.options import Workplace
 
 from power_estimator.training.trainer_config import TrainerConfig
 
-WORKERS = min(8, os.cpu_count() or 1)
+if TYPE_CHECKING:
+    from wattwalk_core.engine.task_engine import TaskEngine
 
 
-def add_training(
-    parser: argparse.ArgumentParser,
-    *,
-    epochs: int = TrainerConfig.epochs,
-    workers: int = WORKERS,
-) -> None:
+def engine_of(place: Workplace) -> 'AbstractContextManager[TaskEngine | None]':
+    """
+    Return the engine of a scheduler, None without one.
+
+    On one machine networks are trained on threads: they share the recordings' signals, which each
+    process would hold for itself, and tell of each epoch.
+    """
+    if not place.scheduler:
+        return nullcontext()
+    from wattwalk_core.engine.task_engine import TaskEngine
+
+    return TaskEngine(place)
+
+
+def add_training(parser: argparse.ArgumentParser, *, epochs: int = TrainerConfig.epochs) -> None:
     """Add recordings, the run folder and the settings of a training."""
     add = parser.add_argument
     add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
@@ -22,7 +35,6 @@ def add_training(
     add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
     add('--epochs', type=int, default=epochs, help=f'at most, per network ({epochs})')
     add('--seed', type=int, default=0, help='the same seed gives the same networks')
-    add('--workers', type=int, default=workers, help=f'networks at a time ({workers})')
     add('--resume', action='store_true', help='continue a run that was stopped')
 
 

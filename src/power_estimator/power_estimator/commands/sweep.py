@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from wattwalk_core.command import command, command_parser
 from wattwalk_core.console import output, print_table
+from wattwalk_core.engine.options import Workplace, add_workplace
 
-from power_estimator.commands.options import add_cross_validation, add_training
+from power_estimator.commands.options import add_cross_validation, add_training, engine_of
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
 from power_estimator.training.trainer_config import TrainerConfig
 
@@ -24,6 +25,7 @@ HISTORY = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(args)
+    place = Workplace.of(options)
 
     from power_recordings.reading.bag_folder import check_recordings
 
@@ -44,7 +46,7 @@ def main(args: Sequence[str] | None = None) -> int:
         given = recordings.training_set(options.bags, options.drives)
     types = parse_types(options.type) if options.type else infer_types(given.data.names)
     sweep = Sweep(given, types, wanted, training, folds=options.folds, segments=options.segments)
-    networks = [job.name for job in sweep.validation(wanted[0]).jobs]
+    networks = [job.name for job in sweep.jobs]
     jobs = [f'{point.name} {name}' for point in wanted for name in networks]
     folder = NetworkRunFolder(options.output)
     about = {
@@ -55,8 +57,12 @@ def main(args: Sequence[str] | None = None) -> int:
         'longest_history': max(p.network().history for p in wanted),
     }
     folder.open(about, given.recordings, resume=options.resume)
-    with TrainingBars(progress, jobs, training.epochs, folder.path) as bars:
-        results = list(sweep.run(options.output, bars.show, options.workers))
+    with (
+        engine_of(place) as engine,
+        TrainingBars(progress, jobs, training.epochs, folder.path) as bars,
+    ):
+        workers = place.processes(len(networks))
+        results = list(sweep.run(options.output, bars.show, workers, engine))
     folder.save_json(TABLE, {'points': [result.content() for result in results]})
     draw_sweep(options.output / PICTURE, results, dark=options.dark)
     folder.finish()
@@ -100,7 +106,8 @@ def _parser() -> argparse.ArgumentParser:
         'example: ros2 run power_estimator sweep bags/paper/* -o runs/sweep '
         '--hidden 16 32 64 100 150 --history 0.05 0.1 0.2 0.3 0.5',
     )
-    add_training(parser, epochs=12, workers=1)
+    add_training(parser, epochs=12)
+    add_workplace(parser, 'networks')
     add_cross_validation(parser, folds=1)
     add = parser.add_argument
     add('--hidden', nargs='+', type=int, default=HIDDEN, metavar='N', help='hidden units')

@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wattwalk_core.command import command, command_parser
+from wattwalk_core.engine.options import Workplace, add_workplace
 
-from power_estimator.commands.options import add_cross_validation, add_training
+from power_estimator.commands.options import add_cross_validation, add_training, engine_of
 from power_estimator.network.checkpoint import NetworkConfig
 from power_estimator.training.protocol import Protocol
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
 from power_estimator.training.trainer_config import TrainerConfig
 
 if TYPE_CHECKING:
-    from power_estimator.training.cross_validation import CrossValidation
+    from power_estimator.training.cross_validation import Job
+    from power_estimator.training.trainer import Trainer
 
 TRACES = 'traces.png'
 BARS = 'r2.png'
@@ -26,6 +28,7 @@ BARS = 'r2.png'
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     options = _parser().parse_args(args)
+    place = Workplace.of(options)
     config = NetworkConfig(hidden=options.hidden, history=round(options.history * 200))
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
     protocol = Protocol(options.segments, options.folds, config.history)
@@ -36,13 +39,26 @@ def main(args: Sequence[str] | None = None) -> int:
 
     from rich.console import Console
 
+    from power_estimator import recordings
+    from power_estimator.drive_types import infer_types, parse_types
     from power_estimator.evaluation import figure
     from power_estimator.evaluation.comparison import table
     from power_estimator.evaluation.tables import TrainingBars, print_scores
+    from power_estimator.training.cross_validation import CrossValidation
+    from power_estimator.training.on_workers import train_on_workers
 
     progress = Console(stderr=True)
     with progress.status('reading and aligning'):
-        validation = _prepare(options, config, training, protocol)
+        given = recordings.training_set(options.bags, options.drives)
+        validation = CrossValidation(
+            given.data,
+            parse_types(options.type) if options.type else infer_types(given.data.names),
+            network=config,
+            training=training,
+            protocol=protocol,
+            others=[given.live],
+            recordings=given.recordings,
+        )
     for note in validation.data.notes:
         progress.print(note, highlight=False)
     folder = NetworkRunFolder(options.output)
@@ -60,10 +76,18 @@ def main(args: Sequence[str] | None = None) -> int:
         f'{config.hidden} units'
     )
     jobs = [job.name for job in validation.jobs]
-    with TrainingBars(progress, jobs, training.epochs, folder.path) as bars:
-        trainers = validation.run(
-            folder, lambda job, trainer: bars.show(job.name, trainer), options.workers
-        )
+    with (
+        engine_of(place) as engine,
+        TrainingBars(progress, jobs, training.epochs, folder.path) as bars,
+    ):
+
+        def show(job: 'Job', trainer: 'Trainer') -> None:
+            bars.show(job.name, trainer)
+
+        if engine is None:
+            trainers = validation.run(folder, show, place.processes(len(jobs)))
+        else:
+            trainers = train_on_workers(engine, given, validation, folder, show)
     with progress.status('testing on held-out data'):
         tests, pictures = [], []
         for fold in range(protocol.folds):
@@ -81,28 +105,6 @@ def main(args: Sequence[str] | None = None) -> int:
     print_scores(result, title)
     _next(options.output, options.bags)
     return 0
-
-
-def _prepare(
-    options: argparse.Namespace,
-    config: NetworkConfig,
-    training: TrainerConfig,
-    protocol: Protocol,
-) -> 'CrossValidation':
-    from power_estimator import recordings
-    from power_estimator.drive_types import infer_types, parse_types
-    from power_estimator.training.cross_validation import CrossValidation
-
-    given = recordings.training_set(options.bags, options.drives)
-    return CrossValidation(
-        given.data,
-        parse_types(options.type) if options.type else infer_types(given.data.names),
-        network=config,
-        training=training,
-        protocol=protocol,
-        others=[given.live],
-        recordings=given.recordings,
-    )
 
 
 def _next(run: Path, bags: Sequence[Path]) -> None:
@@ -125,6 +127,7 @@ def _parser() -> argparse.ArgumentParser:
         'example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',
     )
     add_training(parser)
+    add_workplace(parser, 'networks')
     add_cross_validation(parser, folds=6)
     add = parser.add_argument
     add('--hidden', type=int, default=NetworkConfig.hidden, help='hidden units (100)')

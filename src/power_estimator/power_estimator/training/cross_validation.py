@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib.metadata import version
 
 import numpy as np
@@ -93,8 +94,8 @@ class CrossValidation:
         self.data = data
         self._targets = data.power if targets is None else targets
         self.config = network
-        self._training = training or TrainerConfig()
-        self._protocol = protocol
+        self.training = training or TrainerConfig()
+        self.protocol = protocol
         self._views = np.stack([features(data), *others])
         self.recordings = recordings
         measured = np.isfinite(data.power) & np.isfinite(self._views).all(axis=(0, 3))
@@ -114,27 +115,58 @@ class CrossValidation:
 
     def labels(self, job: Job) -> NDArray[np.int8]:
         """Return the part of each sample [T] for the job."""
-        return self._protocol.labels(self._segments[job.type.name], job.fold)
+        return self.protocol.labels(self._segments[job.type.name], job.fold)
 
     def trainer(self, job: Job) -> Trainer:
         """Return a new trainer of the job's network."""
         labels = self.labels(job)
         seed = np.random.SeedSequence(
-            [self._training.seed, job.fold, zlib.crc32(job.type.name.encode())]
+            [self.training.seed, job.fold, zlib.crc32(job.type.name.encode())]
         )
         try:
             return Trainer(
-                Tracks.join(self._stretches(job, labels, Part.TRAIN, self._training.chunk)),
+                Tracks.join(self._stretches(job, labels, Part.TRAIN, self.training.chunk)),
                 Tracks.join(
                     self._stretches(job, labels, Part.VALIDATION, self.config.warm_up + 8)
                 ),
                 hidden=self.config.hidden,
                 warm_up=self.config.warm_up,
                 block=self.config.block,
-                config=replace(self._training, seed=int(seed.generate_state(1)[0]) >> 1),
+                config=replace(self.training, seed=int(seed.generate_state(1)[0]) >> 1),
             )
         except InputError as error:
             raise InputError(f'{self._where(job.type.name)}: {job.type.name}: {error}') from None
+
+    def restored(self, job: Job, state: Mapping[str, NDArray[np.floating]]) -> Trainer:
+        """Return the trainer of a state; InputError where it is of another network."""
+        trainer = self.trainer(job)
+        try:
+            trainer.restore(state)
+        except (KeyError, RuntimeError, ValueError, TypeError) as error:
+            raise InputError(
+                f'the state of {job.name} does not fit ({type(error).__name__}); start another run'
+            ) from None
+        return trainer
+
+    def train(
+        self,
+        job: Job,
+        folder: NetworkRunFolder,
+        progress: Callable[[Trainer], None] = lambda trainer: None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> Trainer:
+        """Train a job from the state that the folder keeps, and keep that of each epoch there."""
+        kept = folder.load_state(job.name)
+        if kept is None:
+            trainer = self.trainer(job)
+        else:
+            trainer = self.restored(job, kept)
+            progress(trainer)
+        while not trainer.done and not stopped():
+            trainer.epoch()
+            folder.save_state(job.name, trainer.state())
+            progress(trainer)
+        return trainer
 
     def run(
         self,
@@ -151,16 +183,7 @@ class CrossValidation:
 
         def work(job: Job) -> Trainer:
             torch.set_num_threads(1)
-            trainer = self.trainer(job)
-            kept = folder.load_state(job.name)
-            if kept is not None:
-                _restore(trainer, kept, job)
-                progress(job, trainer)
-            while not trainer.done and not stop.is_set():
-                trainer.epoch()
-                folder.save_state(job.name, trainer.state())
-                progress(job, trainer)
-            return trainer
+            return self.train(job, folder, partial(progress, job), stop.is_set)
 
         torch.set_num_threads(1)
         with ThreadPoolExecutor(workers) as pool:
@@ -183,7 +206,7 @@ class CrossValidation:
             labels = self.labels(job)
             x = self._pooled(job, labels == Part.TRAIN)
             low, high = x.min(axis=0), x.max(axis=0)
-            if self._training.mirror:
+            if self.training.mirror:
                 high = np.maximum(high, -low)
                 low = -high
             network = Network(
@@ -197,7 +220,7 @@ class CrossValidation:
             score = self._out_of_distribution(job, labels)
             networks.append(replace(network, intervals=intervals, out_of_distribution=score))
             held_out[job.type.name] = list(runs(labels, self.data.segment, Part.TEST))
-        about = {**asdict(self._training), **asdict(self._protocol), 'fold': fold}
+        about = {**asdict(self.training), **asdict(self.protocol), 'fold': fold}
         recordings = tuple(
             replace(r, held_out={t: self._spans(runs_, i) for t, runs_ in held_out.items()})
             for i, r in enumerate(self.recordings)
@@ -265,7 +288,7 @@ class CrossValidation:
             count = x.shape[1] // block
             found.append(x[:, : count * block].reshape(-1, block, x.shape[2]))
         return (
-            OutOfDistributionScore.fit(np.concatenate(found), self._training.mirror)
+            OutOfDistributionScore.fit(np.concatenate(found), self.training.mirror)
             if found
             else None
         )
@@ -276,8 +299,8 @@ class CrossValidation:
 
     def _usable(self, kind: DriveType) -> NDArray[np.int32]:
         used = np.asarray(self._measured[:, self._columns[kind.name]].any(axis=1), np.bool_)
-        if np.count_nonzero(used) < self._protocol.minimum():
-            need = self._protocol.minimum() / self.data.rate
+        if np.count_nonzero(used) < self.protocol.minimum():
+            need = self.protocol.minimum() / self.data.rate
             where = [
                 n
                 for i, n in enumerate(self.data.recordings)
@@ -315,15 +338,6 @@ class CrossValidation:
             for s in stretches
             if self.data.recording[s.start] == recording
         )
-
-
-def _restore(trainer: Trainer, kept: Mapping[str, NDArray[np.floating]], job: Job) -> None:
-    try:
-        trainer.restore(kept)
-    except (KeyError, RuntimeError, ValueError, TypeError) as error:
-        raise InputError(
-            f'the state of {job.name} does not fit ({type(error).__name__}); start another run'
-        ) from None
 
 
 def _completed(futures: Mapping[Future[Trainer], Job]) -> Iterator[Future[Trainer]]:

@@ -3,12 +3,14 @@
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from statistics import fmean, pstdev
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.yaml_file import read_text
@@ -21,6 +23,7 @@ from power_estimator.network.checkpoint import Checkpoint, NetworkConfig
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import TrainingSet
 from power_estimator.training.cross_validation import CrossValidation, Job
+from power_estimator.training.on_workers import CODE, NetworkTask, train_network
 from power_estimator.training.protocol import Part, Protocol
 from power_estimator.training.run_folder import NetworkRunFolder
 from power_estimator.training.trainer import Trainer
@@ -141,25 +144,63 @@ class Sweep:
         path: Path,
         progress: Callable[[str, Trainer], None],
         workers: int = 1,
+        engine: TaskEngine | None = None,
     ) -> Iterator[Result]:
-        """Yield results; Ctrl-C keeps the state of the present point."""
-        for point in self._wanted:
-            folder = NetworkRunFolder(path / 'points' / point.name)
+        """
+        Yield results; Ctrl-C keeps the state of the networks in training.
+
+        By an engine, networks of all points are trained at the same time, and progress is told of
+        ended ones; else `workers` of one point are.
+        """
+        folders = {p: NetworkRunFolder(path / 'points' / p.name) for p in self._wanted}
+        pending = [p for p in self._wanted if not (folders[p].path / RESULT).exists()]
+        for point in pending:
+            folders[point].open({}, (), resume=folders[point].path.exists())
+        states: Iterator[Mapping[str, NDArray[Any]]] | None = None
+        if engine is not None and pending:
+            tasks = [task for point in pending for task in self._tasks(point, folders[point])]
+            states = engine.in_order(train_network, tasks, CODE)
+        for point, folder in folders.items():
             file = folder.path / RESULT
-            if file.exists():
+            if point not in pending:
                 yield Result.load(file, point)
                 continue
-            folder.open({}, (), resume=folder.path.exists())
             validation = self.validation(point)
 
             def show(job: Job, trainer: Trainer, point: SweepPoint = point) -> None:
                 progress(f'{point.name} {job.name}', trainer)
 
-            trainers = validation.run(folder, show, workers)
+            if states is None:
+                trainers = validation.run(folder, show, workers)
+            else:
+                trainers = {}
+                for job in validation.jobs:
+                    trainers[job] = validation.restored(job, next(states))
+                    show(job, trainers[job])
             result = self._test(point, validation, trainers)
             folder.finish()
             write_whole(file, json.dumps(result.content(), indent=1) + '\n')
             yield result
+
+    def _tasks(self, point: SweepPoint, folder: NetworkRunFolder) -> list[NetworkTask]:
+        return [
+            replace(
+                NetworkTask.of(self._given, self._first, job, folder),
+                network=point.network(),
+                training=point.training(self._training),
+            )
+            for job in self._first.jobs
+        ]
+
+    @cached_property
+    def _first(self) -> CrossValidation:
+        """Cross-validation of the first point, whose drive types and folds are those of all."""
+        return self.validation(self._wanted[0])
+
+    @property
+    def jobs(self) -> Sequence[Job]:
+        """Networks of each point."""
+        return self._first.jobs
 
     def validation(self, point: SweepPoint) -> CrossValidation:
         """Return the cross-validation of a point."""

@@ -39,7 +39,7 @@ class Workplace:
     @classmethod
     def of(cls, options: argparse.Namespace) -> Self:
         """Return what `add_workplace`'s arguments say."""
-        return cls(options.workers, options.scheduler)
+        return cls(options.workers, options.scheduler if 'scheduler' in options else '')
 
     def processes(self, tasks: int) -> int:
         """Return the processes of this machine that so many tasks take."""
@@ -47,11 +47,17 @@ class Workplace:
         return max(min(cores if self.workers is None else self.workers, tasks), 1)
 
 
-def add_workplace(parser: argparse.ArgumentParser, tasks: str) -> None:
-    """Add the arguments; tasks: what one worker does at a time, in a plural noun."""
+def add_workplace(parser: argparse.ArgumentParser, tasks: str, *, scheduler: bool = True) -> None:
+    """
+    Add the arguments; tasks: what one worker does at a time, in a plural noun.
+
+    scheduler: whether other machines may do it.
+    """
     parser.add_argument(
         '--workers', type=int, metavar='N', help=f'{tasks} at a time, one to a core if absent'
     )
+    if not scheduler:
+        return
     parser.add_argument(
         '--scheduler',
         default='',

@@ -1,0 +1,104 @@
+"""Training of a cross-validation's networks on the workers of a task engine."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from numpy.typing import NDArray
+from wattwalk_core.engine.task_engine import TaskEngine
+from wattwalk_core.errors import InputError
+
+from power_estimator.drive_types import DriveType
+from power_estimator.network.checkpoint import NetworkConfig
+from power_estimator.recordings import TrainingSet, training_set
+from power_estimator.training.cross_validation import CrossValidation, Job
+from power_estimator.training.protocol import Protocol
+from power_estimator.training.run_folder import NetworkRunFolder
+from power_estimator.training.trainer import Trainer
+from power_estimator.training.trainer_config import TrainerConfig
+
+CODE = ('power_estimator', 'power_recordings')
+
+
+@dataclass(frozen=True)
+class NetworkTask:
+    """All that a worker needs to train one network; files under paths that all machines share."""
+
+    paths: tuple[Path, ...]
+    drives: tuple[str, ...]
+    hashes: tuple[str, ...]
+    types: tuple[DriveType, ...]
+    network: NetworkConfig
+    training: TrainerConfig
+    protocol: Protocol
+    job: Job
+    folder: Path
+
+    @classmethod
+    def of(
+        cls, given: TrainingSet, validation: CrossValidation, job: Job, folder: NetworkRunFolder
+    ) -> Self:
+        """Return the task of a job."""
+        return cls(
+            tuple(path.resolve() for path in given.paths),
+            tuple(given.drives),
+            tuple(recording.sha256 for recording in given.recordings),
+            validation.types,
+            validation.config,
+            validation.training,
+            validation.protocol,
+            job,
+            folder.path.resolve(),
+        )
+
+    def __str__(self) -> str:
+        return f'the network {self.job.name}'
+
+
+def train_network(task: NetworkTask) -> dict[str, NDArray[Any]]:
+    """
+    Train a network from the state in its run's folder, and return its last state.
+
+    Each epoch is kept there, so that a task whose worker was lost goes on. InputError for a
+    recording that differs from that of the command.
+    """
+    torch.set_num_threads(1)
+    given = _given(task.paths, task.drives)
+    for path, own, told in zip(task.paths, given.recordings, task.hashes, strict=True):
+        if own.sha256 != told:
+            raise InputError(f'{path} is another recording here than where the command runs')
+    validation = CrossValidation(
+        given.data,
+        task.types,
+        network=task.network,
+        training=task.training,
+        protocol=task.protocol,
+        others=[given.live],
+        recordings=given.recordings,
+    )
+    return validation.train(task.job, NetworkRunFolder(task.folder)).state()
+
+
+def train_on_workers(
+    engine: TaskEngine,
+    given: TrainingSet,
+    validation: CrossValidation,
+    folder: NetworkRunFolder,
+    progress: Callable[[Job, Trainer], None] = lambda job, trainer: None,
+) -> dict[Job, Trainer]:
+    """Train all jobs of a cross-validation of these recordings; progress is told of ended ones."""
+    tasks = [NetworkTask.of(given, validation, job, folder) for job in validation.jobs]
+    trainers: dict[Job, Trainer] = {}
+    for place, state in engine.completed(train_network, tasks, CODE):
+        job = validation.jobs[place]
+        trainers[job] = validation.restored(job, state)
+        progress(job, trainers[job])
+    return {job: trainers[job] for job in validation.jobs}
+
+
+@lru_cache(maxsize=1)
+def _given(paths: tuple[Path, ...], drives: tuple[str, ...]) -> TrainingSet:
+    return training_set(paths, drives)
