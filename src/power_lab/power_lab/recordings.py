@@ -1,6 +1,6 @@
 """Recordings as the lab judges on them: unsmoothed at 400 Hz, measured drives only."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,17 +12,16 @@ from power_estimator.loader import load_model
 from power_estimator.model import PowerModel
 from power_estimator.network.checkpoint import TrainingRecording
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.recordings import describe, held_out
-from power_recordings.alignment.align import RATES, load_aligned
+from power_estimator.recordings import held_out
+from power_recordings.alignment.align import load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
-from power_recordings.quality.refusal import refuse_slow, refuse_wrong_units, slowest_power
-from power_recordings.reading.reader import Recording, open_recordings
+from power_recordings.reading.reader import Recording
+from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 
-RATE = 400.0
+from power_lab.read_recordings import JudgedDrives, read_here, read_on_workers
+
 _SMOOTH_RATE = 200.0
-_LONG = 60.0  # s
-_OVERSAMPLED = 1.9  # samples for each of a slow recording, so that nothing is filtered away
 _CHANGES = 4.0  # of a slow meter in a window
 _LONGEST_WINDOW = 30.0  # s
 _LOST = 1.4  # s of each stretch, to the low-pass and to whole seconds
@@ -47,23 +46,27 @@ class Loaded:
 
 
 def load(
-    paths: Sequence[Path], drives: Sequence[str] = (), *, slow: bool = False, anyway: bool = False
+    paths: Sequence[Path],
+    drives: Sequence[str] = (),
+    *,
+    slow: bool = False,
+    anyway: bool = False,
+    engine: TaskEngine | None = None,
+    show: Callable[[str], None] = lambda text: None,
 ) -> Loaded:
     """
-    Read recordings of measured drives.
+    Read recordings of measured drives; several of them on the workers of an engine, if given.
 
     slow: take meters that change less than 25 times a second, of which energy is judged over
     windows. anyway: take recordings whose signals contradict each other, too. InputError for
     recordings that cannot be read, lack electrical data, or lack a named drive.
     """
-    recordings = open_recordings(paths)
-    data = load_aligned(
-        recordings,
-        rate=_rate(recordings),
-        smooth=False,
-        drives=_in_common(recordings),
-        need_power=False,
-    )
+    judged = JudgedDrives(tuple(drives), slow, anyway)
+    if engine is None or len(paths) < 2:
+        read = read_here(paths, judged)
+    else:
+        read = read_on_workers(engine, paths, judged, show)
+    data = read.data
     measured = data.measured_drives()
     if not measured and np.isfinite(data.supply).any():
         measured = data.names
@@ -82,50 +85,21 @@ def load(
         raise InputError(
             f'drive {missing[0]!r} was not measured; measured are {", ".join(measured)}'
         )
-    for recording in recordings:
-        if not slow:
-            refuse_slow(recording, drives)
-        if not anyway:
-            refuse_wrong_units(recording, drives)
-    known = [describe(recording.path) for recording in recordings]
+    for doubt in read.doubts:
+        if doubt:
+            raise InputError(doubt)
     return Loaded(
         data.drives(list(drives) or list(measured)),
-        tuple(recordings),
-        tuple({'name': one.name, 'sha256': one.sha256} for one in known),
-        tuple(str(one.card.get('controller', '')) for one in known),
-        _window(recordings, drives) if slow else 0.0,
+        read.recordings,
+        tuple({'name': one.name, 'sha256': one.sha256} for one in read.described),
+        tuple(str(one.card.get('controller', '')) for one in read.described),
+        _window(read.changes) if slow else 0.0,
     )
 
 
-def _window(recordings: Sequence[Recording], drives: Sequence[str]) -> float:
+def _window(changes: Sequence[float]) -> float:
     """Window in s in which the slowest meter changes often enough for its energy to be known."""
-    slowest = min(slowest_power(recording, drives)[1] for recording in recordings)
-    return float(np.clip(_CHANGES / max(slowest, 1e-3), 1.0, _LONGEST_WINDOW))
-
-
-def _rate(recordings: Sequence[Recording]) -> float:
-    """
-    Lowest rate in Hz that holds twice what the joint states hold.
-
-    Short recordings keep the highest: its filters cost them least at their ends.
-    """
-    if sum(recording.duration for recording in recordings) < _LONG:
-        return RATE
-    period = min(float(np.median(np.diff(r.joint_states().stamp_ns))) for r in recordings) / 1e9
-    return min((rate for rate in RATES if rate * period >= _OVERSAMPLED), default=RATE)
-
-
-def _in_common(recordings: Sequence[Recording]) -> tuple[str, ...] | None:
-    """The joints that all of several recordings have, in the order of the first."""
-    if len(recordings) < 2:
-        return None
-    names = [recording.joint_states().names for recording in recordings]
-    common = tuple(name for name in names[0] if all(name in other for other in names))
-    if not common:
-        other = next(i for i, own in enumerate(names) if own != names[0])
-        first, second = (f'{recordings[i].path} ({", ".join(names[i])})' for i in (0, other))
-        raise InputError(f'{first} and {second} have no joint in common')
-    return common
+    return float(np.clip(_CHANGES / max(min(changes), 1e-3), 1.0, _LONGEST_WINDOW))
 
 
 def power_on(

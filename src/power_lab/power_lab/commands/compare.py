@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from wattwalk_core.command import command
 from wattwalk_core.console import check_suffix, progress, write_json
+from wattwalk_core.engine.options import Workplace, add_workplace
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
 
@@ -28,8 +29,10 @@ def main(args: Sequence[str] | None = None) -> int:
         metavar='MODEL',
         help='model.yaml, ppn:RUN or a proxy',
     )
+    add_workplace(parser, 'recordings read')
     common.add_outputs(parser)
     options = parser.parse_args(args)
+    place = Workplace.of(options)
     check_suffix(options.report, '--report', ('.html',))
     if len(set(options.models)) < len(options.models):
         raise InputError(f'--models names a model twice: {", ".join(options.models)}')
@@ -42,8 +45,11 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_lab.report.page import closest, write_comparison
     from power_lab.report.tables import print_comparison
 
-    with progress('reading and comparing'):
-        loaded = load(options.bags, options.drives, slow=options.slow, anyway=options.anyway)
+    with progress('reading') as show:
+        with common.reading_engine(place, options.bags) as engine:
+            doubts = {'slow': options.slow, 'anyway': options.anyway}
+            loaded = load(options.bags, options.drives, **doubts, engine=engine, show=show)
+        show('comparing')
         comparison = compare(loaded, options.models, catalogue)
         content = comparison.json()
     print_comparison(common.console(), content)

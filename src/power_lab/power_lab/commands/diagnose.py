@@ -5,6 +5,7 @@ from pathlib import Path
 
 from wattwalk_core.command import command
 from wattwalk_core.console import check_suffix, progress, write_json
+from wattwalk_core.engine.options import Workplace, add_workplace
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
@@ -32,8 +33,10 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     add('--also', nargs='+', default=[], metavar='MODEL', help='models to show beside it')
     add('--seed', type=int, default=0, help='of the bootstrap')
+    add_workplace(parser, 'recordings read')
     common.add_outputs(parser)
     options = parser.parse_args(args)
+    place = Workplace.of(options)
     check_suffix(options.report, '--report', ('.html',))
     check_suffix(options.motion, '--motion', ('.yaml',))
     common.check_bags(options.bags)
@@ -49,7 +52,9 @@ def main(args: Sequence[str] | None = None) -> int:
 
     model = open_model(options.model, catalogue)
     with progress('reading') as show:
-        loaded = load(options.bags, options.drives, slow=options.slow, anyway=options.anyway)
+        with common.reading_engine(place, options.bags) as engine:
+            doubts = {'slow': options.slow, 'anyway': options.anyway}
+            loaded = load(options.bags, options.drives, **doubts, engine=engine, show=show)
         show('diagnosing')
         outcome = diagnose(loaded, model, options.model, catalogue, options.seed)
         content = outcome.json()

@@ -2,16 +2,21 @@
 
 import argparse
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from wattwalk_core.command import command_parser
+from wattwalk_core.engine.options import Workplace
 from wattwalk_core.errors import InputError
 
 if TYPE_CHECKING:
     from power_estimator.effects import Catalogue
     from power_estimator.effects.fit.design import Active
     from rich.console import Console
+    from wattwalk_core.engine.task_engine import TaskEngine
+
+_WORTH_WORKERS: Final = 100_000_000  # bytes
 
 
 def parser(
@@ -57,6 +62,23 @@ def add_doubts(made: argparse.ArgumentParser) -> None:
         action='store_true',
         help='take signals whose units or signs contradict each other',
     )
+
+
+def reading_engine(
+    place: Workplace, bags: Sequence[Path]
+) -> 'AbstractContextManager[TaskEngine | None]':
+    """
+    Return what reads recordings side by side, None where it would not be worth it.
+
+    Without --workers or --scheduler it is worth it from 100 MB: workers take seconds to begin.
+    """
+    from power_recordings.index.stamp import Stamp
+    from wattwalk_core.engine.task_engine import TaskEngine
+
+    asked = place.scheduler or place.workers
+    if not asked and sum(Stamp.of(bag).size for bag in bags) < _WORTH_WORKERS:
+        return nullcontext()
+    return TaskEngine(place)
 
 
 def add_outputs(made: argparse.ArgumentParser, *, report: bool = True) -> None:

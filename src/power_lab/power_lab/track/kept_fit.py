@@ -24,6 +24,7 @@ KIND = 'fit'
 CODE = (
     *('power_estimator.effects', 'power_recordings.reading', 'power_recordings.messages'),
     *('power_recordings.alignment', 'power_recordings.quality', 'power_lab.recordings'),
+    'power_lab.read_recordings',
     *('power_lab.track.recording_fit', 'power_lab.track.kept_fit', 'power_lab.track.reading'),
 )
 """Packages and modules that a fit is made by: another version of them fits anew."""

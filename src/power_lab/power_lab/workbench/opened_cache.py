@@ -8,17 +8,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.index.stamp import Stamp
 from power_recordings.index.store import usual_path
-from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 from wattwalk_core.fingerprint import code_fingerprint
 
+from power_lab.read_recordings import ReadAgain
 from power_lab.recordings import Loaded
 from power_lab.workbench.array_file import ArrayFile, DamagedFileError
 from power_lab.workbench.source import Source
@@ -28,6 +28,7 @@ FOLDER = 'workbench_cache'
 """Beside the index of recordings."""
 _CODE = (
     *('power_recordings', 'power_estimator.effects', 'power_lab.recordings'),
+    'power_lab.read_recordings',
     *('power_lab.compare', 'power_lab.workbench.view', 'power_lab.workbench.described'),
     'power_lab.workbench.opened_cache',
 )
@@ -55,27 +56,6 @@ class KeptOpening:
             'recordings': list(self.recordings),
             'sha256': list(self.sha256),
         }
-
-
-class ReadAgain(Sequence[Recording]):
-    """Recordings that are read when somebody asks for one, each time anew."""
-
-    def __init__(self, paths: Sequence[Path]) -> None:
-        self._paths = tuple(paths)
-
-    def __len__(self) -> int:
-        return len(self._paths)
-
-    @overload
-    def __getitem__(self, index: int) -> Recording: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Recording, ...]: ...
-
-    def __getitem__(self, index: int | slice) -> Recording | tuple[Recording, ...]:
-        if isinstance(index, slice):
-            return tuple(Recording.open(path) for path in self._paths[index])
-        return Recording.open(self._paths[index])
 
 
 class OpenedCache:

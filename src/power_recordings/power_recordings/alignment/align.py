@@ -80,20 +80,32 @@ def load_aligned(
     """
     if not recordings:
         raise InputError('no recording given')
-    parts: list[AlignedDataset] = []
-    first = ''
+    parts = []
     for given in recordings:
         recording = given if isinstance(given, Recording) else Recording.open(Path(given))
-        first = first or str(recording.path)
-        part = align(recording, rate=rate, smooth=smooth, drives=drives, need_power=need_power)
-        if parts and set(part.names) != set(parts[0].names):
+        parts.append(
+            align(recording, rate=rate, smooth=smooth, drives=drives, need_power=need_power)
+        )
+    return merge(parts)
+
+
+def merge(parts: Sequence[AlignedDataset]) -> AlignedDataset:
+    """
+    Join aligned recordings, with the joints in the order of the first.
+
+    InputError for recordings of different joints, or of torques of different kinds.
+    """
+    first, *others = parts
+    ordered = [first]
+    for part in others:
+        if set(part.names) != set(first.names):
             raise InputError(
-                f'{first} has the joints {", ".join(parts[0].names)}, but {recording.path} has '
-                f'{", ".join(part.names)}: name those to take'
+                f'{first.recordings[0]} has the joints {", ".join(first.names)}, but '
+                f'{part.recordings[0]} has {", ".join(part.names)}: name those to take'
             )
-        parts.append(part.drives(parts[0].names) if parts else part)
-        _require_same_torque(parts[0], part)
-    return join(parts)
+        ordered.append(part.drives(first.names))
+        _require_same_torque(first, ordered[-1])
+    return join(ordered)
 
 
 def _require_same_torque(first: AlignedDataset, other: AlignedDataset) -> None:

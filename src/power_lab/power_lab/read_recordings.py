@@ -1,0 +1,231 @@
+"""Reading of recordings as the lab judges on them: in this process, or each as a task."""
+
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, overload
+
+import numpy as np
+from power_estimator.network.checkpoint import TrainingRecording
+from power_estimator.recordings import describe
+from power_recordings.alignment.align import RATES, align, load_aligned, merge
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.quality.refusal import refuse_slow, refuse_wrong_units, slowest_power
+from power_recordings.reading.reader import Recording, open_recordings
+from wattwalk_core.engine.task_engine import TaskEngine
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable
+
+RATE: Final = 400.0
+CODE: Final = ('power_recordings', 'power_estimator', 'power_lab')
+_LONG: Final = 60.0  # s
+_OVERSAMPLED: Final = 1.9  # samples for each of a slow recording, so that nothing is filtered away
+
+
+class ReadAgain(Sequence[Recording]):
+    """Recordings that are read when somebody asks for one, each time anew."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = tuple(paths)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    @overload
+    def __getitem__(self, index: int) -> Recording: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Recording, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Recording | tuple[Recording, ...]:
+        if isinstance(index, slice):
+            return tuple(Recording.open(path) for path in self._paths[index])
+        return Recording.open(self._paths[index])
+
+
+@dataclass(frozen=True)
+class JudgedDrives:
+    """Drives that are judged, all where none is named, and doubts that are overruled."""
+
+    drives: tuple[str, ...] = ()
+    slow: bool = False
+    anyway: bool = False
+
+
+@dataclass(frozen=True)
+class ReadRecordings:
+    """
+    Aligned recordings, with what is known of each.
+
+    doubts: refusal in a line of each that contradicts itself, '' for none. changes: of the power
+    of each one's slowest meter, 1/s; NaN without a meter.
+    """
+
+    data: AlignedDataset
+    recordings: Sequence[Recording]
+    described: tuple[TrainingRecording, ...]
+    doubts: tuple[str, ...]
+    changes: tuple[float, ...]
+
+
+def read_here(paths: Sequence[Path], judged: JudgedDrives) -> ReadRecordings:
+    """Read recordings in this process, which keeps them."""
+    recordings = open_recordings(paths)
+    rate, joints = RATE, None
+    if sum(recording.duration for recording in recordings) >= _LONG:
+        rate = _coarsest(min(_period(recording) for recording in recordings))
+    if len(recordings) > 1:
+        joints = _common([(r.path, r.joint_states().names) for r in recordings])
+    data = load_aligned(recordings, rate=rate, smooth=False, drives=joints, need_power=False)
+    return ReadRecordings(
+        data,
+        recordings,
+        tuple(describe(recording.path) for recording in recordings),
+        tuple(_doubt(recording, judged) for recording in recordings),
+        tuple(_changes(recording, judged) for recording in recordings),
+    )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A recording as a task read it; data: or why it cannot be aligned so."""
+
+    joints: tuple[str, ...]
+    duration: float  # s
+    period: float  # s
+    data: AlignedDataset | InputError
+    described: TrainingRecording
+    doubt: str
+    changes: float
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _ReadTask:
+    """A recording to be read; rate and joints None: those that it would have alone."""
+
+    path: Path
+    judged: JudgedDrives
+    rate: float | None = None
+    joints: tuple[str, ...] | None = None
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+
+def read_on_workers(
+    engine: TaskEngine,
+    paths: Sequence[Path],
+    judged: JudgedDrives,
+    show: Callable[[str], None] = lambda text: None,
+) -> ReadRecordings:
+    """
+    Read each of several recordings as a task; the result is that of `read_here`.
+
+    Workers return aligned signals alone, so that this process never holds whole recordings. Those
+    that have other joints or another rate than all have together are read twice.
+    """
+    tasks = [_ReadTask(path.resolve(), judged) for path in paths]
+    parts = _run(engine, tasks, show)
+    long = sum(part.duration for part in parts) >= _LONG
+    rate = _coarsest(min(part.period for part in parts)) if long else RATE
+    joints = _common([(path, part.joints) for path, part in zip(paths, parts, strict=True)])
+    other = [
+        place
+        for place, part in enumerate(parts)
+        if (_coarsest(part.period), part.joints) != (rate, joints)
+    ]
+    again = [replace(tasks[place], rate=rate, joints=joints) for place in other]
+    for place, part in zip(other, _run(engine, again, show), strict=True):
+        parts[place] = part
+    aligned = []
+    for path, part in zip(paths, parts, strict=True):
+        for problem in part.problems:
+            print(printable(f'note: {path}: {problem}', 500), file=sys.stderr)
+        if isinstance(part.data, InputError):
+            raise part.data
+        notes = tuple(note.replace(str(path.resolve()), str(path), 1) for note in part.data.notes)
+        aligned.append(replace(part.data, recordings=(str(path),), notes=notes))
+    return ReadRecordings(
+        merge(aligned),
+        ReadAgain(paths),
+        tuple(part.described for part in parts),
+        tuple(part.doubt for part in parts),
+        tuple(part.changes for part in parts),
+    )
+
+
+def _run(
+    engine: TaskEngine, tasks: Sequence[_ReadTask], show: Callable[[str], None]
+) -> list[_Part]:
+    parts = []
+    for count, part in enumerate(engine.in_order(_read, tasks, CODE), 1):
+        show(f'reading: {count} of {len(tasks)}')
+        parts.append(part)
+    return parts
+
+
+def _read(task: _ReadTask) -> _Part:
+    recording = Recording.open(task.path)
+    own, period = tuple(recording.joint_states().names), _period(recording)
+    rate, joints = task.rate or _coarsest(period), task.joints or own
+    data: AlignedDataset | InputError
+    try:
+        data = align(recording, rate=rate, smooth=False, drives=joints, need_power=False)
+    except InputError as error:
+        data = error
+    return _Part(
+        own,
+        recording.duration,
+        period,
+        data,
+        describe(task.path),
+        _doubt(recording, task.judged),
+        _changes(recording, task.judged),
+        tuple(recording.problems),
+    )
+
+
+def _period(recording: Recording) -> float:
+    """Median period of the joint states, s."""
+    return float(np.median(np.diff(recording.joint_states().stamp_ns))) / 1e9
+
+
+def _coarsest(period: float) -> float:
+    """
+    Lowest rate in Hz that holds twice what joint states of a period hold.
+
+    Short recordings keep the highest: its filters cost them least at their ends.
+    """
+    return min((rate for rate in RATES if rate * period >= _OVERSAMPLED), default=RATE)
+
+
+def _common(names: Sequence[tuple[Path, Sequence[str]]]) -> tuple[str, ...]:
+    """The joints that all recordings have, in the order of the first."""
+    first, own = names[0]
+    common = tuple(name for name in own if all(name in other for _, other in names))
+    if not common:
+        path, other = next((path, other) for path, other in names if tuple(other) != tuple(own))
+        raise InputError(
+            f'{first} ({", ".join(own)}) and {path} ({", ".join(other)}) have no joint in common'
+        )
+    return common
+
+
+def _doubt(recording: Recording, judged: JudgedDrives) -> str:
+    try:
+        if not judged.slow:
+            refuse_slow(recording, judged.drives)
+        if not judged.anyway:
+            refuse_wrong_units(recording, judged.drives)
+    except InputError as error:
+        return str(error)
+    return ''
+
+
+def _changes(recording: Recording, judged: JudgedDrives) -> float:
+    with suppress(InputError):
+        return slowest_power(recording, judged.drives)[1]
+    return np.nan
