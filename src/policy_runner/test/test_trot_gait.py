@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from policy_runner.policies.gait_table import GaitTable
 from policy_runner.policies.kinematics import forward, inverse
 from policy_runner.policies.trot import (
     TARGET_LIMITS,
@@ -165,6 +166,29 @@ def test_robots_side_by_side_walk_as_each_does_alone():
         found = together.step(0.005 * k, *inputs)
         expected = [trot.step(0.005 * k, *(x[i] for x in inputs)) for i, trot in enumerate(alone)]
         np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_a_table_walks_as_the_gait_of_its_command_and_blends_in_between():
+    low, high = replace(TROTS['trot'], height=0.46), replace(TROTS['trot'], height=0.56)
+    table = GaitTable(((0.8, 0.0, 0.0), (0.0, 0.4, 0.0)), (low, high))
+    commands = np.array([[0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], [0.0, -0.4, 0.0], [0.4, 0.2, 0.0]])
+    weights = table.weights(commands)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+    np.testing.assert_allclose(weights[:3], [[1, 0], [1, 0], [0, 1]], atol=1e-3)
+    assert 0.3 < weights[3, 0] < 0.7
+
+    alone, by_table = ScriptedTrots([low]), ScriptedTrots([TROTS['trot']], table)
+    for k in range(800):
+        inputs = ([[0.8, 0.0, 0.0]], [DEFAULT_POSE], [LEVEL], np.zeros((1, 3)), np.zeros((1, 2)))
+        expected, found = (
+            trots.step(0.005 * k, *map(np.array, inputs)) for trots in (alone, by_table)
+        )
+    np.testing.assert_allclose(found, expected, atol=5e-3)
+
+
+def test_a_table_of_one_gait_is_refused():
+    with pytest.raises(InputError, match='1 commands and 1 gaits'):
+        GaitTable(((0.0, 0.0, 0.0),), (TROTS['trot'],))
 
 
 def test_a_robot_in_a_hurry_takes_the_urgent_stance_and_a_calm_one_does_not():

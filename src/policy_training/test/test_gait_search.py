@@ -10,11 +10,17 @@ from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.plant_power import PlantPower
 from policy_training.environment.robots import Substep
 from policy_training.evaluation.task_trial import TaskTrial, TrialScore
-from policy_training.learning.gait_files import GaitSearchFolder, load_gait, with_clock_of_gait
+from policy_training.learning.gait_files import (
+    GaitSearchFolder,
+    load_gait,
+    load_gait_table,
+    with_clock_of_gait,
+)
 from policy_training.learning.gait_search import (
     RANGES,
     GaitSearch,
     GaitSearchConfig,
+    GaitTrial,
     start_of,
     to_gait,
     to_point,
@@ -138,10 +144,34 @@ def test_a_shipped_gait_loads_by_its_name_and_is_named_where_one_is_not_found():
         load_gait('trot_nowhere')
 
 
+AT = [{'command': [1.0, 0, 0], 'values': {}}, {'command': [0, 0.4, 0], 'values': {}}]
+
+
+def test_gaits_by_command_are_read_with_what_they_have_in_common(tmp_path):
+    path = tmp_path / 'gait.yaml'
+    own = [AT[0] | {'values': {'height': 0.5}}, AT[1] | {'values': {'foot_y': 0.2}}]
+    given = {'base': 'trot_even', 'values': {'height': 0.6, 'damping': 2.0}, 'by_command': own}
+    path.write_text(json.dumps(given))
+    table = load_gait_table(str(path))
+    assert table.commands == ((1.0, 0.0, 0.0), (0.0, 0.4, 0.0))
+    assert [(g.height, g.damping) for g in table.gaits] == [(0.5, 2.0), (0.6, 2.0)]
+    assert load_gait(str(path)).height == 0.6
+    assert load_gait_table('trot_even') is None
+
+
 @pytest.mark.parametrize(
     ('content', 'words'),
     [
         ({'base': 'gallop', 'values': {}}, 'gallop'),
+        ({'base': 'trot', 'values': {}, 'by_command': AT[:1]}, '1 commands and 1 gaits'),
+        (
+            {'base': 'trot', 'values': {}, 'by_command': [{'command': [1], 'values': {}}]},
+            'command',
+        ),
+        (
+            {'base': 'trot', 'values': {}, 'by_command': [AT[0] | {'values': {'frequency': 2.0}}]},
+            "'frequency'; give it once",
+        ),
         ({'base': 'trot', 'values': {'wings': 2.0}}, 'wings'),
         ({'base': 'trot', 'values': {'height': 0.9}}, '0.9'),
     ],
@@ -166,6 +196,42 @@ def test_the_command_searches_goes_on_and_writes_a_gait_that_loads(tmp_path, cap
     assert load_gait(run).height > 0.4
     assert optimise_gait.main(['-o', run]) == 2
     assert '--resume' in capsys.readouterr().err
+
+
+def searched(folder, task, frequency):
+    config = replace(SMALL, task=task)
+    GaitSearchFolder(folder).start(config, 'trot_even')
+    values = {'frequency': frequency, 'height': 0.55}
+    (folder / 'gait.yaml').write_text(json.dumps({'base': 'trot_even', 'values': values}))
+    return folder
+
+
+def test_searches_of_a_task_each_join_to_a_gait_with_one_line_of_frequency_over_speed(
+    tmp_path, capsys
+):
+    tasks = {'turn': 1.2, 'forward': 1.8, 'fast': 2.2}  # at 0, 0.6 and 1 m/s
+    runs = [str(searched(tmp_path / task, task, hz)) for task, hz in tasks.items()]
+    assert optimise_gait.main(['--join', *runs, '-o', str(tmp_path / 'all')]) == 0
+    assert '1.20 Hz, and 1.00 Hz more for each m/s' in capsys.readouterr().out
+    gait, table = (load(str(tmp_path / 'all')) for load in (load_gait, load_gait_table))
+    assert (gait.frequency, gait.frequency_per_speed) == pytest.approx((1.2, 1.0), abs=1e-3)
+    assert [command for command in table.commands][1] == (0.6, 0.0, 0.0)
+    assert {shape.height for shape in table.gaits} == {0.55}
+    assert optimise_gait.main(['--join', runs[0], runs[0], '-o', str(tmp_path / 'two')]) == 2
+    assert 'of different tasks' in capsys.readouterr().err
+
+
+def test_a_search_of_one_task_walks_that_alone_and_leaves_the_line_over_speed_out():
+    config = replace(SMALL, task='turn')
+    assert len(config.searched) == len(RANGES) - 1
+    trial = GaitTrial(config, 1, threads=1)
+    (score,) = trial.scores([START], 7)
+    assert list(score.by_task) == ['turn']
+    assert score.cost > score.power
+    (again,) = trial.scores([START], 8)
+    assert again.power == score.power, 'calm robots walk the same way whatever the pushes'
+    with pytest.raises(InputError, match="task is 'hop'; it must be one of forward, fast"):
+        replace(SMALL, task='hop')
 
 
 def fake_score(gait):

@@ -21,6 +21,7 @@ from policy_runner.policies.gait_phase import (
     capture_point_error,
     urgency,
 )
+from policy_runner.policies.gait_table import GaitTable
 from policy_runner.policies.kinematics import clipped
 from policy_runner.policies.stance_torque import stance_torque
 from policy_runner.policies.trot_gait import DEFAULT_TROT, TROTS, Feedback, GaitCycle, TrotConfig
@@ -51,8 +52,10 @@ class ScriptedTrots:
     drive carries the weight and overcomes its friction without a steady error.
     """
 
-    def __init__(self, configs: Sequence[TrotConfig]) -> None:
+    def __init__(self, configs: Sequence[TrotConfig], table: GaitTable | None = None) -> None:
+        """table: gaits by command, whose values replace those of all configs."""
         self.configs = tuple(configs)
+        self._table = table
         count = len(self.configs)
         self._p = {
             name: np.array([getattr(config, name) for config in configs], np.float64)
@@ -67,7 +70,7 @@ class ScriptedTrots:
         }
         calm, urgent = (np.array([c.stance(u) for c in configs]) for u in (0.0, 1.0))
         self._calm, self._change = calm, urgent - calm
-        self._changes = bool(self._change.any())
+        self._changes = table is not None or bool(self._change.any())
         self._some_adapt = any(config.cadence_adaptation for config in configs)
         self._adaptation = np.array(
             [c.cadence_adaptation or (c.frequency, 0.0, np.inf) for c in configs]
@@ -151,6 +154,8 @@ class ScriptedTrots:
 
         command = clipped(velocity_command, -self._top, self._top)
         self._command = self._limiter.advance(dt[:, None], command)
+        if self._table is not None:
+            self._blend(self._table)
         self._estimate(legs.feet, gravity, spin, base_velocity, dt)
         self._advance_gait(legs.feet, dt)
         self._move_stance_feet(dt)
@@ -174,6 +179,14 @@ class ScriptedTrots:
         torque += self._p['friction'][:, None, None] * np.tanh(self._rates / 0.3)
         self._fresh[:] = False
         return self._ramp_in((torque / self._p['stiffness'][:, None, None]).reshape(-1, 12))
+
+    def _blend(self, table: GaitTable) -> None:
+        weights = table.weights(self._command)
+        for name, values in table.values.items():
+            self._p[name] = weights @ values
+        calm, urgent = table.stances
+        self._calm, self._change = weights @ calm, weights @ (urgent - calm)
+        self._set_stance()
 
     def _set_stance(self) -> None:
         duty, height, foot_x, foot_y = (self._calm + self._share[:, None] * self._change).T

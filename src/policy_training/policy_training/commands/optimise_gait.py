@@ -22,6 +22,10 @@ examples:
   ros2 run policy_training optimise_gait -o runs/gait
   ros2 run policy_training optimise_gait -o runs/gait --resume --generations 150
   ros2 run policy_training train --config baseline --set imitation.gait=runs/gait -o runs/economy
+
+A gait for each task draws less than one for all (give each of the four its search):
+  ros2 run policy_training optimise_gait --task forward -o runs/forward
+  ros2 run policy_training optimise_gait --join runs/forward runs/fast runs/turn -o runs/gait
 """
 
 
@@ -38,6 +42,14 @@ def _parser() -> argparse.ArgumentParser:
     add('--gait', default='trot_even', help='gait to start from, by name (trot_even)')
     add('--generations', type=int, default=100, metavar='N', help='in all (100)')
     add('--population', type=int, metavar='N', help='gaits in a generation (14)')
+    add('--task', help='search the gait of one task alone: forward, fast, turn or sideways')
+    add(
+        '--join',
+        nargs='+',
+        type=Path,
+        metavar='RUN',
+        help='write the gaits of searches of a task each as one that follows the command',
+    )
     add('--seed', type=int, help='of everything random (1)')
     add('--threads', type=int, default=0, metavar='N', help='of the simulation; 0: one per core')
     return parser
@@ -54,29 +66,33 @@ def main(args: Sequence[str] | None = None) -> int:
     from rich.console import Console
     from wattwalk_core.schema import parse
 
-    from policy_training.evaluation.task_trial import TaskTrial
     from policy_training.learning.gait_files import GaitSearchFolder
     from policy_training.learning.gait_search import (
         GaitSearch,
         GaitSearchConfig,
+        GaitTrial,
         optimise,
         start_of,
-        try_gaits,
     )
 
     folder = GaitSearchFolder(options.output)
-    given = {'population': options.population, 'seed': options.seed}
+    if options.join:
+        _join(options)
+        return 0
+    given = {'population': options.population, 'seed': options.seed, 'task': options.task}
     changes = {key: value for key, value in given.items() if value is not None}
     if options.resume:
         if changes:
-            raise InputError('--resume keeps --population and --seed as they were; leave them out')
+            raise InputError(
+                '--resume keeps --population, --seed and --task as they were; leave them out'
+            )
         config, base = folder.resume()
     else:
         config, base = parse(GaitSearchConfig, changes, 'option'), options.gait
     if base not in TROTS:
         raise InputError(f'no gait {base!r}; there are {", ".join(TROTS)}')
     search = GaitSearch(config, start_of(TROTS[base]))
-    trial = TaskTrial(config.trial, config.population, options.threads)
+    trial = GaitTrial(config, config.population, options.threads)
     if options.resume:
         folder.replay(search)
     else:
@@ -92,12 +108,31 @@ def main(args: Sequence[str] | None = None) -> int:
         )
 
     optimise(search, trial, options.generations, report)
-    final = TaskTrial(config.trial, 2, options.threads)
+    final = GaitTrial(config, 2, options.threads)
     both = [start_of(TROTS[base]), search.centre]
-    _print(try_gaits(final, both, 10**6 + config.seed), base)
+    _print(final.scores(both, 10**6 + config.seed), base)
     print(f'wrote {folder.path}/gait.yaml')
     print(f'ros2 run policy_training train --set imitation.gait={folder.path} -o runs/economy')
     return 0
+
+
+def _join(options: argparse.Namespace) -> None:
+    from wattwalk_core.files import write_whole
+    from wattwalk_core.yaml_file import dump_yaml
+
+    from policy_training.learning.gait_files import GAIT, join_searches
+
+    content = join_searches(options.join)
+    path = options.output / GAIT
+    if path.exists():
+        raise InputError(f'{path} is there already; give another folder')
+    options.output.mkdir(parents=True, exist_ok=True)
+    write_whole(path, dump_yaml(content))
+    clock = content['values']
+    print(
+        f'wrote {path}: strides of {clock["frequency"]:.2f} Hz, and '
+        f'{clock["frequency_per_speed"]:.2f} Hz more for each m/s'
+    )
 
 
 def _print(scores: 'Sequence[TrialScore]', base: str) -> None:

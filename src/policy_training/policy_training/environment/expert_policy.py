@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from policy_runner.policies.gait_table import GaitTable
 from policy_runner.policies.trot import ScriptedTrots, TrotConfig
 from wattwalk_core.anymal import DEFAULT_POSE
 
@@ -19,12 +20,17 @@ RAMP: Final = 0.3  # s from the initial pose to standing
 class ExpertPolicy:
     """A trot for each robot, with the true state and the rate-limited command as inputs."""
 
-    def __init__(self, environment: WalkingEnvironment, gaits: Sequence[TrotConfig]) -> None:
-        """gaits: one for each robot, or one for all."""
+    def __init__(
+        self,
+        environment: WalkingEnvironment,
+        gaits: Sequence[TrotConfig],
+        table: GaitTable | None = None,
+    ) -> None:
+        """gaits: one for each robot, or one for all. table: what replaces them by command."""
         count = environment.count
         each = gaits if len(gaits) == count else [gaits[0]] * count
         self._environment = environment
-        self._trots = ScriptedTrots([replace(gait, ramp=RAMP) for gait in each])
+        self._trots = ScriptedTrots([replace(gait, ramp=RAMP) for gait in each], table)
         self._time = 0.0
 
     @property

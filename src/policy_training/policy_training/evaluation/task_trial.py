@@ -6,6 +6,7 @@ same robots and pushes. Much faster than `evaluate`, and without its meter, supp
 searches and for choosing checkpoints, not for results.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -17,12 +18,19 @@ from sim_bridge.plant.parameters import Plant
 from policy_training.config import TrainingConfig, TrialConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.plant_power import PlantPower
-from policy_training.evaluation.tasks import TASKS
+from policy_training.evaluation.tasks import TASKS, Task
 
 Floats = NDArray[np.float64]
 
 _SETTLED: Final = 3.0  # s from the start that do not count
 _FREE: Final = (0.03, 0.05)  # m/s, rad/s: errors without a penalty
+_SPREAD: Final = ('payload', 'drive_friction', 'inertia', 'stiffness', 'pose', 'velocity')
+_AS_BUILT: Final = {
+    'physics.noise': 0.0,
+    'random.friction_low': 0.9,
+    'random.friction_high': 0.9,
+    **{f'random.{name}': 0.0 for name in _SPREAD},
+}
 
 
 class Walker(Protocol):
@@ -66,19 +74,29 @@ class TaskTrial:
         *,
         observation: Observation | None = None,
         action_scale: float = 0.5,
+        tasks: Sequence[Task] = TASKS,
+        as_built: bool = False,
     ) -> None:
-        """observation, action_scale: of a learned policy."""
+        """
+        Prepare the robots.
+
+        observation, action_scale: of a learned policy. as_built: no spread between robots, which
+        shakes the watts of two of them by more than gaits differ.
+        """
         self._config = config
+        self._tasks = tuple(tasks)
         self._controllers = controllers
         self._observation = observation
-        self.robots_each = len(TASKS) * (config.calm + config.pushed)
+        self.robots_each = len(self._tasks) * (config.calm + config.pushed)
         self._training = _level_world(config, controllers * self.robots_each, threads)
         self._training = self._training.with_values({'action_scale': action_scale})
+        if as_built:
+            self._training = self._training.with_values(_AS_BUILT)
         self._plant = Plant.load(self._training.physics.plant)
         each = config.calm + config.pushed
-        command = np.repeat([task.command for task in TASKS], each, axis=0)
+        command = np.repeat([task.command for task in self._tasks], each, axis=0)
         self._commands = np.tile(command, (controllers, 1))
-        self._pushed = np.tile(np.arange(each) >= config.calm, controllers * len(TASKS))
+        self._pushed = np.tile(np.arange(each) >= config.calm, controllers * len(self._tasks))
 
     def run(self, walker_of: WalkerOf, seed: int) -> list[TrialScore]:
         """Return the scores of the controllers [P], whose robots lie side by side."""
@@ -110,11 +128,11 @@ class TaskTrial:
                 counted += good
             if config.pushed and row % every == every - 1:
                 environment.push(np.flatnonzero(self._pushed))
-        shape = (self._controllers, len(TASKS), config.calm + config.pushed)
+        shape = (self._controllers, len(self._tasks), config.calm + config.pushed)
         mean = np.maximum(counted, 1.0)[:, None]
         error = (reached / mean - self._commands).reshape(*shape, 3)
         return [
-            _score(config, *parts)
+            _score(config, self._tasks, *parts)
             for parts in zip(
                 (watts / mean).reshape(*shape, 12),
                 error,
@@ -126,7 +144,12 @@ class TaskTrial:
 
 
 def _score(
-    config: TrialConfig, watts: Floats, error: Floats, lasted: Floats, fell: NDArray[np.bool_]
+    config: TrialConfig,
+    tasks: Sequence[Task],
+    watts: Floats,
+    error: Floats,
+    lasted: Floats,
+    fell: NDArray[np.bool_],
 ) -> TrialScore:
     """Return the score of one controller from [tasks, robots, …]."""
     calm = slice(0, config.calm)
@@ -145,7 +168,7 @@ def _score(
         + config.yaw_price * max(yaw - _FREE[1], 0.0)
         + config.fall_price * (falls + 2.0 * calm_falls)
     )
-    names = [task.name for task in TASKS]
+    names = [task.name for task in tasks]
     return TrialScore(
         cost=cost,
         power=float(by_task.mean()),

@@ -7,7 +7,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Final
 
+import numpy as np
 from policy_runner.policies.gait_phase import CADENCE_ADAPTATION
+from policy_runner.policies.gait_table import GaitTable
 from policy_runner.policies.trot_gait import TROTS, TrotConfig
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
@@ -21,6 +23,22 @@ from policy_training.learning.gait_search import RANGES, GaitSearch, GaitSearchC
 SEARCH: Final = 'search.yaml'
 GENERATIONS: Final = 'generations.jsonl'
 GAIT: Final = 'gait.yaml'
+_CLOCK: Final = ('frequency', 'frequency_per_speed')
+
+
+Values = dict[str, Annotated[float, Quantity(-1e3, 1e3)]]
+
+
+@schema
+class CommandGait:
+    """What a gait has of its own at a velocity command: vx, vy in m/s, yaw rate in rad/s."""
+
+    command: tuple[
+        Annotated[float, Quantity(-3.0, 3.0)],
+        Annotated[float, Quantity(-3.0, 3.0)],
+        Annotated[float, Quantity(-3.0, 3.0)],
+    ]
+    values: Values
 
 
 @schema
@@ -28,25 +46,45 @@ class GaitFile:
     """
     A gait as a change of a named one.
 
-    values: entries of `TrotConfig` by name. found: what the search measured, for people.
+    values: entries of `TrotConfig` by name. by_command: what differs at two or more commands,
+    between which gaits are blended. found: what the search measured, for people.
     """
 
     base: Annotated[str, Printable(1)]
-    values: dict[str, Annotated[float, Quantity(-1e3, 1e3)]]
+    values: Values
+    by_command: tuple[CommandGait, ...] = ()
     found: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
         if self.base not in TROTS:
             raise InputError(f'base is {self.base!r}; it must be one of {", ".join(TROTS)}')
-        unknown = next((name for name in self.values if name not in RANGES), None)
-        if unknown is not None:
-            raise InputError(f'values has {unknown!r}; a gait has {", ".join(RANGES)}')
+        for values in (self.values, *(own.values for own in self.by_command)):
+            unknown = next((name for name in values if name not in RANGES), None)
+            if unknown is not None:
+                raise InputError(f'values has {unknown!r}; a gait has {", ".join(RANGES)}')
+        for own in self.by_command:
+            clock = next((name for name in own.values if name in _CLOCK), None)
+            if clock is not None:
+                raise InputError(
+                    f'by_command has {clock!r}; give it once in values, for all commands'
+                )
+
+    def gait(self, own: Mapping[str, float] | None = None) -> TrotConfig:
+        """Return the gait, or that of a command by its own values."""
+        return replace(TROTS[self.base], **(self.values | dict(own or {})))  # type: ignore[arg-type]
 
 
 def load_gait(source: str) -> TrotConfig:
     """Return a gait by name or from a file; InputError names what is missing or out of range."""
-    if source in TROTS:
-        return TROTS[source]
+    return TROTS[source] if source in TROTS else _read(source)[0]
+
+
+def load_gait_table(source: str) -> GaitTable | None:
+    """Return the gaits by command of a file, None for a gait that has none; InputError so."""
+    return None if source in TROTS else _read(source)[1]
+
+
+def _read(source: str) -> tuple[TrotConfig, GaitTable | None]:
     path = gait_path(source)
     if os.path.isdir(path):
         path = path / GAIT
@@ -57,7 +95,11 @@ def load_gait(source: str) -> TrotConfig:
         )
     found = read(GaitFile, path, 'gait')
     try:
-        return replace(TROTS[found.base], **found.values)  # type: ignore[arg-type]
+        if not found.by_command:
+            return found.gait(), None
+        commands = tuple((x, y, yaw) for x, y, yaw in (own.command for own in found.by_command))
+        gaits = tuple(found.gait(own.values) for own in found.by_command)
+        return found.gait(), GaitTable(commands, gaits)
     except InputError as error:
         raise InputError(f'gait {path}: {error}') from None
 
@@ -74,6 +116,47 @@ def with_clock_of_gait(config: TrainingConfig) -> TrainingConfig:
             'cadence_adaptation': gait.cadence_adaptation or CADENCE_ADAPTATION,
         }
     )
+
+
+def join_searches(folders: Sequence[Path]) -> dict[str, Any]:
+    """
+    Return the content of a gait file from searches of one task each.
+
+    The clock has one line over speed, the nearest to the frequencies of all. InputError for fewer
+    than two searches, one of all tasks, two of the same, and those of different bases.
+    """
+    own, bases = [], set()
+    for folder in folders:
+        config, base = GaitSearchFolder(folder).resume()
+        if not config.task:
+            raise InputError(f'{folder} searched all tasks; give searches of one --task each')
+        bases.add(base)
+        own.append((config.tasks[0], load_gait(str(folder))))
+    if len(bases) > 1 or len({task for task, _ in own}) < max(len(own), 2):
+        raise InputError('give two or more searches, of different tasks and from one gait')
+    speeds = np.array([np.hypot(*task.command[:2]) for task, _ in own])
+    frequencies = np.array([gait.frequency for _, gait in own])
+    rise = float(np.cov(speeds, frequencies, bias=True)[0, 1] / max(speeds.var(), 1e-9))
+    rise = float(np.clip(rise, *RANGES['frequency_per_speed']))
+    names = [name for name in RANGES if name not in _CLOCK]
+    return {
+        'base': bases.pop(),
+        'values': {
+            'frequency': round(float(frequencies.mean() - rise * speeds.mean()), 4),
+            'frequency_per_speed': round(rise, 4),
+        },
+        'by_command': [
+            {
+                'command': list(task.command),
+                'values': {
+                    name: round(float(value), 4)
+                    for name in names
+                    if (value := getattr(gait, name)) is not None
+                },
+            }
+            for task, gait in own
+        ],
+    }
 
 
 class GaitSearchFolder:

@@ -20,7 +20,7 @@ from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.expert_policy import RAMP, ExpertPolicy
 from policy_training.environment.vec_env import Mirror
-from policy_training.learning.gait_files import load_gait
+from policy_training.learning.gait_files import load_gait, load_gait_table
 
 Floats = NDArray[np.float32]
 
@@ -83,7 +83,7 @@ class _Demonstrator:
             'random.velocity': 0.3,
         }
         self._environment = WalkingEnvironment(config.with_values(changes))
-        self._expert = ExpertPolicy(self._environment, [gait])
+        self._expert = ExpertPolicy(self._environment, [gait], load_gait_table(plan.gait))
         self._random = np.random.default_rng([config.seed, 1])
         self._steps = round(plan.seconds / config.step_time)
         self._standing_up = round(RAMP / config.step_time) + 5  # steps, not demonstrated
