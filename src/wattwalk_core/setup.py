@@ -24,7 +24,7 @@ setup(
     ],
     extras_require={
         'tensors': ['torch', 'safetensors'],
-        'engine': ['distributed', 'cryptography', 'threadpoolctl'],
+        'engine': ['dask', 'distributed', 'cryptography', 'threadpoolctl'],
         'test': ['pytest'],
     },
     zip_safe=False,

@@ -18,7 +18,7 @@ from power_estimator.training.run_folder import NetworkRunFolder
 from power_estimator.training.trainer_config import TrainerConfig
 from wattwalk_core.errors import InputError
 
-TRAIN = ['--folds', '2', '--epochs', '3', '--hidden', '8']
+TRAIN = ['--folds', '2', '--epochs', '2', '--hidden', '8', '--drives', 'LF_HAA']
 SWEEP = ['--hidden', '4', '--history', '0.05', '--epochs', '2', '--drives', 'LF_HAA']
 
 

@@ -31,7 +31,15 @@ Result = TypeVar('Result')
 _PATIENCE: Final = 5.0  # s, for a scheduler to answer
 _WORKERS_WITHIN: Final = 10.0  # s, for a scheduler to have a worker
 _LOGS: Final = ('distributed', 'tornado')
-_THREADS: Final = ('OMP', 'OPENBLAS', 'MKL', 'NUMBA')
+_BEFORE: Final = {
+    **{f'{name}_NUM_THREADS': '1' for name in ('OMP', 'OPENBLAS', 'MKL', 'NUMBA')},
+    'MALLOC_TRIM_THRESHOLD_': str(256 << 20),
+    'MALLOC_MMAP_THRESHOLD_': str(32 << 20),
+}
+"""
+Environment of local workers: one thread, and bytes from which the C library gives memory back.
+Dask's 64 KiB has the kernel clear the pages of every array anew.
+"""
 
 
 @dataclass(frozen=True)
@@ -213,6 +221,7 @@ class TaskEngine:
         return client
 
     def _start(self, tasks: int) -> 'Client':
+        import dask
         from distributed import Client, LocalCluster, Security
         from distributed.utils import LoopRunner
 
@@ -225,19 +234,20 @@ class TaskEngine:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         self._open.callback(loop.stop)
-        # Other users of the machine reach a port on loopback, so that only a key opens it.
-        self._cluster = cluster = LocalCluster(
-            n_workers=self.place.processes(tasks),
-            threads_per_worker=1,
-            memory_limit=0,
-            host='127.0.0.1',
-            dashboard_address='127.0.0.1:0',
-            security=Security.temporary(),
-            silence_logs=logging.CRITICAL,
-            loop=loop.loop,
-            local_directory=scratch,
-            env={f'{name}_NUM_THREADS': '1' for name in _THREADS},
-        )
+        # Nannies read what their workers begin with from the configuration alone.
+        with dask.config.set({'distributed.nanny.pre-spawn-environ': _BEFORE}):
+            # Other users of the machine reach a port on loopback, so that only a key opens it.
+            self._cluster = cluster = LocalCluster(
+                n_workers=self.place.processes(tasks),
+                threads_per_worker=1,
+                memory_limit=0,
+                host='127.0.0.1',
+                dashboard_address='127.0.0.1:0',
+                security=Security.temporary(),
+                silence_logs=logging.CRITICAL,
+                loop=loop.loop,
+                local_directory=scratch,
+            )
         self._open.callback(cluster.close, timeout=_PATIENCE)
         if find_spec('bokeh') is not None:
             self._say(f'dashboard: {cluster.dashboard_link}')
