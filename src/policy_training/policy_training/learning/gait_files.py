@@ -31,7 +31,7 @@ Values = dict[str, Annotated[float, Quantity(-1e3, 1e3)]]
 
 @schema
 class CommandGait:
-    """What a gait has of its own at a velocity command: vx, vy in m/s, yaw rate in rad/s."""
+    """Own values of a gait at a velocity command: vx, vy in m/s, yaw rate in rad/s."""
 
     command: tuple[
         Annotated[float, Quantity(-3.0, 3.0)],
