@@ -140,7 +140,7 @@ def test_a_shipped_gait_loads_by_its_name_and_is_named_where_one_is_not_found():
     gait = load_gait('trot_economy')
     assert gait.frequency_per_speed > 0.5
     assert TrainingConfig.load('economy').imitation.gait == 'trot_economy'
-    with pytest.raises(InputError, match='trot_even, trot_economy, or give'):
+    with pytest.raises(InputError, match='trot_even, trot_economy, trot_sturdy, or give'):
         load_gait('trot_nowhere')
 
 

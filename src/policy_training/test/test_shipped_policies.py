@@ -12,8 +12,8 @@ from sim_bridge.plant.parameters import Plant
 FORWARD = next(task for task in TASKS if task.name == 'forward')
 
 
-def test_the_papers_policies_are_shipped():
-    assert set(shipped()) == {'baseline', 'pmp', 'pmp_heavy'}
+def test_the_papers_policies_and_an_economical_one_are_shipped():
+    assert set(shipped()) == {'baseline', 'economy', 'pmp', 'pmp_heavy'}
 
 
 @pytest.mark.parametrize('name', shipped())
@@ -47,6 +47,16 @@ def test_four_times_the_weight_on_power_draws_less_than_the_torque_term_on_the_s
         watts[name] = walk.data.supply[walk.steady].mean()
     assert watts['pmp_heavy'] < watts['baseline']
     assert watts['pmp'] < 1.05 * watts['baseline']
+
+
+def test_the_economical_policy_draws_a_tenth_less_than_the_baseline_at_the_same_speed():
+    plant, watts = Plant.load('anymal_c'), {}
+    for name in ('baseline', 'economy'):
+        walk = measure_walk(name, FORWARD, plant, duration=6.0, seed=5)
+        assert walk.falls == 0
+        assert walk.velocity[walk.steady, 0].mean() == pytest.approx(0.6, abs=0.06)
+        watts[name] = walk.data.supply[walk.steady].mean()
+    assert watts['economy'] < 0.9 * watts['baseline']
 
 
 def test_a_shipped_policy_is_exported_by_name_with_its_contract(tmp_path, capsys):

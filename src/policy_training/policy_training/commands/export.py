@@ -8,9 +8,9 @@ from wattwalk_core.console import check_suffix
 from wattwalk_core.errors import InputError
 
 _EPILOG = """\
-POLICY is a shipped one (baseline, pmp, pmp_heavy), a policy folder or a training run. FILE.yaml
-beside FILE.pt is its contract: what the observation holds, in which scale and order, joints,
-default pose, action scale, gains and rate.
+POLICY is a shipped one (baseline, economy, pmp, pmp_heavy), a policy folder or a training run.
+FILE.yaml beside FILE.pt is its contract: what the observation holds, in which scale and order,
+joints, default pose, action scale, gains and rate.
 
 examples:
   ros2 run policy_training export pmp -o pmp.pt
