@@ -18,6 +18,7 @@ from power_recordings.messages import cdr
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.clock_type import ClockType as ClockTypeOfItsModule
+from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -61,6 +62,17 @@ def test_publishers_of_a_topic_are_counted_by_its_relative_name(node, spin_until
     spin_until(lambda: node.count_publishers('topic') == 1)
     assert node.count_publishers('/topic') == 1
     assert node.count_publishers('other') == 0
+
+
+def test_a_nodes_publishers_wait_until_subscriptions_have_what_was_sent(node, spin_until):
+    got = []
+    node.create_subscription(PowerEstimate, 'topic', got.append, 10)
+    publisher = node.create_publisher(PowerEstimate, 'topic', 10)
+    spin_until(lambda: publisher.get_subscription_count())
+    publisher.publish(MESSAGES['power_estimate']())
+    assert publisher in list(node.publishers)
+    assert publisher.wait_for_all_acked(Duration(seconds=5.0))
+    spin_until(lambda: got)
 
 
 def test_numbers_arrive_as_arrays_of_their_width(node, spin_until):

@@ -66,6 +66,8 @@ CALLS = {
     'rclpy.executors:SingleThreadedExecutor.spin_until_future_complete': [('self', 'future')],
     'rclpy.executors:SingleThreadedExecutor.spin_once': [('self', {'timeout_sec': 0.1})],
     'rclpy.publisher:Publisher.publish': [('self', 'message')],
+    'rclpy.publisher:Publisher.wait_for_all_acked': [('self', 'timeout')],
+    'rclpy.duration:Duration': [{'seconds': 1.0}],
     'rclpy.task:Future': [{}],
     'rclpy.task:Future.set_result': [('self', 'result')],
     'rclpy.task:Future.done': [('self',)],
