@@ -38,6 +38,7 @@ setup(
         'console_scripts': [
             'train = policy_training.commands.train:main',
             'evaluate = policy_training.commands.evaluate:main',
+            'blend = policy_training.commands.blend:main',
             'export = policy_training.commands.export:main',
             'optimise_gait = policy_training.commands.optimise_gait:main',
         ],

@@ -20,7 +20,7 @@ Default cadence adaptation: highest stride frequency, Hz, and the capture-point 
 which the cadence begins to rise and reaches that frequency.
 """
 
-_TILT_SPEED: Final = 2.26  # m/s, √(gravity × height of the body): speed equivalent to a tilt of 1
+TILT_SPEED: Final = 2.26  # m/s, √(gravity × height of the body): speed equivalent to a tilt of 1
 _ERROR_FILTER: Final = 0.04  # s, time constant on velocity error and tilt
 
 
@@ -48,7 +48,7 @@ def capture_point_error(velocity_error: Floats, tilt: Floats) -> Floats:
     velocity error does not compensate it: a robot that stands on a slope of 0.11 (6°) counts as
     one that falls.
     """
-    squares = np.square(velocity_error).sum(axis=-1) + np.square(_TILT_SPEED * tilt).sum(axis=-1)
+    squares = np.square(velocity_error).sum(axis=-1) + np.square(TILT_SPEED * tilt).sum(axis=-1)
     return np.asarray(np.sqrt(squares))
 
 

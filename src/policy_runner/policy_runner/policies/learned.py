@@ -1,6 +1,5 @@
 """Learned policies on the robot, by their contract."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -10,13 +9,12 @@ from wattwalk_core.anymal import JOINT_NAMES, POSITION_GAIN, VELOCITY_GAIN
 from wattwalk_core.errors import InputError
 
 from policy_runner.policies.base_velocity import BaseVelocity
+from policy_runner.policies.blended_network import Network, network_of
 from policy_runner.policies.folder import Contract, read_folder
 from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.inputs import Inputs
-from policy_runner.policies.perceptron import Perceptron
 
 Floats = NDArray[np.float64]
-Network = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 _STAND_UP: Final = 1.5  # s
 _LONGEST_STEP: Final = 0.1  # s by which command and gait phase advance in one step
@@ -54,7 +52,7 @@ class LearnedPolicy:
     def load(cls, path: Path) -> 'LearnedPolicy':
         """Load a folder; InputError for a bad one."""
         contract, tensors = read_folder(path)
-        return cls(contract, Perceptron(tensors, contract.network.activation))
+        return cls(contract, network_of(contract, tensors))
 
     def reset(self) -> None:
         """Reset; the next step begins to stand up from the measured pose."""

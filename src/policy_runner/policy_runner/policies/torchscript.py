@@ -2,7 +2,6 @@
 
 import io
 import warnings
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -50,26 +49,19 @@ def write_torchscript(folder: Path, file: Path) -> Path:
     InputError names what is wrong in the folder.
     """
     import torch
-    from torch import nn
+
+    from policy_runner.policies.torch_network import torch_network
 
     contract, tensors = read_folder(folder)
-    kinds = {'elu': nn.ELU, 'relu': nn.ReLU, 'tanh': nn.Tanh}
-    layers: list[nn.Module] = []
-    for index in range(len(tensors) // 2):
-        weight, bias = (torch.from_numpy(tensors[f'layer{index}.{x}']) for x in ('weight', 'bias'))
-        linear = nn.Linear(weight.shape[1], weight.shape[0])
-        linear.load_state_dict({'weight': weight, 'bias': bias})
-        layers += [linear, kinds[contract.network.activation]()]
+    module = torch_network(contract, tensors)
     stream = io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', DeprecationWarning)
-        torch.jit.save(torch.jit.script(nn.Sequential(*layers[:-1]).requires_grad_(False)), stream)
-    card = asdict(contract)  # type: ignore[call-overload]
-    card['observation'] = contract.observation.content()
+        torch.jit.save(torch.jit.script(module), stream)
     beside = file.with_suffix('.yaml')
     with together():
         write_whole(file, stream.getvalue())
-        write_whole(beside, dump_yaml(card))
+        write_whole(beside, dump_yaml(contract.content()))
     return beside
 
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from wattwalk_core.command import command, command_parser
 from wattwalk_core.console import check_suffix
-from wattwalk_core.errors import InputError
 
 _EPILOG = """\
 POLICY is a shipped one (baseline, economy, pmp, pmp_heavy), a policy folder or a training run.
@@ -31,18 +30,11 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
     check_suffix(options.output, '--output', ('.pt',))
 
-    from policy_runner.policies.by_name import SHIPPED, shipped
     from policy_runner.policies.torchscript import write_torchscript
 
-    from policy_training.commands.evaluate import resolve
+    from policy_training.learning.learned_folder import learned_folder
 
-    known = options.policy in shipped()
-    folder = SHIPPED / options.policy if known else Path(resolve(options.policy))
-    if not folder.is_dir():
-        raise InputError(
-            f'no learned policy {options.policy!r}; there are {", ".join(shipped())}, or give a '
-            'policy folder'
-        )
+    folder = learned_folder(options.policy)
     contract = write_torchscript(folder, options.output)
     print(f'wrote {options.output} and {contract}')
     print(f'ros2 run policy_runner run --policy {options.output} --trust-code')

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from policy_runner.policies.blended_network import network_of
 from policy_runner.policies.by_name import SHIPPED, load_policy
 from policy_runner.policies.folder import read_folder
 from policy_runner.policies.learned import LearnedPolicy
-from policy_runner.policies.perceptron import Perceptron
 from power_estimator.model import PowerModel
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -101,6 +101,6 @@ def _robustness(source: str, options: argparse.Namespace) -> RobustnessResult | 
         return None
     folder = Path(source) if Path(source).is_dir() else SHIPPED / source
     contract, tensors = read_folder(folder)
-    network = Perceptron(tensors, contract.network.activation)
+    network = network_of(contract, tensors)
     config = RobustnessConfig(robots=options.trials, seed=1000 + options.seed)
     return evaluate_robustness(contract, network, config, threads=options.threads)

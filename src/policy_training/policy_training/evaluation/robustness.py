@@ -6,8 +6,8 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from policy_runner.policies.blended_network import Network
 from policy_runner.policies.folder import Contract
-from policy_runner.policies.perceptron import Perceptron
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities
@@ -60,7 +60,7 @@ class RobustnessResult:
 
 def evaluate_robustness(
     contract: Contract,
-    network: Perceptron,
+    network: Network,
     config: RobustnessConfig,
     *,
     threads: int = 0,
