@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from policy_runner.policies.blended_network import network_of
 from policy_runner.policies.by_name import SHIPPED, load_policy, shipped
 from policy_runner.policies.folder import read_folder
-from policy_runner.policies.perceptron import Perceptron
 from policy_training.commands import export
 from policy_training.evaluation.measured_walk import measure_walk
 from policy_training.evaluation.robustness import LIMITS, RobustnessConfig, evaluate_robustness
@@ -19,7 +19,7 @@ def test_the_papers_policies_and_an_economical_one_are_shipped():
 @pytest.mark.parametrize('name', shipped())
 def test_a_shipped_policy_follows_commands_on_rough_ground_under_pushes(name):
     contract, tensors = read_folder(SHIPPED / name)
-    network = Perceptron(tensors, contract.network.activation)
+    network = network_of(contract, tensors)
     trials = evaluate_robustness(
         contract, network, RobustnessConfig(robots=24, seconds=10.0, seed=77)
     )
@@ -49,14 +49,14 @@ def test_four_times_the_weight_on_power_draws_less_than_the_torque_term_on_the_s
     assert watts['pmp'] < 1.05 * watts['baseline']
 
 
-def test_the_economical_policy_draws_a_tenth_less_than_the_baseline_at_the_same_speed():
+def test_the_economical_policy_draws_a_fifth_less_than_the_baseline_at_nearly_its_speed():
     plant, watts = Plant.load('anymal_c'), {}
     for name in ('baseline', 'economy'):
         walk = measure_walk(name, FORWARD, plant, duration=6.0, seed=5)
         assert walk.falls == 0
-        assert walk.velocity[walk.steady, 0].mean() == pytest.approx(0.6, abs=0.06)
+        assert walk.velocity[walk.steady, 0].mean() == pytest.approx(0.6, abs=0.1)
         watts[name] = walk.data.supply[walk.steady].mean()
-    assert watts['economy'] < 0.9 * watts['baseline']
+    assert watts['economy'] < 0.8 * watts['baseline']
 
 
 def test_a_shipped_policy_is_exported_by_name_with_its_contract(tmp_path, capsys):
