@@ -5,6 +5,7 @@ import os
 import sqlite3
 import subprocess
 import sys
+import threading
 from contextlib import closing
 
 import pytest
@@ -186,6 +187,30 @@ def test_two_processes_keep_their_answers_in_one_file_at_once(file, tmp_path):
         assert index.rows('SELECT count(*) FROM answers') == [(120,)]
         for folder in folders:
             assert index.answer(Stamp.of(folder), 'fit', 'c') == str(folder).encode()
+
+
+def test_a_recording_that_two_add_at_the_same_moment_is_added_once(file, tmp_path):
+    folder, offs = bag(tmp_path / 'a'), []
+
+    def add():
+        with RecordingIndex(file) as other:
+            other.keep(Stamp.of(folder), ABOUT, IndexAnswer('fit', 'theirs', b'y'))
+            offs.append(other.off)
+
+    thread = threading.Thread(target=add)
+
+    def interrupt(statement):
+        if statement.startswith('BEGIN') and not thread.ident:
+            thread.start()
+            thread.join()
+
+    with RecordingIndex(file) as index:
+        index._database.set_trace_callback(interrupt)
+        index.keep(Stamp.of(folder), ABOUT, IndexAnswer('fit', 'ours', b'x'))
+        assert (index.off, offs) == ('', [''])
+        assert index.rows('SELECT count(*) FROM recordings') == [(1,)]
+        for key, content in (('ours', b'x'), ('theirs', b'y')):
+            assert index.answer(Stamp.of(folder), 'fit', key) == content
 
 
 def test_a_torn_file_that_another_process_has_open_is_left_to_it(file, tmp_path):

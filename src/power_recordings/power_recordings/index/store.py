@@ -273,6 +273,8 @@ def _keep(
     database: sqlite3.Connection, stamp: Stamp, about: RecordingFacts, answer: IndexAnswer | None
 ) -> None:
     with database:
+        # Before the look, or another process may add the recording between it and the insert.
+        database.execute('BEGIN IMMEDIATE')
         query = 'SELECT id, size, changed FROM recordings WHERE path = ?'
         row = database.execute(query, (stamp.path,)).fetchone()
         if row is not None and row[1:] != (stamp.size, stamp.changed):
