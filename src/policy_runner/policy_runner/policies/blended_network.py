@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from policy_runner.policies.folder import FALLBACK, Contract, Fallback
-from policy_runner.policies.gait_phase import DEAD_ZONE, capture_point_error
+from policy_runner.policies.folder import FALLBACK, SEEN_BY_FALLBACK, Contract, Fallback
+from policy_runner.policies.gait_phase import DEAD_ZONE, capture_point_error, ramp
 from policy_runner.policies.observations import Observation
 from policy_runner.policies.perceptron import Perceptron
 
@@ -23,13 +23,16 @@ Network = Callable[[Floats], Floats]
 
 def network_of(contract: Contract, tensors: Mapping[str, Floats]) -> Network:
     """Return the network of a policy folder, with its fallback if it has one."""
-    kind = contract.network.activation
-    first = Perceptron({k: v for k, v in tensors.items() if not k.startswith(FALLBACK)}, kind)
+
+    def part(prefix: str) -> Perceptron:
+        start = f'{prefix}layer'
+        named = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(start)}
+        return Perceptron(named, contract.network.activation)
+
     if contract.network.fallback is None:
-        return first
-    second = {k.removeprefix(FALLBACK): v for k, v in tensors.items() if k.startswith(FALLBACK)}
+        return part('')
     share = FallbackShare(contract.network.fallback, contract.observation)
-    return BlendedNetwork(first, Perceptron(second, kind), share)
+    return BlendedNetwork(part(''), part(FALLBACK), share)
 
 
 class FallbackShare:
@@ -39,23 +42,20 @@ class FallbackShare:
         self._config = config
         self._largest = np.array(config.largest)
         scales = observation.scales()
-        self._parts = {
-            name: (observation.part(name), scales[observation.part(name)])
-            for name in ('base_velocity', 'gravity', 'command')
-        }
+        parts = [observation.part(name) for name in SEEN_BY_FALLBACK]
+        self._parts = [(part, scales[part]) for part in parts]
 
     def __call__(self, observation: Floats) -> Floats:
         """Return the share of observations [..., size], 0..1 [...]."""
         config = self._config
         velocity, gravity, command = (
-            observation[..., part].astype(np.float64) / scale
-            for part, scale in self._parts.values()
+            observation[..., part].astype(np.float64) / scale for part, scale in self._parts
         )
         error = capture_point_error(velocity[..., :2] - command[..., :2], gravity[..., :2])
         axes = np.sort(np.abs(command) / self._largest, axis=-1)
         ratio = axes[..., 1] / np.maximum(axes[..., 2], DEAD_ZONE)
         share = np.maximum(
-            _ramp(error, config.onset, config.full), _ramp(ratio, config.one_axis, config.mixed)
+            ramp(error, config.onset, config.full), ramp(ratio, config.one_axis, config.mixed)
         )
         standing = np.linalg.norm(command, axis=-1) < DEAD_ZONE
         return np.asarray(np.where(standing, 1.0, share), np.float32)
@@ -74,7 +74,3 @@ class BlendedNetwork:
         share = self.share(observation)[..., None]
         first, second = self._first(observation), self._second(observation)
         return np.asarray(first + share * (second - first))
-
-
-def _ramp(values: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
-    return np.clip((values - low) / (high - low), 0.0, 1.0)

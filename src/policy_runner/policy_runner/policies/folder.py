@@ -29,8 +29,8 @@ CARD: Final = 'policy.yaml'
 WEIGHTS: Final = 'weights.safetensors'
 FALLBACK: Final = 'fallback.'
 """Prefix of the tensors of a second network."""
-
-_SEEN_BY_FALLBACK: Final = ('base_velocity', 'gravity', 'command')
+SEEN_BY_FALLBACK: Final = ('base_velocity', 'gravity', 'command')
+"""Observation terms by which the share of the second network goes."""
 
 
 @schema
@@ -134,7 +134,7 @@ class Contract:
                 if joint not in values:
                     raise InputError(f'{name} lacks {joint!r}')
         if self.network.fallback is not None:
-            for term in _SEEN_BY_FALLBACK:
+            for term in SEEN_BY_FALLBACK:
                 if term not in self.observation.names:
                     raise InputError(f'observation lacks {term!r}, which network.fallback goes by')
 

@@ -55,7 +55,12 @@ def capture_point_error(velocity_error: Floats, tilt: Floats) -> Floats:
 def urgency(adaptation: Sequence[float] | Floats, error: Floats) -> Floats:
     """Return the share of the cadence adaptation, 0..1 [...], at capture-point errors, m/s."""
     _, onset, full = adaptation
-    share = (error - onset) / (full - onset)
+    return ramp(error, onset, full)
+
+
+def ramp(values: Floats, low: float, high: float) -> Floats:
+    """Return how far values [...] are on the way from low to high, 0..1 [...]."""
+    share = (values - low) / (high - low)
     return np.asarray(np.minimum(np.maximum(share, 0.0), 1.0))
 
 

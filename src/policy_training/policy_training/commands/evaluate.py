@@ -79,7 +79,9 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_recordings.reading.bag_folder import check_recordings
     from sim_bridge.plant.parameters import Plant
 
-    sources = {_name(source): resolve(source) for source in options.policies}
+    from policy_training.learning.learned_folder import policy_source
+
+    sources = {_name(source): policy_source(source) for source in options.policies}
     if len(sources) < len(options.policies):
         raise InputError(f'two policies are called the same among {", ".join(options.policies)}')
     for source in sources.values():
@@ -108,12 +110,6 @@ def main(args: Sequence[str] | None = None) -> int:
         if written is not None:
             print(f'wrote {written}')
     return 0
-
-
-def resolve(source: str) -> str:
-    """Return the policy folder of a training run; other sources unchanged."""
-    inner = Path(source) / POLICY
-    return str(inner) if inner.is_dir() else source
 
 
 def _named_bag(text: str) -> tuple[str, Path]:

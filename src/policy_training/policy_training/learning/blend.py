@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.folder import (
     FALLBACK,
-    Contract,
     Fallback,
     read_folder,
     write_folder,
@@ -20,12 +19,10 @@ from wattwalk_core.tensors import Tensors
 Floats = NDArray[np.float32]
 
 _FIRST: Final = 'layer0.weight'
-_SAME: Final = ('rate', 'joints', 'default_pose', 'gains', 'action')
+_SAME: Final = ('rate', 'joints', 'default_pose', 'gains', 'action', 'network')
 
 
-def blend_policies(
-    first: Path, second: Path, fallback: Fallback, folder: Path, name: str
-) -> Contract:
+def blend_policies(first: Path, second: Path, fallback: Fallback, folder: Path, name: str) -> None:
     """
     Write a policy that acts as the first, and as the second where `fallback` says so.
 
@@ -48,8 +45,6 @@ def blend_policies(
         more = _with_inputs(more, other.observation, seen)
     except InputError as error:
         raise InputError(f'{first} and {second} {error}; a blend needs both alike') from None
-    if contract.network != other.network:
-        raise InputError(f'{first} and {second} differ in network; give both the same sizes')
     blend = replace(
         contract,
         name=name,
@@ -61,7 +56,6 @@ def blend_policies(
         },
     )
     write_folder(folder, blend, {**tensors, **{FALLBACK + key: v for key, v in more.items()}})
-    return blend
 
 
 def _with_inputs(tensors: Tensors, own: Observation, wanted: Observation) -> dict[str, Floats]:
