@@ -18,9 +18,8 @@ import numpy as np
 import torch
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.power_term import load_power
+from policy_training.environment.power_term import PowerSource, PredictedPower
 from policy_training.learning.learner import Learner
-from power_estimator.batch.power import BatchPower
 from power_estimator.drive_types import DriveType
 from power_estimator.network.checkpoint import FILE, Checkpoint, Network, NetworkConfig
 from power_estimator.network.features import Scaling
@@ -54,7 +53,7 @@ def save_network(folder: Path, hidden: int) -> Path:
 class Variant:
     """One way to train; the seconds of its rounds, of the wall's clock and of the CPU's."""
 
-    def __init__(self, name: str, power: BatchPower | None, config: TrainingConfig) -> None:
+    def __init__(self, name: str, power: PowerSource | None, config: TrainingConfig) -> None:
         self.name = name
         self.steps = config.physics.environments * config.ppo.steps
         self.learner = Learner(config, WalkingEnvironment(config, power=power))
@@ -105,8 +104,12 @@ def main() -> int:
         spec, teacher = f'ppn:{small}', f'ppn:{large}'
         variants = [
             Variant('without power', None, config),
-            Variant(f'power by LSTM{options.units}, carried', load_power(spec, count), config),
-            Variant('power by LSTM100, carried', load_power(teacher, count), config),
+            Variant(
+                f'power by LSTM{options.units}, carried',
+                PredictedPower.load(spec, count),
+                config,
+            ),
+            Variant('power by LSTM100, carried', PredictedPower.load(teacher, count), config),
         ]
         for _ in range(options.rounds):
             for variant in variants:

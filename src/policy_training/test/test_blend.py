@@ -4,10 +4,11 @@ import numpy as np
 import policy_folders
 import pytest
 from policy_runner.policies.blended_network import network_of
+from policy_runner.policies.by_name import learned_folder
 from policy_runner.policies.folder import read_folder
 from policy_runner.policies.observations import CLOCKED
 from policy_training.commands.blend import main
-from policy_training.learning.learned_folder import learned_folder
+from policy_training.learning.run_folder import policy_source
 from wattwalk_core.errors import InputError
 
 SCALED = replace(
@@ -81,10 +82,13 @@ def test_a_blend_is_no_part_of_another(tmp_path, capsys):
     assert 'has a fallback already' in capsys.readouterr().err
 
 
-def test_learned_policies_are_found_by_name_by_folder_and_by_run(tmp_path):
-    assert (learned_folder('baseline') / 'weights.safetensors').exists()
+def test_the_policy_of_a_run_is_found_and_names_come_before_folders(tmp_path, monkeypatch):
     (tmp_path / 'policy').mkdir()
-    assert learned_folder(str(tmp_path)) == tmp_path / 'policy'
-    assert learned_folder(str(tmp_path / 'policy')) == tmp_path / 'policy'
-    with pytest.raises(InputError, match="no learned policy 'trot'; there are baseline"):
+    assert policy_source(str(tmp_path)) == str(tmp_path / 'policy')
+    assert policy_source(str(tmp_path / 'policy')) == str(tmp_path / 'policy')
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'baseline' / 'policy').mkdir(parents=True)
+    assert policy_source('baseline') == 'baseline'
+    assert (learned_folder('baseline') / 'weights.safetensors').exists()
+    with pytest.raises(InputError, match=r"'trot' is a scripted trot; .* are baseline"):
         learned_folder('trot')

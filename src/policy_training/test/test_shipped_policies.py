@@ -67,5 +67,5 @@ def test_a_shipped_policy_is_exported_by_name_with_its_contract(tmp_path, capsys
 
 def test_a_scripted_gait_has_no_network_to_export(tmp_path, capsys):
     assert export.main(['trot', '-o', str(tmp_path / 'trot.pt')]) == 2
-    assert "no learned policy 'trot'" in capsys.readouterr().err
+    assert "'trot' is a scripted trot" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

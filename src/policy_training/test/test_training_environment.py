@@ -5,9 +5,12 @@ from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.observations import CLOCKED, STANDARD
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.power_term import load_power, predict_step
+from policy_training.environment.plant_power import PlantPower
+from policy_training.environment.power_term import PredictedPower, power_source
 from policy_training.environment.vec_env import Mirror, TorchEnvironment
 from policy_training.learning.export import export_policy
+from power_estimator.batch.power import BatchPower
+from sim_bridge.plant.parameters import Plant
 from wattwalk_core.anymal import JOINT_NAMES
 from windowed_network import WindowedNetwork
 
@@ -92,7 +95,7 @@ def test_some_robots_have_better_sensors_than_others(tiny):
 def test_the_power_term_is_weight_times_watts_after_the_mask(tiny):
     meter = Meter(4)
     config = tiny.with_values({'power.model': 'x', 'power.weight': 1e-3, 'power.masked': 3})
-    environment = WalkingEnvironment(config, power=meter)
+    environment = WalkingEnvironment(config, power=PredictedPower(meter))
     environment.age[:] = 0
     found = [environment.step(np.zeros((4, 12))).log['term/power'] for _ in range(5)]
     assert found[:3] == [0.0, 0.0, 0.0]
@@ -104,7 +107,7 @@ def test_the_power_term_is_weight_times_watts_after_the_mask(tiny):
 def test_a_start_makes_the_power_model_forget_that_robot_alone(tiny):
     meter = Meter(4)
     config = tiny.with_values({'power.model': 'x', 'power.weight': 1e-3})
-    environment = WalkingEnvironment(config, power=meter)
+    environment = WalkingEnvironment(config, power=PredictedPower(meter))
     environment.age[:] = 0
     environment.age[2] = environment.longest - 1
     outcome = environment.step(np.zeros((4, 12)))
@@ -156,27 +159,45 @@ def test_a_command_comes_gradually_and_velocity_is_judged_by_what_has_come(tiny)
 
 @pytest.mark.parametrize('model', ['carried', 'windowed'])
 def test_a_network_predicts_watts_for_every_drive(tiny, network_run, model):
-    power = load_power(f'ppn:{network_run}', 4)
+    power = PredictedPower.load(f'ppn:{network_run}', 4)
     if model == 'windowed':
-        power = WindowedNetwork(network_run, 4)
+        power = PredictedPower(WindowedNetwork(network_run, 4))
     environment = WalkingEnvironment(tiny)
     environment.robots.step(np.zeros((4, 12)))
     for _ in range(6):
         environment.step(np.zeros((4, 12)))
-        watts = predict_step(power, environment.robots.substeps)
+        watts = power.drives(environment.robots.substeps)
     assert watts.shape == (4, 12)
     assert (watts != 0.0).all()
 
 
+def test_the_plant_itself_can_tell_the_watts_of_its_drives(tiny):
+    assert power_source(tiny) is None
+    tiny = tiny.with_values(QUIET | {'rewards.only_positive': False})
+    config = tiny.with_values({'power.model': 'plant', 'power.weight': 1e-3, 'power.masked': 0})
+    environment = WalkingEnvironment(tiny)
+    metered = WalkingEnvironment(config, power=power_source(config))
+    for _ in range(3):
+        plain = environment.step(np.zeros((4, 12)))
+        outcome = metered.step(np.zeros((4, 12)))
+    meter = PlantPower(Plant.load('anymal_c'), 4, 0.005)
+    watts = meter.drives(metered.robots.substeps)
+    np.testing.assert_allclose(metered.watts, watts)
+    per_second = (plain.reward - outcome.reward) / metered.config.step_time
+    np.testing.assert_allclose(per_second, 1e-3 * watts.sum(axis=1), rtol=1e-6)
+
+
 def test_carried_and_windowed_forms_agree_on_motion_without_a_start(tiny, network_run):
     environment = WalkingEnvironment(tiny.with_values({'random.velocity': 0.0}))
-    carried, windowed = load_power(f'ppn:{network_run}', 4), WindowedNetwork(network_run, 4)
     rest = np.zeros((4, 80, 12), np.float32)
-    carried.step(rest, rest, rest)
+    network = BatchPower.load(f'ppn:{network_run}', JOINT_NAMES, 4)
+    network.step(rest, rest, rest)
+    carried = PredictedPower(network)
+    windowed = PredictedPower(WindowedNetwork(network_run, 4))
     for _ in range(10):
         environment.robots.step(np.zeros((4, 12)))
-        one = predict_step(carried, environment.robots.substeps)
-        other = predict_step(windowed, environment.robots.substeps)
+        one = carried.drives(environment.robots.substeps)
+        other = windowed.drives(environment.robots.substeps)
     np.testing.assert_allclose(one, other, atol=0.05 * np.abs(one).max())
 
 

@@ -88,16 +88,26 @@ def load_policy(source: str, *, trust_code: bool = False) -> Policy:
     """
     if source in TROTS:
         return TrotPolicy(ScriptedTrot(TROTS[source]))
-    if source in POLICIES:
-        return LearnedPolicy.load(SHIPPED / source)
-    path = Path(source)
-    if os.path.isdir(path):
-        return LearnedPolicy.load(path)
-    if os.path.isfile(path):
+    if source not in POLICIES and os.path.isfile(source):
         from policy_runner.policies.torchscript import SUFFIXES, load_torchscript
 
+        path = Path(source)
         if path.suffix in SUFFIXES:
             return load_torchscript(path, trust_code=trust_code)
+    return LearnedPolicy.load(learned_folder(source))
+
+
+def learned_folder(source: str) -> Path:
+    """Return the folder of a learned policy by name or folder; InputError without one."""
+    if source in shipped():
+        return SHIPPED / source
+    if source in TROTS:
+        raise InputError(
+            f'{quoted(source)} is a scripted trot; learned policies are {", ".join(shipped())}, '
+            'or give a policy folder'
+        )
+    if os.path.isdir(source):
+        return Path(source)
     raise InputError(
         f'no policy {quoted(source)}; there are {", ".join(POLICIES)}, or give a policy folder'
     )

@@ -32,14 +32,15 @@ def main(args: Sequence[str] | None = None) -> int:
     add('--full', type=float, default=0.5, help='capture-point error, m/s, where it acts alone')
     options = parser.parse_args(args)
 
+    from policy_runner.policies.by_name import learned_folder
     from policy_runner.policies.folder import Fallback
 
     from policy_training.learning.blend import blend_policies
-    from policy_training.learning.learned_folder import learned_folder
+    from policy_training.learning.run_folder import policy_source
 
     blend_policies(
-        learned_folder(options.policy),
-        learned_folder(options.fallback),
+        learned_folder(policy_source(options.policy)),
+        learned_folder(policy_source(options.fallback)),
         Fallback(onset=options.onset, full=options.full),
         options.output,
         options.name or options.output.resolve().name,

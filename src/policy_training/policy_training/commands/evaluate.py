@@ -79,7 +79,7 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_recordings.reading.bag_folder import check_recordings
     from sim_bridge.plant.parameters import Plant
 
-    from policy_training.learning.learned_folder import policy_source
+    from policy_training.learning.run_folder import policy_source, read_curves
 
     sources = {_name(source): policy_source(source) for source in options.policies}
     if len(sources) < len(options.policies):
@@ -94,7 +94,6 @@ def main(args: Sequence[str] | None = None) -> int:
     from policy_training.evaluation.evaluate import evaluate
     from policy_training.evaluation.measured_walk import recorded_walk
     from policy_training.evaluation.report import write_report
-    from policy_training.learning.run_folder import read_curves
 
     with progress('reading'):
         recorded = [recorded_walk(path, name) for name, path in bags]

@@ -30,11 +30,12 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
     check_suffix(options.output, '--output', ('.pt',))
 
+    from policy_runner.policies.by_name import learned_folder
     from policy_runner.policies.torchscript import write_torchscript
 
-    from policy_training.learning.learned_folder import learned_folder
+    from policy_training.learning.run_folder import policy_source
 
-    folder = learned_folder(options.policy)
+    folder = learned_folder(policy_source(options.policy))
     contract = write_torchscript(folder, options.output)
     print(f'wrote {options.output} and {contract}')
     print(f'ros2 run policy_runner run --policy {options.output} --trust-code')

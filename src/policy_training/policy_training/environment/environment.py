@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.gait_phase import CommandRateLimiter, GaitPhase
 from policy_runner.policies.observations import Observation
-from power_estimator.batch.power import BatchPower
 from wattwalk_core.anymal import DEFAULT_POSE
 from wattwalk_core.physics import GRAVITY
 
 from policy_training.config import TrainingConfig
-from policy_training.environment.power_term import predict_step
+from policy_training.environment.power_term import PowerSource
 from policy_training.environment.rewards import FootClock, Rewards, RewardState
 from policy_training.environment.robots import RobotMotion, Robots
 from policy_training.environment.velocity_commands import VelocityCommands
@@ -39,7 +38,7 @@ class WalkingEnvironment:
     """
     N robots that are rewarded for following velocity commands.
 
-    power: predicts watts per drive for the power term, or None. The weights of the power term
+    power: watts per drive for the power term, or None. The weights of the power term
     and the range of commands follow `steps`, the number of policy steps done so far.
     observation: that of the policy; the config's if None. Observations and tracking rewards are
     of the rate-limited commands (`limiter`).
@@ -49,7 +48,7 @@ class WalkingEnvironment:
         self,
         config: TrainingConfig,
         *,
-        power: BatchPower | None = None,
+        power: PowerSource | None = None,
         observation: Observation | None = None,
     ) -> None:
         self.config = config
@@ -171,9 +170,9 @@ class WalkingEnvironment:
             self._sensor_noise[:, part] / self.observation.scales()[part], np.float64
         )
 
-    def _power_term(self, model: BatchPower) -> Floats:
+    def _power_term(self, source: PowerSource) -> Floats:
         power = self.config.power
-        self.watts = predict_step(model, self.robots.substeps)
+        self.watts = source.drives(self.robots.substeps)
         counted = self.age > power.masked
         weight = self.power_multiplier * power.weight_at(self.steps) * self.config.step_time
         return np.asarray(-weight * self.watts.sum(axis=1) * counted, np.float64)

@@ -34,6 +34,9 @@ class PlantPower:
         self._timestep = timestep
         self._time = 0.0
 
+    def reset(self, ids: NDArray[np.intp]) -> None:
+        """Do nothing: the circuit has no past."""
+
     def drives(self, substeps: Sequence[Substep]) -> Floats:
         """Return mean watts at the meter over the time steps of a policy step [N, 12]."""
         motor = np.stack([step.motor.ravel() for step in substeps])

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from policy_runner.policies.blended_network import network_of
-from policy_runner.policies.by_name import SHIPPED, load_policy
+from policy_runner.policies.by_name import learned_folder
 from policy_runner.policies.folder import read_folder
-from policy_runner.policies.learned import LearnedPolicy
+from policy_runner.policies.trot import TROTS
 from power_estimator.model import PowerModel
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -97,10 +97,9 @@ def evaluate(
 
 def _robustness(source: str, options: argparse.Namespace) -> RobustnessResult | None:
     """Return the robustness of a learned policy; None for a scripted one or a TorchScript file."""
-    if Path(source).is_file() or not isinstance(load_policy(source), LearnedPolicy):
+    if source in TROTS or Path(source).is_file():
         return None
-    folder = Path(source) if Path(source).is_dir() else SHIPPED / source
-    contract, tensors = read_folder(folder)
+    contract, tensors = read_folder(learned_folder(source))
     network = network_of(contract, tensors)
     config = RobustnessConfig(robots=options.trials, seed=1000 + options.seed)
     return evaluate_robustness(contract, network, config, threads=options.threads)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import torch
+from policy_runner.policies.by_name import POLICIES
 from torch.utils.tensorboard import SummaryWriter
 from wattwalk_core.errors import InputError
 from wattwalk_core.tensors import read_state
@@ -98,6 +99,12 @@ def read_curves(run: Path) -> list[dict[str, float]]:
             except json.JSONDecodeError:
                 break
     return rows
+
+
+def policy_source(source: str) -> str:
+    """Return the policy folder of a training run; names and other sources unchanged."""
+    inner = Path(source) / POLICY
+    return str(inner) if source not in POLICIES and inner.is_dir() else source
 
 
 @contextmanager

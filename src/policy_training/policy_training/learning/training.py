@@ -7,7 +7,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 import policy_training
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.power_term import load_power
+from policy_training.environment.power_term import power_source
 from policy_training.learning.export import export_policy
 from policy_training.learning.learner import Learner, Round
 from policy_training.learning.run_folder import RunFolder
@@ -16,10 +16,8 @@ from policy_training.learning.run_folder import RunFolder
 def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:
     """Return a learner with the environment and the power model of a config."""
     torch.set_num_threads(max(1, config.physics.threads or torch.get_num_threads()))
-    power = None
-    if config.power.model:
-        power = load_power(config.power.model, config.physics.environments)
-    return Learner(config, WalkingEnvironment(config, power=power), device)
+    environment = WalkingEnvironment(config, power=power_source(config))
+    return Learner(config, environment, device)
 
 
 def imitate_expert(learner: Learner) -> None:
