@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ PROXIES: Mapping[str, Callable[[AlignedDataset], Floats]] = {
     'mechanical_power_positive': lambda data: np.maximum(data.torque * data.velocity, 0),
     'acceleration_squared': lambda data: acceleration(data) ** 2,
 }
+
+WATTS: Final = ('mechanical_power', 'mechanical_power_positive')
+"""Proxies that are in watts without a factor."""
 
 
 @dataclass(frozen=True)

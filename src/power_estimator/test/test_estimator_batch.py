@@ -162,6 +162,13 @@ def test_robots_share_no_bus(effects):
     assert both[1].min() > 300
 
 
+def test_mechanical_power_is_in_watts_without_a_factor():
+    torque = np.array([[[20.0, -20.0, 5.0]] * 2], np.float32)
+    speed = np.array([[[3.0, 3.0, -1.0]] * 2], np.float32)
+    watts = BatchPower(Proxy('mechanical_power'), DRIVES, 1).step(0 * torque, torque, speed)
+    assert watts.tolist() == [[60.0, 60.0, 5.0]]
+
+
 def test_a_nan_stays_within_its_robot_with_any_kind_of_model(effects, robots, drives):
     limited = with_effect(effects, 'regeneration_limit', {}, 1.0)
     proxy = Proxy('torque_squared').fit(drives(20.0, DRIVES))
@@ -198,8 +205,8 @@ def test_a_scaled_proxy_steps_too_and_an_unscaled_one_is_refused(robots, drives)
     proxy = Proxy('mechanical_power').fit(data, infer_types(data.names))
     found = walk(BatchPower(proxy, DRIVES, 3), robots)
     assert np.allclose(found[:, 0], offline(proxy, robots[0]), rtol=1e-4, atol=1e-3)
-    with pytest.raises(InputError, match='mechanical_power has no unit of power for LF_HAA'):
-        BatchPower.load('mechanical_power', DRIVES, 3)
+    with pytest.raises(InputError, match='torque_squared has no unit of power for LF_HAA'):
+        BatchPower.load('torque_squared', DRIVES, 3)
 
 
 def test_models_that_cannot_be_stepped_are_refused_by_name(ppn, effects):

@@ -34,7 +34,7 @@ def _parser() -> argparse.ArgumentParser:
     add('--from', dest='source', type=Path, metavar='RUN', help="start from a run's networks")
     add('--seed', type=int, help='of everything random')
     add('--steps', type=float, help='policy steps of all environments together')
-    add('--power', metavar='MODEL', help='power model: ppn:RUN, a YAML of effects, or plant')
+    add('--power', metavar='MODEL', help='ppn:RUN, a YAML of effects, mechanical_power, plant')
     add('--weight', type=float, metavar='W', help='of the power term, per watt; the paper: 4e-4')
     add('--environments', type=int, metavar='N', help='robots that learn at the same time')
     add('--threads', type=int, metavar='N', help='of the simulation; 0: one per core')

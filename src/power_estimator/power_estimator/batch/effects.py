@@ -15,7 +15,7 @@ from power_estimator.effects.fit.design import evaluate
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import rate_of
 from power_estimator.effects.signals.scale import DriveScale
-from power_estimator.proxies import PROXIES, Proxy
+from power_estimator.proxies import PROXIES, WATTS, Proxy
 
 Doubles = NDArray[np.float64]
 RATE = 200.0  # Hz of the samples
@@ -132,14 +132,14 @@ class EffectBatch:
 
 
 class ProxyBatch:
-    """A proxy that was scaled to measured power."""
+    """A proxy that was scaled to measured power, or that is in watts by itself."""
 
     warm_up = 0
 
     def __init__(self, model: Proxy, drives: Sequence[str]) -> None:
-        columns = assign(drives, model.types)
-        self._factors = np.full(len(drives), np.nan, np.float32)
-        for name, own in columns.items():
+        unscaled = 1.0 if model.name in WATTS and not model.factors else np.nan
+        self._factors = np.full(len(drives), unscaled, np.float32)
+        for name, own in assign(drives, model.types).items():
             self._factors[own] = model.factors.get(name, np.nan)
         unknown = [d for d, f in zip(drives, self._factors, strict=True) if not np.isfinite(f)]
         if unknown:
