@@ -8,6 +8,7 @@ import policy_folders
 import pytest
 from policy_runner.policies.by_name import load_policy
 from policy_training.commands.evaluate import main
+from policy_training.evaluation.figures import falls_front
 from policy_training.evaluation.gait_cycle import find_steps
 from policy_training.evaluation.measured_walk import (
     RAW_RATE,
@@ -175,6 +176,15 @@ def test_the_verdict_compares_with_the_first_policy():
 def test_power_saved_by_not_walking_is_called_so():
     (sentence,) = verdict([entry('a', 800.0, 200.0), entry('b', 300.0, 50.0, away=0.5)], {})
     assert 'misses the command in vx' in sentence
+
+
+def test_the_falls_front_has_mean_power_and_the_share_that_fell_of_each_policy():
+    entries = [entry('a', 400.0, 50.0), entry('a', 600.0, 50.0), entry('b', 300.0, 50.0)]
+    figure = falls_front(
+        entries, {'a': {'falls': 1, 'robots': 64}, 'c': {'falls': 0, 'robots': 8}}
+    )
+    points = [(p['text'][0], p['x'][0], p['y'][0]) for p in figure['data']]
+    assert points == [('a', 1.562, 500.0), ('c', 0.0, None)]
 
 
 def test_the_command_writes_json_and_a_page_that_needs_no_network(tmp_path, network_run, capsys):

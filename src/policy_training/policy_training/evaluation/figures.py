@@ -116,6 +116,28 @@ def pareto_front(entries: Sequence[Mapping[str, Any]]) -> Figure:
     return finished(figure, legend=True)
 
 
+def falls_front(
+    entries: Sequence[Mapping[str, Any]], trials: Mapping[str, Mapping[str, Any]]
+) -> Figure:
+    """Mean supply power over the tasks against the share of robots that fell, by policy."""
+    figure = go.Figure()
+    for (name, trial), color in zip(trials.items(), repeat(_LINES)):
+        own = (entry['power_w'] for entry in entries if entry['name'] == name)
+        watts = [power['supply'] for power in own if power]
+        figure.add_scatter(
+            x=_numbers([100.0 * trial['falls'] / trial['robots']]),
+            y=_numbers([np.mean(watts) if watts else None]),
+            text=[name],
+            name=name,
+            mode='markers+text',
+            textposition='top center',
+            marker={'size': 10, 'color': color},
+        )
+    figure.update_xaxes(title_text='robots that fell in %', rangemode='tozero')
+    figure.update_yaxes(title_text='mean supply power in W')
+    return finished(figure)
+
+
 def learning_curves(runs: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
     """Tracking errors and predicted power over training, a line for each run."""
     figure = make_subplots(rows=len(_CURVES), cols=1, shared_xaxes=True, vertical_spacing=0.04)

@@ -71,6 +71,8 @@ def write_report(
                 for name, t in result['trials'].items()
             ],
         )
+        falls = figures.falls_front(entries, result['trials'])
+        page.add(page.figure(falls, 'mean supply power against robots that fell'))
     page.heading('Gait')
     _table(
         page,
