@@ -61,6 +61,12 @@ def test_a_run_does_not_go_on_from_robots_that_were_shown_something_else(tmp_pat
     assert 'command_rate_limit [1.0, 1.0, 2.0]' in capsys.readouterr().err
 
 
+def test_a_run_that_starts_from_another_may_limit_the_rate_of_commands_otherwise(tmp_path):
+    run(tmp_path / 'first')
+    other = ('--set', 'command_rate_limit=[]')
+    assert run(tmp_path / 'second', '--from', str(tmp_path / 'first'), *other) == 0
+
+
 def test_a_run_starts_from_anothers_networks_but_counts_its_own_steps(tmp_path):
     run(tmp_path / 'first')
     source = read_checkpoint(tmp_path / 'first')['actor_state_dict']['mlp.0.weight']

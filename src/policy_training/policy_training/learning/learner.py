@@ -3,7 +3,7 @@
 import contextlib
 import io
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -120,9 +120,10 @@ class Learner:
         Start from the networks of another run, with the exploration of the config.
 
         The reference policy is that of the run, or its policy where it has none. InputError for
-        another observation or other sizes.
+        another observation or other sizes; commands may be rate-limited otherwise, which changes
+        what the robots are told and not what the networks take.
         """
-        self._check_observation(state)
+        self._check_observation(state, but=('command_rate_limit',))
         actor = dict(state['actor_state_dict'])
         own = self.ppo.critic.state_dict()
         if any(own[key].shape != value.shape for key, value in state['critic_state_dict'].items()):
@@ -131,11 +132,11 @@ class Learner:
         self.ppo.load({**state, 'actor_state_dict': actor}, {'actor': True, 'critic': True}, True)
         self._set_reference(state.get('reference_policy'))
 
-    def _check_observation(self, state: dict[str, Any]) -> None:
+    def _check_observation(self, state: dict[str, Any], but: Sequence[str] = ()) -> None:
         seen = self.environment.observation.content()
         before = state.get('observation', seen)
         for key in {**seen, **before}:
-            if seen.get(key) != before.get(key):
+            if key not in but and seen.get(key) != before.get(key):
                 raise InputError(
                     f'that run was trained with {key} {before.get(key)!r}, this one has '
                     f'{seen.get(key)!r}; set it as it was, or begin anew'
