@@ -102,15 +102,9 @@ def pareto_front(entries: Sequence[Mapping[str, Any]]) -> Figure:
     tasks = list(dict.fromkeys(entry['task'] for entry in entries))
     for task, color in zip(tasks, repeat(_LINES)):
         rows = [entry for entry in entries if entry['task'] == task and entry['power_w']]
-        figure.add_scatter(
-            x=_numbers(hypot(*entry['tracking'].values()) for entry in rows),
-            y=_numbers(entry['power_w']['supply'] for entry in rows),
-            text=[entry['name'] for entry in rows],
-            name=task,
-            mode='markers+text',
-            textposition='top center',
-            marker={'size': 10, 'color': color},
-        )
+        errors = [hypot(*entry['tracking'].values()) for entry in rows]
+        watts = [entry['power_w']['supply'] for entry in rows]
+        figure.add_trace(_points(errors, watts, [entry['name'] for entry in rows], task, color))
     figure.update_xaxes(title_text='tracking error in m/s and rad/s', rangemode='tozero')
     figure.update_yaxes(title_text='supply power in W')
     return finished(figure, legend=True)
@@ -124,15 +118,9 @@ def falls_front(
     for (name, trial), color in zip(trials.items(), repeat(_LINES)):
         own = (entry['power_w'] for entry in entries if entry['name'] == name)
         watts = [power['supply'] for power in own if power]
-        figure.add_scatter(
-            x=_numbers([100.0 * trial['falls'] / trial['robots']]),
-            y=_numbers([np.mean(watts) if watts else None]),
-            text=[name],
-            name=name,
-            mode='markers+text',
-            textposition='top center',
-            marker={'size': 10, 'color': color},
-        )
+        mean = float(np.mean(watts)) if watts else None
+        fallen = 100.0 * trial['falls'] / trial['robots']
+        figure.add_trace(_points([fallen], [mean], [name], name, color))
     figure.update_xaxes(title_text='robots that fell in %', rangemode='tozero')
     figure.update_yaxes(title_text='mean supply power in W')
     return finished(figure)
@@ -156,6 +144,20 @@ def learning_curves(runs: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure
             figure.update_yaxes(title_text=title, row=index, col=1)
     figure.update_xaxes(title_text='million policy steps', row=len(_CURVES), col=1)
     return finished(figure, legend=True)
+
+
+def _points(
+    x: Sequence[float], y: Sequence[float | None], labels: Sequence[str], name: str, color: str
+) -> go.Scatter:
+    return go.Scatter(
+        x=_numbers(x),
+        y=_numbers(y),
+        text=labels,
+        name=name,
+        mode='markers+text',
+        textposition='top center',
+        marker={'size': 10, 'color': color},
+    )
 
 
 def _numbers(values: Iterable[float | None]) -> Any:
