@@ -10,7 +10,7 @@ from policy_training.learning.run_folder import read_checkpoint, read_curves
 
 TINY = (
     *('--environments', '4', '--threads', '1', '--set', 'ppo.steps=6', 'ppo.minibatches=2'),
-    *('ppo.epochs=1', 'ppo.hidden=[16]', 'checkpoint_every=1', "imitation.gait=''"),
+    *('ppo.epochs=1', 'ppo.hidden=[16]', 'checkpoint_every=1', 'imitation.gait='),
     'ppo.anchor_rate=0',
 )
 

@@ -118,7 +118,9 @@ def _changes(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _value(text: str, value: str) -> Any:
-    """Return a value as YAML has it; 4e-4, text in YAML, as a number."""
+    """Return a value as YAML has it; 4e-4, text in YAML, as a number, and nothing as no text."""
+    if not value:
+        return ''
     try:
         return float(value) if 'e' in value.lower() else yaml.safe_load(value)
     except ValueError:
