@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _EPILOG = """\
-A policy is a name (baseline, economy, pmp, pmp_heavy, trot), a policy folder or a training run.
+A policy is a name (baseline, economy, trot, …), a policy folder or a training run.
 
 examples:
   ros2 run policy_training evaluate --policies baseline pmp --report policies.html

@@ -7,7 +7,7 @@ from wattwalk_core.command import command, command_parser
 from wattwalk_core.console import check_suffix
 
 _EPILOG = """\
-POLICY is a shipped one (baseline, economy, pmp, pmp_heavy), a policy folder or a training run.
+POLICY is a shipped one (baseline, economy, pmp, …), a policy folder or a training run.
 FILE.yaml beside FILE.pt is its contract: what the observation holds, in which scale and order,
 joints, default pose, action scale, gains and rate.
 
