@@ -120,8 +120,10 @@ def falls_front(
         watts = [power['supply'] for power in own if power]
         mean = float(np.mean(watts)) if watts else None
         fallen = 100.0 * trial['falls'] / trial['robots']
-        figure.add_trace(_points([fallen], [mean], [name], name, color))
-    figure.update_xaxes(title_text='robots that fell in %', rangemode='tozero')
+        point = _points([fallen], [mean], [name], name, color)
+        figure.add_trace(point.update(textposition='middle right', cliponaxis=False))
+    most = max((100.0 * t['falls'] / t['robots'] for t in trials.values()), default=0.0)
+    figure.update_xaxes(title_text='robots that fell in %', range=[0.0, 1.25 * most or 1.0])
     figure.update_yaxes(title_text='mean supply power in W')
     return finished(figure)
 
