@@ -10,6 +10,7 @@ from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign, infer_types
+from power_estimator.model import Needs
 
 Floats = NDArray[np.float32]
 
@@ -23,6 +24,7 @@ def acceleration(data: AlignedDataset) -> Floats:
     return result
 
 
+RATE: Final = 200.0  # Hz, as networks that proxies are compared with
 PROXIES: Mapping[str, Callable[[AlignedDataset], Floats]] = {
     'torque_squared': lambda data: data.torque**2,
     'torque_abs': lambda data: np.abs(data.torque),
@@ -51,6 +53,14 @@ class Proxy:
     def __post_init__(self) -> None:
         if self.name not in PROXIES:
             raise InputError(f'proxy {self.name!r} is not one of {", ".join(PROXIES)}')
+
+    @property
+    def needs(self) -> Needs:
+        """Torque and speed, and measured power where it has no factor."""
+        inputs = dict.fromkeys(('torque', 'velocity'), '')
+        if not self.factors and self.name not in WATTS:
+            inputs['power'] = ''
+        return Needs(inputs, RATE, smooth=True, memory=2 / RATE)
 
     def fit(self, data: AlignedDataset, types: tuple[DriveType, ...] = ()) -> 'Proxy':
         """Return the proxy with its mean scaled to the measured mean, per drive type."""

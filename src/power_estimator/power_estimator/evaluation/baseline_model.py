@@ -14,6 +14,8 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.needs import RATE
+from power_estimator.model import Needs
 
 BASELINE: Final = 'plain'
 EFFECTS: Final = ('shaft', 'copper_loss', 'idle')
@@ -30,6 +32,11 @@ class BaselineModel:
 
     name: str = BASELINE
     models: tuple[EffectModel, ...] = ()  # one a drive type
+
+    @property
+    def needs(self) -> Needs:
+        """Torque and speed as measured."""
+        return Needs(dict.fromkeys(('torque', 'velocity'), ''), RATE, smooth=False)
 
     def fit(self, data: AlignedDataset, types: Sequence[DriveType]) -> 'BaselineModel':
         """Return the model fitted to data; InputError if a type moves too little or too short."""

@@ -52,6 +52,7 @@ class NamedModel:
 
     def __init__(self, name: str, model: PowerModel) -> None:
         self.name = name
+        self.needs = model.needs
         self._model = model
 
     def predict(self, data: AlignedDataset) -> NDArray[np.float32]:

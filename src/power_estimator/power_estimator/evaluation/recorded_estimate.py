@@ -11,6 +11,8 @@ from power_recordings.messages.samples import EstimateSamples
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
+from power_estimator.model import Needs
+
 Floats = NDArray[np.float32]
 RECORDED: Final = 'recorded'
 _STANDS_FOR: Final = 0.02  # s that end at an estimate's stamp
@@ -26,6 +28,7 @@ class RecordedEstimate:
     """
 
     name = RECORDED
+    needs = Needs({}, 1 / _STANDS_FOR, smooth=False)
 
     def __init__(self, bags: Sequence[Path]) -> None:
         """Read the estimates; InputError for a recording that has none."""

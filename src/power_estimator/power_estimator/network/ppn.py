@@ -10,6 +10,7 @@ from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import assign, owners
 from power_estimator.evaluation.scores import block_means
+from power_estimator.model import Needs
 from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.features import FEATURES, features
 from power_estimator.network.lstm import LstmBank
@@ -31,6 +32,13 @@ class PowerPredictionNetwork:
         self.name = name
         self.types = tuple(network.type for network in checkpoint.networks)
         self._networks = {n.type.name: (n.weights, n.scaling) for n in checkpoint.networks}
+
+    @property
+    def needs(self) -> Needs:
+        """Features at the network's rate, and the history of an estimate."""
+        config = self.checkpoint.config
+        inputs = dict.fromkeys(FEATURES, '')
+        return Needs(inputs, config.rate, smooth=True, memory=config.history / config.rate)
 
     @classmethod
     def load(cls, path: Path) -> 'PowerPredictionNetwork':

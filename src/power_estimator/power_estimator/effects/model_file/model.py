@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -13,10 +14,11 @@ from power_estimator.drive_types import DriveType, owners
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import BasePower, Structure, evaluate
 from power_estimator.effects.fit.fitter import measurement_terms
+from power_estimator.effects.needs import RATE, needs_of
 from power_estimator.effects.signals.prepared import signals_of
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
 from power_estimator.effects.signals.sizing import with_torque
-from power_estimator.model import PowerModel
+from power_estimator.model import Needs, PowerModel
 
 Floats = NDArray[np.float64]
 NOMINAL_VOLTAGE = 48.0
@@ -66,6 +68,16 @@ class EffectModel:
     def effects(self) -> tuple[str, ...]:
         """Return the names of the active effects."""
         return self.structure.names
+
+    @cached_property
+    def needs(self) -> Needs:
+        """Inputs and memory of its effects and of its base model."""
+        names = [group.type.patterns[0] for group in self.groups] or ['drive']
+        parts = [needs_of(a.effect, a.parameters, names) for a in self.structure.actives]
+        own = Needs({'torque': '', 'velocity': ''}, RATE, smooth=False)
+        if self.base_model is not None:
+            parts.insert(0, self.base_model.needs)
+        return own.joined(parts)
 
     @property
     def fitted(self) -> bool:

@@ -1,0 +1,69 @@
+"""Inputs and memory of effects, found by changing what they are given."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
+
+from power_estimator.effects.effect import Effect, Shape
+from power_estimator.effects.signals.prepared import signals_of
+from power_estimator.effects.signals.state import Signals
+from power_estimator.model import Needs
+
+RATE: Final = 400.0
+"""Hz of the samples that effects multiply, not smoothed."""
+NOMINAL: Final = {'position': 0.0, 'voltage': 48.0, 'temperature': 40.0}  # beside torque and speed
+_ROWS = (4, 8, 16, 32)  # of memory that is tried; derivatives see three
+_ALL = 512
+_FORGOTTEN = 0.05  # share of an effect's size that an older past may change
+
+
+def needs_of(effect: Effect, shape: Shape, names: Sequence[str]) -> Needs:
+    """Return the needs of an effect with this shape in drives of these names."""
+    random = np.random.default_rng(0)
+    given = {
+        name: middle + spread * random.normal(size=(2, _ALL, len(names)))
+        for name, middle, spread in (
+            *(('torque', 0.0, 20.0), ('velocity', 0.0, 3.0)),
+            *((name, middle, 5.0) for name, middle in NOMINAL.items()),
+        )
+    }
+    data = AlignedDataset.blank(
+        RATE,
+        names,
+        np.arange(_ALL) / RATE,
+        'random',
+        **{name: values[0] for name, values in given.items()},
+    )
+
+    def regressors(signals: Signals) -> NDArray[np.float64]:
+        return np.asarray(effect.regressors(signals, **shape), np.float64)
+
+    signals = signals_of(data)
+    whole = regressors(signals)
+    inputs = {
+        name
+        for name in NOMINAL
+        if not np.array_equal(regressors(replace(signals, **{name: given[name][1]})), whole)
+    }
+    if not whole.any():  # of a user's effect in drives that it names itself
+        inputs = set(NOMINAL) & set(effect.regressors.__code__.co_names)
+    size = float(np.square(whole).mean())
+    memory = np.inf
+    for rows in () if effect.remembers else _ROWS:
+        late = regressors(signals_of(data.rows(slice(_ALL - rows, None))))
+        if np.square(late[-1] - whole[-1]).mean() <= _FORGOTTEN**2 * size:
+            memory = rows / RATE
+            break
+    return Needs(
+        inputs={name: effect.name for name in sorted(inputs - {'voltage'})},
+        rate=RATE,
+        smooth=False,
+        improved_by={'voltage': effect.name} if 'voltage' in inputs else {},
+        memory=memory,
+        remembers=effect.name,
+        together='' if effect.per_drive else effect.name,
+    )
