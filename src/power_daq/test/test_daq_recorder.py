@@ -105,9 +105,11 @@ def robot() -> Iterator[Robot]:
 class Recorder:
     """`ros2 run power_daq record` as a process."""
 
-    def __init__(self, robot: Robot, path: Path, *arguments: str, limit: int = 0) -> None:
+    def __init__(
+        self, robot: Robot, path: Path, *arguments: str, limit: int = 0, before: str = ''
+    ) -> None:
         self.path = path
-        run = 'import sys; from power_daq.commands.record import main; sys.exit(main())'
+        run = f'{before}\nimport sys\nfrom power_daq.commands.record import main\nsys.exit(main())'
         command = [sys.executable, '-c', run, '-o', str(path), *arguments]
         command += ['--ros-args', '-r', f'__ns:={robot.namespace}']
         self.process = subprocess.Popen(
@@ -244,6 +246,35 @@ def test_a_disk_that_fills_ends_the_recording_with_a_readable_bag(
     assert stopped, err
     recording = Recording.open(tmp_path / 'walk')
     assert recording.topics[f'{robot.namespace}/noise'].count == int(stopped[1]) > 20
+
+
+_FAILS_AT_THE_THIRD = """
+from power_recordings.writing.writer import BagWriter
+write, times = BagWriter.write, []
+def failing(*arguments):
+    times.append(1)
+    if len(times) == 3:
+        raise LookupError('no such channel')
+    write(*arguments)
+BagWriter.write = failing
+"""
+
+
+def test_a_writer_that_fails_ends_the_recording_with_its_own_cause(
+    robot: Robot, record: Callable[..., Recorder], tmp_path: Path
+) -> None:
+    supply = robot.publisher(DriveSupply, 'drive_supply')
+    recorder = record(tmp_path / 'walk', before=_FAILS_AT_THE_THIRD)
+    wait_for(supply.get_subscription_count)
+    robot.stream(supply, lambda: recorder.process.poll() is not None)
+    code, out, err = recorder.result()
+    assert code == 1
+    assert 'LookupError: no such channel' in err
+    assert 'walk: 2 messages written, ' in err
+    assert 'disk' not in out + err
+    recording = Recording.open(tmp_path / 'walk')
+    assert recording.topics[f'{robot.namespace}/drive_supply'].count == 2
+    assert recording.card.drives == ('LF_HAA', 'LF_KFE')
 
 
 def test_nothing_on_any_topic_is_said(record: Callable[..., Recorder], tmp_path: Path) -> None:

@@ -95,11 +95,13 @@ class RecorderNode(Node):
             print()
         self.poll()
         recorder = self._recorder
-        recorder.close()
-        applied = ', '.join(self._calibrations)
-        card = self._card.with_drives(recorder.measured()).with_calibration(applied)
-        card = card.with_torque(self._torque[TORQUE_AT], self._torque[TORQUE_UNIT])
-        card.with_derived_velocity(tuple(self._torque[VELOCITY])).save(self._bag)
+        try:
+            recorder.close()
+        finally:
+            applied = ', '.join(self._calibrations)
+            card = self._card.with_drives(recorder.measured()).with_calibration(applied)
+            card = card.with_torque(self._torque[TORQUE_AT], self._torque[TORQUE_UNIT])
+            card.with_derived_velocity(tuple(self._torque[VELOCITY])).save(self._bag)
         print(f'{recorder.summary()}\n{self._bag}')
         progress = recorder.progress()
         if progress.counts and self._waiting(progress):
@@ -139,7 +141,7 @@ class RecorderNode(Node):
         if self._waiting(progress):
             self._begun = progress.seconds
         over = self._duration and progress.seconds - self._begun >= self._duration
-        if (over or self._recorder.failed is not None) and not self.done.done():
+        if (over or self._recorder.failed) and not self.done.done():
             self.done.set_result(None)
 
     def _report(self) -> None:

@@ -1,13 +1,12 @@
 """A thread that writes messages to a bag, so that a slow disk delays nothing."""
 
 import struct
-import threading
 import time
 from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from wattwalk_core.files import RecordingError
+from wattwalk_core.worker import Worker
 
 from power_recordings.messages.cdr import DRIVE_SUPPLY, deserialize
 from power_recordings.writing.metadata import Qos
@@ -55,7 +54,7 @@ class RecordingProgress:
     """Progress of a recording."""
 
     seconds: float
-    counts: Mapping[str, int]  # messages by topic
+    counts: Mapping[str, int]  # messages written, by topic
     dropped: Mapping[str, int]  # messages for which there was no room, by topic
     size: int  # bytes in the file
     waiting: int  # bytes that the disk has not taken yet
@@ -66,7 +65,7 @@ class RecordingProgress:
         return {name: (n - before.counts.get(name, 0)) / span for name, n in self.counts.items()}
 
 
-class BackgroundRecorder:
+class BackgroundRecorder(Worker):
     """
     A bag and the thread that writes it.
 
@@ -76,6 +75,7 @@ class BackgroundRecorder:
     """
 
     def __init__(self, bag: BagWriter, most_waiting: int = _WAITING):
+        super().__init__('bag writer')
         self._bag = bag
         self._types: dict[str, str] = {}
         self._qos: dict[str, Qos] = {}
@@ -87,19 +87,15 @@ class BackgroundRecorder:
         self._dropped: Counter[str] = Counter()
         self._started = time.monotonic()
         self._supply: bytes | None = None
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='bag writer', daemon=True)
         self.sequence = SequenceCheck()
-        self.failed: RecordingError | None = None
-        self._thread.start()
+        self.start()
 
     def put(self, name: str, log_time_ns: int, cdr: bytes) -> None:
         """Take a message of a topic without waiting for the disk."""
-        if self.failed is not None or self._taken - self._written > self._most:
+        if self.failed or self._taken - self._written > self._most:
             self._dropped[name] += 1
             return
         self._taken += len(cdr)
-        self._counts[name] += 1
         self._queue.append((name, log_time_ns, cdr))
 
     def declare(self, name: str, type_name: str, reliability: str = 'reliable') -> None:
@@ -139,34 +135,37 @@ class BackgroundRecorder:
         return () if self._supply is None else tuple(deserialize(DRIVE_SUPPLY, self._supply).name)
 
     def close(self) -> None:
-        """Write waiting messages and close the bag; RecordingError if the disk refused."""
-        self._stop.set()
-        self._thread.join()
-        if self.failed is not None:
-            raise self.failed
-        self._bag.close()
-
-    def _run(self) -> None:
-        flushed = time.monotonic()
+        """Write waiting messages and close the bag; raises what ended the writing before that."""
+        self.stop()
         try:
-            while True:
-                stopping = self._stop.wait(_PERIOD)
-                self._drain()
-                if time.monotonic() - flushed >= _FLUSH_PERIOD:
-                    self._bag.flush()
-                    flushed = time.monotonic()
-                if stopping:
-                    return
-        except RecordingError as error:
-            self.failed = error
+            self.join()
+        except Exception as error:
+            written, lost = sum(self._counts.values()), len(self._queue) + self._dropped.total()
+            error.add_note(f'{self._bag.path}: {written} messages written, {lost} lost')
+            raise
+        finally:
+            self._bag.close()
+
+    def _work(self) -> None:
+        flushed = time.monotonic()
+        while True:
+            stopping = self._stop.wait(_PERIOD)
+            self._drain()
+            if time.monotonic() - flushed >= _FLUSH_PERIOD:
+                self._bag.flush()
+                flushed = time.monotonic()
+            if stopping:
+                return
 
     def _drain(self) -> None:
         while self._queue:
-            name, log_time_ns, cdr = self._queue.popleft()
+            name, log_time_ns, cdr = self._queue[0]
             if name not in self._topics:
                 self._topics[name] = self._bag.add_topic(name, self._types[name], self._qos[name])
             if self._types[name] == DRIVE_SUPPLY:
                 self.sequence.feed(cdr)
                 self._supply = self._supply or cdr
             self._bag.write(self._topics[name], log_time_ns, cdr)
+            self._queue.popleft()
+            self._counts[name] += 1
             self._written += len(cdr)
