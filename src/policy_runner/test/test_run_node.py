@@ -17,7 +17,7 @@ class FakeRobot(Peer):
 
     def __init__(self):
         super().__init__('fake_robot', 'start', 'stop', 'estop')
-        self.silent = False
+        self.silent, self.velocities = False, 12
         self.commands, self.reasons, self.told = [], [], []
         self.joints = self.node.create_publisher(JointState, 'joint_states', 10)
         self.imu = self.node.create_publisher(Imu, 'imu', 10)
@@ -35,7 +35,7 @@ class FakeRobot(Peer):
             return
         stamp = self.node.get_clock().now().to_msg()
         joints = JointState(name=list(JOINT_NAMES), position=list(map(float, DEFAULT_POSE)))
-        joints.velocity = [0.0] * 12
+        joints.velocity = [0.0] * self.velocities
         joints.header.stamp = stamp
         self.joints.publish(joints)
         imu = Imu()
@@ -92,6 +92,17 @@ def test_a_robot_that_falls_silent_is_damped_with_the_reason_in_diagnostics(robo
     wait_until(lambda: robot.commands, 'damping')
     assert len(robot.commands[-1].position) == 0
     node.wait_for_output(r'damping, stale input: (joint_states|imu) is \d+ ms old')
+
+
+def test_a_robot_that_stops_telling_its_velocities_is_damped_with_the_reason(robot, node_process):
+    node_process('policy_runner', 'run', '--start', '--policy', 'trot', *PATIENT)
+    wait_until(lambda: 'running' in robot.reasons, 'running')
+    robot.velocities = 0
+    reason = 'malformed input: joint_states has 12 names, 12 positions and 0 velocities'
+    wait_until(lambda: reason in robot.reasons, 'the reason')
+    robot.commands.clear()
+    wait_until(lambda: robot.commands, 'damping')
+    assert len(robot.commands[-1].position) == 0
 
 
 def test_it_says_what_it_waits_for_and_starts_once_that_comes(robot, node_process):

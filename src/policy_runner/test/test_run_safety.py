@@ -218,6 +218,16 @@ def test_joint_states_of_the_wrong_length_damp():
     assert_damping(rig, FaultKind.MALFORMED, '12 names, 7 positions')
 
 
+@pytest.mark.parametrize('count', [0, 11])
+def test_joint_states_without_all_velocities_damp(count):
+    rig = Rig().running()
+    rig.silent.add('joint_states')
+    rig.supervisor.inputs.on_joints(
+        round(rig.now * 1e9) + 1, JOINT_NAMES, rig.position, np.zeros(count), rig.now
+    )
+    assert_damping(rig, FaultKind.MALFORMED, f'12 names, 12 positions and {count} velocities')
+
+
 def test_a_policy_that_gives_nan_is_cut_off():
     rig = Rig().running()
     rig.policy.targets = np.full(12, np.nan)

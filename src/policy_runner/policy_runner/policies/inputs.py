@@ -59,7 +59,7 @@ class Inputs:
             columns = np.array([key.index(name) for name in self.joint_names])
             self._order = (key, columns)
         columns = self._order[1]
-        if len(position) != len(key) or len(velocity) not in (0, len(key)):
+        if len(position) != len(key) or len(velocity) != len(key):
             self.complaints['joint_states'] = (
                 f'joint_states has {len(key)} names, {len(position)} positions '
                 f'and {len(velocity)} velocities'
@@ -67,8 +67,7 @@ class Inputs:
             return
         self.complaints.pop('joint_states', None)
         self.position = np.asarray(position, dtype=np.float64)[columns]
-        if len(velocity):
-            self.velocity = np.asarray(velocity, dtype=np.float64)[columns]
+        self.velocity = np.asarray(velocity, dtype=np.float64)[columns]
         if len(effort) == len(key):
             self.effort = np.asarray(effort, dtype=np.float64)[columns]
         if self._is_newer('joint_states', stamp):
