@@ -4,7 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 TORCH ?= torch==2.13.0
 PACKAGES := wattwalk_core power_recordings power_daq power_calibration sound_levels power_estimator \
-	policy_runner drive_bench sim_bridge power_lab policy_training wattwalk_bringup
+	policy_runner drive_bench sim_bridge power_lab power_workbench power_fleet policy_training \
+	wattwalk_bringup
 STAMP := $(VENV)/.installed
 ROS := .ros
 ROS_VENV ?= $(ROS)/venv

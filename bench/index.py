@@ -15,8 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from power_lab.track.kept_fit import from_bytes, to_bytes
-from power_lab.track.recording_fit import Occasion, RecordingFit
+from power_fleet.track.kept_fit import from_bytes, to_bytes
+from power_fleet.track.recording_fit import Occasion, RecordingFit
 from power_recordings.card import Card
 from power_recordings.index.stamp import Stamp
 from power_recordings.index.store import DriveFigure, IndexAnswer, RecordingFacts, RecordingIndex

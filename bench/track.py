@@ -1,5 +1,5 @@
 """
-Blind benchmark of `power_lab track`: which of many histories change, in what, since when.
+Blind benchmark of `power_fleet track`: which of many histories change, in what, since when.
 
     python bench/track.py [--histories N] [--recordings M] [--cache runs/track] [--out FILE.json]
                           [--workers W]
@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from power_lab.track.history import histories
-from power_lab.track.search import CertainChange, Search, search
-from power_lab.track.unmodelled import growths
+from power_fleet.track.history import histories
+from power_fleet.track.search import CertainChange, Search, search
+from power_fleet.track.unmodelled import growths
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table

@@ -11,7 +11,7 @@ from lab_scenarios import BASES
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.model_file.model import EffectModel
-from power_lab.track.recording_fit import Occasion, RecordingFit, fit_recording
+from power_fleet.track.recording_fit import Occasion, RecordingFit, fit_recording
 from truth_circuit import NAMES, Faults, Truth, record
 
 CATALOGUE = builtin_catalogue()

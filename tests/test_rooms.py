@@ -21,12 +21,14 @@ DRIVERS = ('can', 'cantools', 'pyvisa', 'pysoem', 'rclpy')
 ANALYSES = (
     'power_estimator',
     'power_lab',
+    'power_workbench',
+    'power_fleet',
     'power_recordings',
     'sound_levels',
     'power_calibration.analyser',
     'power_calibration.timing',
 )
-LIVE = ('power_estimator.live.node', 'power_lab.workbench.live.node')
+LIVE = ('power_estimator.live.node', 'power_workbench.live.node')
 """Modules of analysing packages that are nodes."""
 
 

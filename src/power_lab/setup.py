@@ -13,9 +13,6 @@ setup(
             '**/*.dbc',
             '**/*.safetensors',
             '**/py.typed',
-            '**/*.css',
-            '**/*.js',
-            '**/*.html',
         ]
     },
     data_files=[
@@ -33,8 +30,6 @@ setup(
         'rich',
         'pyyaml',
         'threadpoolctl',
-        'starlette',
-        'uvicorn',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,
@@ -45,8 +40,6 @@ setup(
     entry_points={
         'console_scripts': [
             'fit = power_lab.commands.fit:main',
-            'open = power_lab.commands.open:main',
-            'replay_session = power_lab.commands.replay_session:main',
             'compare = power_lab.commands.compare:main',
             'diagnose = power_lab.commands.diagnose:main',
             'discover = power_lab.commands.discover:main',
@@ -54,7 +47,6 @@ setup(
             'challenge = power_lab.commands.challenge:main',
             'reveal = power_lab.commands.challenge:reveal',
             'execute = power_lab.commands.execute:main',
-            'track = power_lab.commands.track:main',
             'to_plant = power_lab.commands.to_plant:main',
         ],
     },

@@ -1,13 +1,11 @@
 """`ros2 run power_lab challenge` and `reveal`: learn the lab on a hidden effect."""
 
-import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from wattwalk_core.command import command
 from wattwalk_core.console import write_json
-from wattwalk_core.engine.options import Workplace, add_workplace
 from wattwalk_core.errors import InputError
 
 from power_lab.commands import options as common
@@ -28,11 +26,8 @@ def main(args: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     add('--seed', type=int, required=True, metavar='N', help='draws what is hidden')
     add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
-    add('--fleet', action='store_true', help='recordings of two robots over months, for track')
-    add('--recordings', type=int, default=40, metavar='N', help='of a fleet, in all (default: 40)')
-    add_workplace(parser, 'recordings of a fleet')
     add('--walk', type=int, default=0, metavar='N', help='another walk of the same robot')
-    add('--duration', type=float, metavar='S', help='seconds to record (150; fleet: 30)')
+    add('--duration', type=float, default=150.0, metavar='S', help='to record (default: 150)')
     add('--plant', default='anymal_c', metavar='FILE', help='plant to hide it in')
     add('--json', type=Path, metavar='FILE', help='write what the model may know as JSON')
     add('--overwrite', action='store_true', help='replace a bag that is there')
@@ -40,13 +35,8 @@ def main(args: Sequence[str] | None = None) -> int:
     for name in ('seed', 'walk'):
         if getattr(options, name) < 0:
             raise InputError(f'--{name} {getattr(options, name)}: give a number from 0')
-    if options.duration is None:
-        options.duration = 30.0 if options.fleet else 150.0
-    least = 10.0 if options.fleet else 30.0
-    if not least <= options.duration <= 3600.0:
-        raise InputError(f'--duration {options.duration:g}: it must lie in {least:g}..3600 s')
-    if options.fleet:
-        return _fleet(options)
+    if not 30.0 <= options.duration <= 3600.0:
+        raise InputError(f'--duration {options.duration:g}: it must lie in 30..3600 s')
 
     from sim_bridge.offline.run import run_offline
     from sim_bridge.plant.parameters import Plant
@@ -80,28 +70,6 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _fleet(options: argparse.Namespace) -> int:
-    if options.output.exists():
-        raise InputError(f'{options.output} is there already; give another folder')
-
-    from wattwalk_core.engine.task_engine import TaskEngine
-
-    from power_lab.challenge.fleet import draw_fleet, record_fleet
-
-    challenge = draw_fleet(options.seed, options.recordings, options.duration, DRIVES)
-    with TaskEngine(Workplace.of(options)) as engine:
-        for number, bag in enumerate(record_fleet(challenge, options.output, engine), 1):
-            print(f'{number} of {options.recordings}: {bag}', flush=True)
-    bags = options.output
-    print(f'{bags}: two robots over months. Something may have changed in a drive of one of them.')
-    known = 'shaft,copper_loss,idle,coulomb_friction,viscous_friction,rotor_inertia'
-    first = bags / f'robot_0_000_{challenge.plans[0].days[0].day:g}'
-    print(f'  ros2 run power_lab fit {first} --effects {known} -o base.yaml')
-    print(f'  ros2 run power_lab track {bags}/robot_* --model base.yaml')
-    print(f'  ros2 run power_lab reveal {bags}')
-    return 0
-
-
 @command
 def reveal(args: Sequence[str] | None = None) -> int:
     """Entry point of reveal."""
@@ -118,24 +86,13 @@ def reveal(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
 
     from power_lab.challenge.challenge import score, unseal
+    from power_lab.diagnose.words import in_words
 
     answer = unseal(options.bag)
     if answer.get('fleet'):
-        if options.diagnosis:
-            raise InputError('--diagnosis belongs to a single recording; a fleet is for track')
-        for own in answer['hidden']:
-            print(
-                f'hidden: unit {own["unit"]}, {own["drive"]}: {own["words"]}, '
-                f'from its recording {own["recording"]} on (the first is 0)'
-            )
-        if not answer['hidden']:
-            print('hidden: nothing; only weather, gaits and payloads differ')
-        if options.json:
-            write_json(options.json, answer)
-        return 0
-
-    from power_lab.diagnose.words import in_words
-
+        raise InputError(
+            f'{options.bag} is a fleet of recordings: ros2 run power_fleet reveal {options.bag}'
+        )
     hidden = ', '.join(in_words(name) for name in answer['hidden']) or 'nothing'
     times = f' at {answer["strength"]:g} times its usual strength' if answer['hidden'] else ''
     print(f'hidden: {hidden}{times}; the verdict to expect is {answer["expected"]}')

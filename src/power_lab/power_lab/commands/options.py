@@ -20,10 +20,10 @@ _WORTH_WORKERS: Final = 100_000_000  # bytes
 
 
 def parser(
-    name: str, description: str, epilog: str, *, effects: bool = True
+    name: str, description: str, epilog: str, *, effects: bool = True, package: str = 'power_lab'
 ) -> argparse.ArgumentParser:
     """A parser with the arguments that every command has."""
-    made = command_parser(f'power_lab {name}', description, epilog)
+    made = command_parser(f'{package} {name}', description, epilog)
     if effects:
         made.add_argument(
             '--effects-path',

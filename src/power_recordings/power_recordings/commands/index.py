@@ -16,7 +16,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """List what the index has; add to it, export it."""
     parser = command_parser(
         'power_recordings index',
-        'List the recordings that the index knows. `info` and `power_lab track` keep in it what '
+        'List the recordings that the index knows. `info` and `power_fleet track` keep in it what '
         'they worked out, so that a second run takes no time; --add reads the cards alone. It is '
         'a cache that may be deleted: a file that WATTWALK_INDEX names, else '
         '~/.cache/wattwalk/recordings.sqlite3.',

@@ -139,7 +139,7 @@ def _age(options: argparse.Namespace) -> int:
     with TaskEngine(Workplace.of(options)) as engine:
         for number, bag in enumerate(record_history(plan, options.output, engine), 1):
             print(f'{number} of {len(plan.days)}: {bag} recorded', flush=True)
-    print(f'next: ros2 run power_lab track {options.output}/* --model model.yaml')
+    print(f'next: ros2 run power_fleet track {options.output}/* --model model.yaml')
     return 0
 
 

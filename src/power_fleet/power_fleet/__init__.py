@@ -1,0 +1,1 @@
+"""Many recordings over time: changes of drives and meters."""

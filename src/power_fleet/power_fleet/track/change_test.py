@@ -1,0 +1,327 @@
+"""Generalised least squares of changes in a drive's estimates, and their largest by chance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.covariance import ledoit_wolf
+
+from power_fleet.track.history import DriveHistory
+
+Floats = NDArray[np.float64]
+
+LEAST_RECORDINGS = 8
+ALONE = '~'
+"""Before the name of an estimate that moves alone, whatever caused it."""
+LEAST_SIDE = 3  # recordings before a change and after it
+_LEAST_RAMP = 4  # recordings
+_RAMP_STEPS = 18  # places at which ramps begin or end
+_MEDIAN = 0.6745  # of the absolute value of a standard normal variate
+_LEAST = 1e-6
+_OWN_PART = 1e-3  # of the information on a change that others must leave
+_ROUNDS = 5  # of the robust slopes
+_FAR = 3.0  # standard deviations that a difference counts as at most
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Course of a change: 0 up to recording `begin`, 1 from recording `end` on."""
+
+    begin: int
+    end: int
+
+    @property
+    def step(self) -> bool:
+        """Return whether it happens between two recordings."""
+        return self.end - self.begin <= 1
+
+    def over(self, time: Floats) -> Floats:
+        """Share of the change in each recording, [M]."""
+        if self.step:
+            return (np.arange(len(time)) >= self.end).astype(np.float64)
+        length = max(float(time[self.end] - time[self.begin]), 1e-9)
+        return np.clip((time - time[self.begin]) / length, 0.0, 1.0)
+
+    def penalty(self, count: int) -> float:
+        """Cost of its second place in a history of as many recordings, as in Schwarz's BIC."""
+        return 0.0 if self.step else float(np.log(count))
+
+
+def profiles(count: int) -> list[Profile]:
+    """Steps at every recording, and ramps between places of a grid."""
+    out = [Profile(end - 1, end) for end in range(LEAST_SIDE, count - LEAST_SIDE + 1)]
+    grid = np.unique(np.linspace(0, count - 1, min(_RAMP_STEPS, count)).round().astype(int))
+    out += [
+        Profile(int(begin), int(end))
+        for begin in grid
+        for end in grid
+        if end - begin >= _LEAST_RAMP and begin <= count - 1 - LEAST_SIDE and end >= LEAST_SIDE
+    ]
+    return out
+
+
+@dataclass(frozen=True)
+class Courses:
+    """The n profiles that are tried, their courses [n, M] and their penalties [n]."""
+
+    profiles: Sequence[Profile]
+    courses: Floats
+    penalty: Floats
+
+    @classmethod
+    def of(cls, time: Floats) -> 'Courses':
+        """Make those of recordings at these times."""
+        every = profiles(len(time))
+        return cls(
+            every,
+            np.stack([profile.over(time) for profile in every]),
+            np.array([profile.penalty(len(time)) for profile in every]),
+        )
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of one hypothesis (an effect or a fault) with its profile."""
+
+    hypothesis: str
+    profile: Profile
+    size: float = 0.0  # in the unit of the hypothesis
+    error: float = 0.0  # standard error of the size
+    statistic: float = 0.0  # squared size over squared error
+
+
+@dataclass(frozen=True)
+class ChangeModel:
+    """
+    Estimates of a drive as level, slopes by covariates, known changes and scatter.
+
+    The scatter of recordings is normal with a covariance that is estimated: what recordings of
+    one robot differ by is far more than the interval of each.
+    """
+
+    history: DriveHistory
+    time: Floats  # [M], that ramps are straight in
+    scale: Floats  # [m], unit of each estimate
+    own: Floats  # [m], scaled standard error of a usual recording
+    excess: Floats  # [M, m, m], scaled, by which a recording says less than the others
+    changes: tuple[Change, ...] = ()
+    known_scatter: Floats | None = None  # [m, m], taken from another model of the history
+    order: NDArray[np.intp] | None = None  # [M], in which the recordings are taken
+
+    @classmethod
+    def of(cls, history: DriveHistory) -> 'ChangeModel':
+        """Make the model of a quiet history."""
+        spread = history.values.std(axis=0)
+        own = np.sqrt(np.median(np.diagonal(history.covariance, axis1=1, axis2=2), axis=0))
+        scale = np.maximum(np.maximum(spread, own), 1e-12)
+        rising = bool((np.diff(history.time) > 0).all())
+        time = history.time if rising else np.arange(len(history.time), dtype=np.float64)
+        relative = history.covariance / (scale[:, None] * scale)
+        values, vectors = np.linalg.eigh(relative - np.median(relative, axis=0))
+        wider = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        return cls(history, time, scale, np.maximum(own / scale, _LEAST), wider)
+
+    def reordered(self, order: NDArray[np.intp]) -> 'ChangeModel':
+        """Return the model of the same recordings, as if made in another order."""
+        return replace(self, order=order)
+
+    def _taken(self, values: Floats) -> Floats:
+        return values if self.order is None else values[self.order]
+
+    @cached_property
+    def design(self) -> Floats:
+        """Level and covariates, [M, p]."""
+        count = len(self.time)
+        return self._taken(np.concatenate([np.ones((count, 1)), self.history.covariates], axis=1))
+
+    @cached_property
+    def values(self) -> Floats:
+        """Estimates in units of their scale [M, m]."""
+        return self._taken(self.history.values / self.scale)
+
+    def direction(self, hypothesis: str) -> Floats:
+        """Response of the scaled estimates to a unit [m]; `~name` is that estimate alone."""
+        if hypothesis.startswith(ALONE):
+            labels = self.history.labels
+            return np.eye(len(labels))[labels.index((hypothesis.removeprefix(ALONE), 0))]
+        return self.history.responses[hypothesis] / self.scale
+
+    def _changed(self) -> list[Floats]:
+        """Regressors [M, m] of the known changes."""
+        return [
+            self._taken(change.profile.over(self.time))[:, None]
+            * self.direction(change.hypothesis)
+            for change in self.changes
+        ]
+
+    @cached_property
+    def residual(self) -> Floats:
+        """Scaled estimates [M, m] less level, slopes and known changes, by least squares."""
+        current = self.values
+        if self.changes:
+            sizes = np.array([change.size for change in self.changes])
+            current = current - np.tensordot(sizes, np.stack(self._changed()), axes=1)
+        slopes, *_ = np.linalg.lstsq(self.design, current, rcond=None)
+        return np.asarray(current - self.design @ slopes)
+
+    @cached_property
+    def scatter(self) -> Floats:
+        """
+        Covariance [m, m] of the scaled estimates beside covariates, shrunk as Ledoit and Wolf do.
+
+        It is that of the differences of successive recordings, which a change that is not known
+        yet hardly moves; one that stands out, as that across a step, counts as three standard
+        deviations. Recordings scatter by no less than their own errors; a few that decide nothing,
+        by the unit of each estimate.
+        """
+        if self.known_scatter is not None:
+            return self.known_scatter
+        if len(self.time) < LEAST_RECORDINGS:
+            return np.eye(len(self.scale))
+        rest = self.values
+        if self.changes:
+            sizes = np.array([change.size for change in self.changes])
+            rest = rest - np.tensordot(sizes, np.stack(self._changed()), axes=1)
+        steps, moves = (np.diff(v, axis=0) / np.sqrt(2.0) for v in (rest, self.design[:, 1:]))
+        solver, told = np.linalg.pinv(moves), np.zeros_like(steps)
+        for _ in range(_ROUNDS):
+            size = np.sqrt(np.median(np.square(steps - told), axis=0)) / _MEDIAN
+            size = np.maximum(size, self.own)
+            clipped = np.clip((steps - told) / size, -_FAR, _FAR) * size
+            told = moves @ (solver @ (told + clipped))
+        scaled = np.clip((steps - told) / size, -_FAR, _FAR)
+        covariance, _ = ledoit_wolf(scaled, assume_centered=True)
+        count, p = self.design.shape
+        return np.asarray(covariance * size[:, None] * size) * count / max(count - p, 1)
+
+    @cached_property
+    def covariances(self) -> Floats:
+        """Covariance of each recording's scaled estimates [M, m, m]: wider where it says less."""
+        return self.scatter + self._taken(self.excess)
+
+    @cached_property
+    def precision(self) -> Floats:
+        """Inverse covariances [M, m, m]."""
+        return np.asarray(np.linalg.inv(self.covariances))
+
+    @cached_property
+    def _nuisance(self) -> tuple[Floats, Floats]:
+        """Precision-weighted nuisance [M, m, q], and the inverse of its normal matrix [q, q]."""
+        count, m = self.values.shape
+        p = self.design.shape[1]
+        x = np.zeros((count, m, p * m))
+        for place in range(p):
+            x[:, np.arange(m), place * m + np.arange(m)] = self.design[:, place, None]
+        for regressor in self._changed():
+            x = np.concatenate([x, regressor[..., None]], axis=2)
+        weighted = self.precision @ x
+        normal = np.einsum('tmq,tmr->qr', x, weighted)
+        return weighted, np.asarray(np.linalg.pinv(normal, hermitian=True))
+
+    def contrast(self, direction: Floats) -> tuple[Floats, Floats]:
+        """
+        Score [M] and information [M, M] of a direction [m].
+
+        A course f of M shares has the size f@score / (f@information@f).
+        """
+        weighted, inverse = self._nuisance
+        own = np.einsum('tmq,m->tq', weighted, direction)
+        moment = np.einsum('tmq,tm->q', weighted, self.values)
+        turned = self.precision @ direction
+        score = np.einsum('tm,tm->t', turned, self.values) - own @ (inverse @ moment)
+        information = np.diag(turned @ direction) - own @ inverse @ own.T
+        return score, information
+
+    def best(self, hypotheses: Sequence[str]) -> list[Change]:
+        """Return the likeliest change of each hypothesis, the best first."""
+        search = Courses.of(self.time)
+        sizes, squared = self._swept(hypotheses, search)
+        places = np.argmax(squared - search.penalty[:, None], axis=0)
+        out = []
+        for column, (name, place) in enumerate(zip(hypotheses, places, strict=True)):
+            size, statistic = float(sizes[place, column]), float(squared[place, column])
+            error = abs(size) / max(float(np.sqrt(statistic)), 1e-12)
+            out.append(Change(name, search.profiles[place], size, error, statistic))
+        return sorted(out, key=lambda change: -self.evidence(change))
+
+    def _swept(self, hypotheses: Sequence[str], search: Courses) -> tuple[Floats, Floats]:
+        """Sizes and squared t values of n courses and the hypotheses, [n, H]."""
+        directions = np.stack([self.direction(name) for name in hypotheses], axis=1)
+        weighted, inverse = self._nuisance
+        moment = inverse @ np.einsum('tmq,tm->q', weighted, self.values)
+        own = weighted.transpose(0, 2, 1) @ directions  # [M, q, H]
+        turned = self.precision @ directions  # [M, m, H]
+        score = np.einsum('tmh,tm->th', turned, self.values) - np.einsum('tqh,q->th', own, moment)
+        alone = np.einsum('tmh,mh->th', turned, directions)
+        top = search.courses @ score
+        bottom = np.square(search.courses) @ alone
+        for column in range(directions.shape[1]):
+            shared = search.courses @ own[..., column]
+            bottom[:, column] -= np.einsum('nq,nq->n', shared @ inverse, shared)
+        own_part = np.square(search.courses) @ alone
+        known = bottom < _OWN_PART * own_part  # covariates and known changes say it already
+        bottom = np.maximum(bottom, _OWN_PART * own_part)
+        return np.where(known, 0.0, top / bottom), np.where(known, 0.0, np.square(top) / bottom)
+
+    def evidence(self, change: Change) -> float:
+        """Return the statistic of a change less the penalty of its profile."""
+        return change.statistic - change.profile.penalty(len(self.time))
+
+    def by_chance(self, hypotheses: Sequence[str], orders: NDArray[np.intp]) -> Floats:
+        """
+        Largest evidence of any hypothesis and profile for each order of the recordings [B].
+
+        Recordings of a quiet history may change places: the covariates go with them.
+        """
+        search = Courses.of(self.time)
+        out = np.empty(len(orders))
+        for place, order in enumerate(orders):
+            _, squared = self.reordered(order)._swept(hypotheses, search)
+            out[place] = (squared - search.penalty[:, None]).max()
+        return out
+
+    def with_change(self, change: Change, scatter: Floats | None = None) -> 'ChangeModel':
+        """Return the model with one more known change, at a scatter or that which it leaves."""
+        return self.with_changes((change,), scatter)
+
+    def with_changes(
+        self, changes: Sequence[Change], scatter: Floats | None = None
+    ) -> 'ChangeModel':
+        """Return the model with several more known changes."""
+        model = replace(self, changes=(*self.changes, *changes), known_scatter=scatter)
+        for _ in range(2):
+            model = replace(model, changes=model.sized())
+        return model
+
+    def sized(self) -> tuple[Change, ...]:
+        """Return the known changes with sizes and errors by all of them together."""
+        weighted, inverse = self._nuisance
+        moment = np.einsum('tmq,tm->q', weighted, self.values)
+        found, count = inverse @ moment, len(self.changes)
+        sizes = found[-count:]
+        errors = np.sqrt(np.maximum(np.diag(inverse)[-count:], 1e-300))
+        return tuple(
+            replace(
+                change, size=float(size), error=float(error), statistic=float((size / error) ** 2)
+            )
+            for change, size, error in zip(self.changes, sizes, errors, strict=True)
+        )
+
+    @cached_property
+    def log_likelihood(self) -> float:
+        """Gaussian log-likelihood of the residuals at the model's own scatter."""
+        _, logs = np.linalg.slogdet(self.covariances)
+        squares = np.einsum('tm,tmn,tn->t', self.residual, self.precision, self.residual)
+        return float(-0.5 * (logs + squares).sum())
+
+    @cached_property
+    def levels(self) -> tuple[Floats, Floats]:
+        """Level [m] before all changes, at mean covariates, and its standard error, unscaled."""
+        weighted, inverse = self._nuisance
+        m = self.values.shape[1]
+        moment = np.einsum('tmq,tm->q', weighted, self.values)
+        level = (inverse @ moment)[:m]
+        error = np.sqrt(np.maximum(np.diag(inverse)[:m], 0.0))
+        return level * self.scale, error * self.scale

@@ -1,0 +1,215 @@
+"""Growth of what the model misses, and its diagnosis on recordings before and after."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.design import Active
+from power_lab.diagnose.candidates import CONSTANT_TORQUE
+from power_lab.diagnose.diagnosis import STRUCTURE_FLOOR, STRUCTURE_SHARE_OF_RMS
+from power_lab.diagnose.outcome import Outcome, diagnose
+from power_lab.diagnose.words import in_words
+from power_lab.discover.outcome import discover
+from power_lab.recordings import load
+from wattwalk_core.errors import InputError
+from wattwalk_core.quoting import printable
+
+from power_fleet.track.change_test import LEAST_RECORDINGS, Change, ChangeModel
+from power_fleet.track.history import DriveHistory
+from power_fleet.track.reading import Request
+from power_fleet.track.search import chance_of, random_orders
+
+NAME = 'unmodelled'
+"""Hypothesis that the model misses more than before."""
+SHARE = 0.01
+"""Share of quiet histories in which it is raised: of the false alarms of all of `track`."""
+_POOLED = 8  # recordings before and after, the nearest
+_AFTER, _BEFORE = 0.7, 0.05  # of the change, in a recording that counts as after or before it
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Certain growth of the error that a drive's fits leave."""
+
+    drive: int
+    change: Change  # of the logarithm of the error
+    before: float  # W rms
+    after: float
+    certainty: float
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Diagnosis of several recordings of a drive together; '' for none that could be read."""
+
+    recordings: tuple[str, ...]
+    verdict: str
+    effects: tuple[str, ...] = ()
+    sentence: str = ''
+
+    def json(self) -> dict[str, Any]:
+        """As `track --json` writes it."""
+        return {
+            'verdict': self.verdict,
+            'effects': list(self.effects),
+            'recordings': list(self.recordings),
+            'sentence': self.sentence,
+        }
+
+
+@dataclass(frozen=True)
+class Unmodelled:
+    """Effect that the model lacks from some recording on, by diagnosis before and after."""
+
+    before: Pool
+    after: Pool
+    growth: Growth | None = None  # of the error, where that is certain
+    added: tuple[Active, ...] = ()  # effects that the model is tracked with
+    discovered: str = ''  # what `discover` says of the recordings after
+
+    @property
+    def course(self) -> str:
+        """Growth in words."""
+        since = printable(self.after.recordings[0])
+        if self.growth is None:
+            return f'the model misses something from {since} on'
+        size = f'{self.growth.before:.2f} to {self.growth.after:.2f} W rms'
+        return f'what the model misses grew from {size}, seen from {since} on'
+
+    @property
+    def cause(self) -> str:
+        """Words for what the recordings before and after say of it."""
+        if self.discovered:
+            return f'No known effect explains it. {self.discovered}'
+        named = [name for name in self.after.effects if name not in self.before.effects]
+        joined = ' or ' if self.after.verdict == 'ambiguous' else ' and '
+        if named:
+            words = joined.join(in_words(name) for name in named)
+            return f'Diagnosis names {words} in the recordings after and not in those before.'
+        if self.after.effects:
+            words = joined.join(in_words(name) for name in self.after.effects)
+            return f'Diagnosis names {words} in the recordings before and after.'
+        return f'Diagnosis of the recordings after: {self.after.sentence}'
+
+    def json(self, drive: str) -> dict[str, Any]:
+        """As `track --json` writes it."""
+        return {
+            'drive': drive,
+            'from_w': None if self.growth is None else round(self.growth.before, 4),
+            'to_w': None if self.growth is None else round(self.growth.after, 4),
+            'before': self.before.json(),
+            'after': self.after.json(),
+            'added': [active.name for active in self.added],
+            'text': f'{drive}: {self.course}. {self.cause}',
+        }
+
+
+def growths(histories: Sequence[DriveHistory]) -> list[Growth]:
+    """Find drives whose fits leave more from some recording on, one chance for all of them."""
+    models = {
+        place: ChangeModel.of(_of_errors(history))
+        for place, history in enumerate(histories)
+        if len(history.time) >= LEAST_RECORDINGS
+    }
+    if not models:
+        return []
+    chance = [own.by_chance([NAME], random_orders(len(own.time))) for own in models.values()]
+    limit = np.max(chance, axis=0)
+    out = []
+    for place, model in models.items():
+        (change,) = model.best([NAME])
+        p = chance_of(model.evidence(change), limit)
+        if p > SHARE or change.size <= 0:
+            continue
+        known = model.with_change(change)
+        size = known.changes[0].size
+        before = float(np.exp(known.levels[0][0]))
+        after = before * float(np.exp(size))
+        floor = max(STRUCTURE_FLOOR, STRUCTURE_SHARE_OF_RMS * histories[place].power)
+        if np.sqrt(max(after**2 - before**2, 0.0)) > floor:
+            out.append(Growth(place, known.changes[0], before, after, 1.0 - p))
+    return sorted(out, key=lambda one: one.before / one.after)
+
+
+def _of_errors(history: DriveHistory) -> DriveHistory:
+    """The history of the logarithm of the fits' error as the only estimate."""
+    count = len(history.time)
+    return replace(
+        history,
+        labels=((NAME, 0),),
+        values=np.log(np.maximum(history.errors, 1e-9))[:, None],
+        covariance=np.zeros((count, 1, 1)),
+        responses={NAME: np.ones(1)},
+        watts=np.ones(1),
+        rms=np.ones(1),
+    )
+
+
+def explain(
+    history: DriveHistory,
+    change: Change,
+    growth: Growth | None,
+    paths: Mapping[str, Path],
+    request: Request,
+    show: Callable[[str], None],
+) -> Unmodelled | None:
+    """
+    Diagnose a drive's recordings before and after a change, and discover what has no name.
+
+    None where they say that the model misses no more than before.
+    """
+    early, late = sides(history, change)
+    show(f'diagnosing {history.drive} from {late[0]} on')
+    after, outcome = _pool(late, history, paths, request)
+    if outcome is None or after.verdict == 'no_evidence':
+        return None
+    show(f'diagnosing {history.drive} before {late[0]}')
+    before, _ = _pool(early, history, paths, request)
+    if after.verdict == 'none_of_the_above':
+        if growth is None and before.verdict == after.verdict:
+            return None
+        show(f'discovering what {history.drive} has from {late[0]} on')
+        return Unmodelled(before, after, growth, (), _discovered(outcome, request, show))
+    if growth is None and set(after.effects) <= set(before.effects):
+        return None
+    added = [a for a in outcome.diagnosis.best.actives if _addable(a, request.catalogue)]
+    return Unmodelled(before, after, growth, tuple(added))
+
+
+def sides(history: DriveHistory, change: Change) -> tuple[list[str], list[str]]:
+    """Names of the recordings next to a change, before it and after it."""
+    course = change.profile.over(history.time)
+    early = np.flatnonzero(course <= max(_BEFORE, float(course[0])))
+    late = np.flatnonzero(course >= min(_AFTER, float(course[-1])))
+    names = history.recordings
+    return [names[i] for i in early[-_POOLED:]], [names[i] for i in late[:_POOLED]]
+
+
+def _addable(active: Active, catalogue: Catalogue) -> bool:
+    """Return whether an effect is one of the catalogue, that `track` can fit."""
+    return active.name != CONSTANT_TORQUE and active.name in catalogue
+
+
+def _pool(
+    names: Sequence[str], history: DriveHistory, paths: Mapping[str, Path], request: Request
+) -> tuple[Pool, Outcome | None]:
+    found = [paths[name] for name in names]
+    try:
+        loaded = load(found, [history.joint], slow=request.slow, anyway=request.anyway)
+        outcome = diagnose(loaded, request.model, request.spec, request.catalogue)
+    except InputError as error:
+        return Pool(tuple(names), 'no_evidence', (), str(error)), None
+    diagnosis = outcome.diagnosis
+    pool = Pool(tuple(names), diagnosis.verdict, diagnosis.effects, outcome.sentence)
+    return pool, outcome
+
+
+def _discovered(outcome: Outcome, request: Request, show: Callable[[str], None]) -> str:
+    own = outcome.loaded, request.model, request.spec, request.catalogue
+    try:
+        return discover(*own, None, show, 0).sentence
+    except InputError as error:
+        return str(error)

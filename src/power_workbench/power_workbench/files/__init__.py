@@ -1,0 +1,1 @@
+"""Files that a session reads and keeps: recordings, logs, arrays."""

@@ -1,0 +1,155 @@
+"""Folders that were named: the only places that the page may read from."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from power_recordings.card import FILE, Card
+from power_recordings.index.stamp import Stamp
+from power_recordings.index.store import (
+    IndexAnswer,
+    RecordingFacts,
+    RecordingIndex,
+    usual_path,
+)
+from power_recordings.reading.bag_folder import find
+from wattwalk_core.errors import InputError
+from wattwalk_core.fingerprint import code_fingerprint
+
+from power_workbench.files.logs import ENDINGS
+
+_DEPTH = 3
+_MOST = 500  # recordings that are listed
+_KIND = 'listed'  # answers of the index
+
+
+@dataclass(frozen=True)
+class Folders:
+    """Roots below which recordings, models and logs are found; all others are refused."""
+
+    roots: tuple[Path, ...]
+
+    @classmethod
+    def of(cls, named: Sequence[Path]) -> 'Folders':
+        """Roots of the paths that were named, their links resolved."""
+        return cls(tuple(dict.fromkeys(path.resolve() for path in named if path.exists())))
+
+    def with_root(self, path: Path) -> 'Folders':
+        """The same with one more."""
+        return Folders(tuple(dict.fromkeys([*self.roots, path.resolve()])))
+
+    def within(self, given: str) -> Path:
+        """
+        Return a path that exists below a root, without links.
+
+        InputError for any other, whether it exists or not.
+        """
+        refused = InputError(
+            f'{given!r} is not in a folder that was named when the workbench was opened'
+        )
+        if '\0' in given or not given:
+            raise refused
+        try:
+            path = Path(given).resolve()
+        except (OSError, RuntimeError):
+            raise refused from None
+        if not any(path == root or root in path.parents for root in self.roots):
+            raise refused
+        if not path.exists():
+            raise InputError(f'{given!r} does not exist')
+        return path
+
+    def recordings(self) -> list[dict[str, Any]]:
+        """Recordings below the roots: path, name, and what the card says, unread."""
+        found: dict[Path, dict[str, Any]] = {}
+        with _index() as index:
+            for root in self.roots:
+                for path in _bags(root, _DEPTH):
+                    if len(found) < _MOST and path not in found:
+                        found[path] = {'path': str(path), 'name': path.name, **_said(path, index)}
+        return sorted(found.values(), key=lambda one: str(one['path']))
+
+    def models(self) -> list[str]:
+        """Files below the roots that may be models, and networks as `ppn:RUN`."""
+        networks = [Path(path) for path in self.files(('.safetensors',))]
+        runs = [f'ppn:{path.parent}' for path in networks if path.name == 'model.safetensors']
+        return [*runs, *self.files(('.yaml', '.yml'))]
+
+    def logs(self) -> list[str]:
+        """Files below the roots that others may have recorded, none of a recording or a run."""
+        own = {Path(one['path']) for one in self.recordings() if 'problem' not in one}
+        own |= {Path(run.removeprefix('ppn:')) for run in self.models() if run.startswith('ppn:')}
+        files = [Path(path) for path in self.files(ENDINGS)]
+        return [str(path) for path in files if not {path, *path.parents} & own]
+
+    def files(self, suffixes: Sequence[str]) -> list[str]:
+        """Files below the roots with one of the suffixes."""
+        found = {
+            str(path)
+            for root in self.roots
+            for path in _files(root, _DEPTH)
+            if path.suffix.lower() in suffixes
+        }
+        return sorted(found)[:_MOST]
+
+
+def _bags(folder: Path, depth: int) -> Iterator[Path]:
+    """Bag folders; a link is not followed, so that nothing outside a root is listed."""
+    if folder.is_file():
+        if folder.suffix in ('.mcap', '.db3'):
+            yield folder
+        return
+    if (folder / 'metadata.yaml').exists() or any(folder.glob('*.mcap')):
+        yield folder
+        return
+    for inner in _inner(folder) if depth else ():
+        if inner.is_dir():
+            yield from _bags(inner, depth - 1)
+
+
+def _files(folder: Path, depth: int) -> Iterator[Path]:
+    if folder.is_file():
+        yield folder
+        return
+    for inner in _inner(folder) if depth else ():
+        yield from _files(inner, depth - 1)
+
+
+def _inner(folder: Path) -> list[Path]:
+    try:
+        return sorted(
+            p for p in folder.iterdir() if not p.is_symlink() and not p.name.startswith('.')
+        )
+    except OSError:
+        return []
+
+
+def _index() -> RecordingIndex:
+    """The index of recordings; none in place of a file that is no index."""
+    try:
+        return RecordingIndex(usual_path())
+    except InputError:
+        return RecordingIndex(None)
+
+
+def _said(path: Path, index: RecordingIndex) -> dict[str, Any]:
+    """The card's words and what is wrong with a recording, from the index where it has them."""
+    try:
+        stamp = Stamp.of(path)
+    except InputError as error:
+        return {'problem': str(error)}
+    key = code_fingerprint('power_recordings')
+    kept = index.answer(stamp, _KIND, key)
+    if kept is not None:
+        known: dict[str, Any] = json.loads(kept)
+        return known
+    try:
+        folder = find(path).folder
+        card = Card.load(folder) if (folder / FILE).exists() else Card()
+    except InputError as error:
+        return {'problem': str(error)}
+    said = {'robot': card.robot, 'controller': card.controller, 'drives': len(card.drives)}
+    index.keep(stamp, RecordingFacts(card), IndexAnswer(_KIND, key, json.dumps(said).encode()))
+    return said

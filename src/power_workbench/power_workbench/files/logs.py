@@ -1,0 +1,137 @@
+"""Logs of others on the page: a guessed map, the signals that it gives, the import."""
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+from wattwalk_core.yaml_file import dump_yaml, parse_yaml, read_yaml
+
+from power_workbench.views import maps
+
+Show = Callable[[str, Any], None]
+ENDINGS = (
+    *('.csv', '.tsv', '.txt', '.dat', '.xlsx', '.xlsm', '.parquet', '.pq', '.feather', '.arrow'),
+    *('.mat', '.h5', '.hdf5', '.hdf', '.json', '.jsonl', '.ndjson', '.hebilog', '.bag', '.mcap'),
+    '.db3',
+)
+"""Of the names of files that can be imported."""
+_MAP = 'map'
+_PLACE = re.compile(rf'^{_MAP}: (?P<place>(?:drives\.[^:]+|supply|time|stamp|card)[^:]*): ')
+_OF_TIME = re.compile(r'\b(no time|times? (in|reach|goes)|with a time)\b')
+
+
+def look(show: Show, file: str) -> dict[str, Any]:
+    """Columns of a log, a guessed map with remarks by place, and the ready maps that fit."""
+    from power_recordings.importing.guess import guess_map
+    from power_recordings.importing.listing import list_columns
+    from power_recordings.importing.map_file import MAPS
+    from power_recordings.importing.plan import fitting_maps
+    from power_recordings.importing.sources import open_source
+
+    path = Path(file)
+    source = open_source(path)
+    show('progress', 'reading the first rows')
+    listed = list_columns(source)
+    worth = [item.column for item in listed if item.changes > 0 or item.rows < 2]
+    robot = ''.join(c if c.isalnum() else '_' for c in path.stem)[:40] or 'robot'
+    text = guess_map(worth, robot, is_bag=source.is_bag)
+    return {
+        'file': file,
+        'is_bag': source.is_bag,
+        'columns': [
+            {
+                'address': item.column.address,
+                'unit': item.column.unit,
+                'low': maps.short_one(item.low),
+                'high': maps.short_one(item.high),
+                'changes': item.changes > 0,
+            }
+            for item in listed
+        ],
+        'map': parse_yaml(text, 'guessed map'),
+        'remarks': _remarks(text),
+        'ready': [
+            {'name': name, 'map': read_yaml(MAPS / f'{name}.yaml', 'map')}
+            for name in fitting_maps(source)
+        ],
+    }
+
+
+def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Signals of the first rows in SI units, or the error and the place in the map that has it."""
+    from power_recordings.importing.map_file import parse_map
+    from power_recordings.importing.preview import preview_log
+    from power_recordings.importing.sources import open_source
+
+    try:
+        mapping = parse_map(content, _MAP)
+        signals = preview_log(open_source(Path(file)), mapping, _MAP)
+    except InputError as error:
+        return misplaced(error)
+    return {
+        'signals': [
+            {
+                'drive': one.drive,
+                'quantity': one.quantity,
+                'unit': one.unit,
+                'rows': one.rows,
+                'low': maps.short_one(one.low),
+                'high': maps.short_one(one.high),
+                'values': maps.short(one.values),
+            }
+            for one in signals
+        ]
+    }
+
+
+def bring_in(
+    show: Show, file: str, content: Mapping[str, Any], map_file: Path, output: Path
+) -> dict[str, Any]:
+    """Write the map, and import the log with it; the recording, notes and quality, or an error."""
+    from power_recordings.importing.convert import import_logs
+    from power_recordings.importing.map_file import load_map, parse_map
+    from power_recordings.importing.sources import open_source
+
+    try:
+        parse_map(content, _MAP)
+        source = open_source(Path(file))
+        write_whole(map_file, dump_yaml(content))
+
+        def tell(done: int) -> None:
+            show('progress', f'{min(done / max(source.size, 1), 1.0):.0%}')
+
+        result = import_logs([source], load_map(str(map_file)), _MAP, output, tell)
+    except InputError as error:
+        return misplaced(error)
+    counts = ', '.join(f'{count} {topic}' for topic, count in result.counts.items())
+    return {'path': str(output), 'counts': counts, 'notes': list(result.notes[:20])}
+
+
+def misplaced(error: InputError) -> dict[str, Any]:
+    """An error in words, and the entry of the map that it is about, '' for none."""
+    text = str(error)
+    found = _PLACE.match(text)
+    place = found['place'] if found else 'time' if _OF_TIME.search(text) else ''
+    words = text.removeprefix(f'{_MAP}: ').removeprefix(f'{place}: ')
+    if 'without voltage' in words:
+        place += '.voltage'
+    return {'error': words, 'place': place}
+
+
+def _remarks(text: str) -> dict[str, str]:
+    """Comments of a guessed map, by the entry that they stand beside."""
+    found, drive = {}, ''
+    for line in text.splitlines():
+        if head := re.match(r"  '?([^ ].*?)'?:", line):
+            drive = head[1]
+        entry, mark, remark = line.partition('   # ')
+        if not mark:
+            continue
+        if quantity := re.match(r'    (\w+):', entry):
+            found[f'drives.{drive}.{quantity[1]}'] = remark
+        elif word := re.match(r'\s*([^:]+):', entry):
+            found[word[1].strip()] = remark
+    return found

@@ -1,0 +1,181 @@
+"""Messages of the topics, decoded in blocks, beside the estimate of a model; without ROS."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from power_estimator.effects import load_catalogue
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.live.estimator import Status
+from power_estimator.live.session import MESSAGES, LiveSession, Vector
+from power_estimator.loader import load_model
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_recordings.messages.samples import DriveSamples, EstimateSamples, JointSamples
+from power_recordings.reading.topic_buffers import TopicBuffer
+from wattwalk_core.errors import InputError
+
+from power_workbench.live.rolling import PowerRows, RollingPower
+
+TOPICS = ('drive_supply', 'joint_states', 'joint_commands', 'power_estimate')
+"""Topics that are followed."""
+_SILENT = 3.0  # s without a message, after which it is said
+_NO_TARGETS = 1.0  # s after which joint states are taken to have no commands
+_SPAN = 1.0  # s over which a rate is counted
+
+
+class LiveFollower:
+    """
+    Drains the topics and returns what the page shows of them.
+
+    Without a model of its own, the estimates are those of the topic `power_estimate`. Times are in
+    s on a steady clock.
+    """
+
+    def __init__(self, started: float) -> None:
+        self.buffers = {topic: TopicBuffer(topic) for topic in TOPICS}
+        self.stamp = 0
+        self._started = started
+        self._rolling = RollingPower()
+        self._spec = self._fault = ''
+        self._session: LiveSession | None = None
+        self._needs_targets = False
+        self._status = Status.WARMING_UP
+        self._model_on_topic = ''
+        self._estimated = -np.inf
+        self._rates = dict.fromkeys(TOPICS, 0.0)
+        self._counted = dict.fromkeys(TOPICS, 0)
+        self._counted_at = started
+
+    def use(self, spec: str, effect_files: Sequence[str] = ()) -> None:
+        """Estimate with another model from now on; '' for the topic `power_estimate`."""
+        self._spec, self._fault, self._session = spec, '', None
+        self._status = Status.WARMING_UP
+        self._estimated = -np.inf
+        if not spec:
+            return
+        try:
+            model = load_model(spec, load_catalogue([Path(file) for file in effect_files]))
+        except InputError as error:
+            self._fault = str(error)
+            return
+        base = model.base_model if isinstance(model, EffectModel) else model
+        self._needs_targets = isinstance(base, PowerPredictionNetwork)
+        self._session = LiveSession(model)
+
+    def news(self, now: float) -> dict[str, Any]:
+        """Decode what has come, and return the rows and the state of the topics."""
+        drained = {topic: buffer.drain()[1] for topic, buffer in self.buffers.items()}
+        measured, published = drained['drive_supply'], drained['power_estimate']
+        if isinstance(measured, DriveSamples) and len(measured):
+            self.stamp = int(measured.stamp_ns[-1])
+            power = np.where(measured.good, measured.power, np.nan).astype(np.float64)
+            self._rolling.measured(measured.names, measured.stamp_ns, power)
+        if self._session is not None:
+            try:
+                self._estimate(drained['joint_commands'], drained['joint_states'], now)
+            except InputError as error:
+                self._session, self._fault = None, str(error)
+        elif not self._spec and isinstance(published, EstimateSamples):
+            self._take_published(published, now)
+        return {**_content(self._rolling.rows()), **self._state(now)}
+
+    def _estimate(self, commands: Any, states: Any, now: float) -> None:
+        session = self._session
+        assert session is not None
+        if isinstance(commands, JointSamples):
+            for stamp, row in zip(commands.stamp_ns.tolist(), commands.position, strict=True):
+                session.command(Vector(stamp, commands.names, row[None].astype(float)), now)
+        if not isinstance(states, JointSamples):
+            return
+        if self._without_targets(now):
+            # Models of effects do not look at the target, which the estimator wants to hold.
+            for index in range(0, len(states), 10):
+                target = states.position[index][None].astype(float)
+                stamp = int(states.stamp_ns[index])
+                session.command(Vector(stamp, states.names, target), now)
+        values = np.stack([states.position, states.velocity, states.effort], axis=1)
+        for stamp, rows in zip(states.stamp_ns.tolist(), values.astype(float), strict=True):
+            found = session.joint_state(Vector(stamp, states.names, rows), now)
+            if found is not None:
+                self._status, self._estimated = found.status, now
+                power = found.power.astype(float)
+                self._rolling.estimated(session.drives, found.stamp, power)
+
+    def _without_targets(self, now: float) -> bool:
+        last = self.buffers['joint_commands'].last
+        since = now - (self._started if last is None else last)
+        return not self._needs_targets and since > _NO_TARGETS
+
+    def _take_published(self, published: EstimateSamples, now: float) -> None:
+        for index, stamp in enumerate(published.stamp_ns.tolist()):
+            power = published.power[index].astype(float)
+            self._rolling.estimated(published.names, stamp, power)
+        if len(published):
+            self._model_on_topic, self._estimated = published.model[-1], now
+            self._status = Status(min(int(published.status[-1]), 3))
+
+    def _state(self, now: float) -> dict[str, Any]:
+        span = now - self._counted_at
+        if span >= _SPAN:
+            for topic, buffer in self.buffers.items():
+                self._rates[topic] = (buffer.count - self._counted[topic]) / span
+                self._counted[topic] = buffer.count
+            self._counted_at = now
+        ages = {
+            topic: None if buffer.last is None else round(now - buffer.last, 1)
+            for topic, buffer in self.buffers.items()
+        }
+        rates = self._rates
+        return {
+            'heard': {t: {'rate': round(rates[t], 1), 'age': ages[t]} for t in TOPICS},
+            'model': self._spec or self._model_on_topic,
+            'said': self._said(now),
+            'faults': [
+                f'{topic}: {one.fault}' for topic, one in self.buffers.items() if one.fault
+            ],
+        }
+
+    def _said(self, now: float) -> list[str]:
+        """Sentences on what is missing, the measurement first."""
+        out = []
+        silent = {topic: self._silence(topic, now) for topic in TOPICS}
+        if silent['drive_supply']:
+            out.append(f'{silent["drive_supply"]}: start `ros2 run wattwalk_bringup live`')
+        if self._fault:
+            out.append(self._fault)
+        elif self._spec:
+            topics = ['joint_states', *(['joint_commands'] if self._needs_targets else [])]
+            out += [f'{silent[t]}: the model has no input' for t in topics if silent[t]]
+            if len(out) == 0 and self._status is not Status.OK:
+                out.append(f'model: {MESSAGES.get(self._status, "its input is stale")}')
+        elif silent['power_estimate']:
+            out.append(
+                'no model: choose one here, or start '
+                '`ros2 run power_estimator estimate --ros-args -p model:=FILE`'
+            )
+        return out
+
+    def _silence(self, topic: str, now: float) -> str:
+        last = self.buffers[topic].last
+        since = now - (self._started if last is None else last)
+        if since < _SILENT:
+            return ''
+        if last is None:
+            return f'no {topic} heard for {since:.0f} s'
+        return f'{topic} stopped {since:.0f} s ago'
+
+
+def _content(rows: PowerRows | None) -> Mapping[str, Any]:
+    if rows is None:
+        return {'names': [], 't': [], 'measured': [], 'estimate': []}
+    return {
+        'names': list(rows.names),
+        't': [round(stamp / 1e9, 3) for stamp in rows.stamp_ns.tolist()],
+        'measured': [_column(column) for column in rows.measured.T],
+        'estimate': [_column(column) for column in rows.estimate.T],
+    }
+
+
+def _column(values: Any) -> list[float | None]:
+    return [round(value, 3) if np.isfinite(value) else None for value in values.tolist()]

@@ -1,0 +1,1 @@
+"""The server of the page: routes, answers, actions and their guard."""

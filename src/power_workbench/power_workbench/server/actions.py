@@ -1,0 +1,221 @@
+"""Actions of the page on a session: their contents checked, then passed on to it."""
+
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any
+
+from wattwalk_core.errors import InputError
+from wattwalk_core.schema import Name, Printable, Quantity, parse, schema
+
+from power_workbench.files.folders import Folders
+from power_workbench.live.notes import keep_note
+from power_workbench.server import answers
+from power_workbench.sessions.manager import SessionManager
+from power_workbench.sessions.session import WorkbenchSession
+from power_workbench.sessions.steps import SessionStep
+from power_workbench.views import maps
+
+_Seconds = Annotated[float, Quantity(-1e9, 1e9, 's')]
+_Value = Annotated[float, Quantity(-1e12, 1e12)]
+_Text = Annotated[str, Printable(0, 4000)]
+
+
+@schema
+class Selection:
+    """A box on the map, a span of the traces or a regime; one of the three."""
+
+    drive: _Text
+    x: _Text
+    y: _Text
+    shown: _Text = ''  # meter of the traces, the drive's own by default
+    start: _Seconds = 0.0  # of the traces
+    stop: _Seconds = 1e9
+    width: Annotated[int, Quantity(1, 10_000)] = 800
+    box: dict[str, tuple[_Value, _Value]] | None = None
+    span: tuple[_Seconds, _Seconds] | None = None
+    regime: Annotated[int, Quantity(0, 100)] | None = None
+
+
+@schema
+class HistoryPlace:
+    """A place in the history."""
+
+    at: Annotated[int, Quantity(0, 100_000)]
+
+
+@schema
+class Allowed:
+    """A file of effects that may be run."""
+
+    file: _Text
+
+
+@schema
+class BenchDrive:
+    """A drive of the simulated bench, and to how many seconds the motion is cut."""
+
+    drive: Name
+    seconds: Annotated[float, Quantity(10.0, 1e5, 's')] | None = None
+
+
+@schema
+class OneModel:
+    """A model to compare with."""
+
+    model: Name
+
+
+@schema
+class OneLog:
+    """A log of others; with a map it is imported, or shown as the map converts it."""
+
+    file: _Text
+    map: dict[str, Any] | None = None
+    preview: bool = False
+
+
+@schema
+class LiveNote:
+    """A note on a running robot."""
+
+    text: Annotated[str, Printable(0, 500)]
+
+
+def take(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
+    """Take a step: open, load, fit, add, remove, effects."""
+    step = parse(SessionStep, content, 'step')
+    if step.model or step.rmse_w or step.sha256:
+        raise InputError('step: model, rmse_w and sha256 are found by the session itself')
+    folders = _folders(manager, session)
+    for path in step.recordings:
+        folders.within(path)
+    if step.kind == 'effects':
+        folders.within(step.file)
+    elif step.kind == 'load':
+        check_spec(manager, session, step.file)
+    if step.base:
+        check_spec(manager, session, step.base)
+    session.take(step)
+
+
+def _folders(manager: SessionManager, session: WorkbenchSession) -> Folders:
+    """The folders that were named, and that of the session."""
+    return manager.folders.with_root(session.folder)
+
+
+def check_spec(manager: SessionManager, session: WorkbenchSession, spec: str) -> None:
+    """InputError for a model whose file is not in a folder that was named."""
+    if spec.endswith(('.yaml', '.yml')):
+        _folders(manager, session).within(spec)
+    elif spec.startswith('ppn:'):
+        _folders(manager, session).within(spec.removeprefix('ppn:'))
+
+
+def go(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
+    """Undo, redo, or go to any place in the history."""
+    session.go(parse(HistoryPlace, content, 'place').at)
+
+
+def diagnose(
+    manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
+) -> None:
+    """Begin to look for what is missing."""
+    session.diagnose()
+
+
+def discover(
+    manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
+) -> None:
+    """Begin to learn what no catalogue has."""
+    session.discover()
+
+
+def report(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
+    """Begin to write the report."""
+    session.report()
+
+
+def record(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
+    """Begin to record the proposed motion on the simulated bench."""
+    given = parse(BenchDrive, content, 'bench')
+    session.bench(given.drive, given.seconds)
+
+
+def line(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
+    """Begin to judge another model beside the present one."""
+    spec = parse(OneModel, content, 'line').model
+    check_spec(manager, session, spec)
+    session.line(spec)
+
+
+def cancel(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
+    """End the work that runs."""
+    session.cancel()
+
+
+def allow(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
+    """Let a file of effects be run."""
+    session.approve(parse(Allowed, content, 'file').file)
+
+
+def log(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
+    """Begin to look into a log, or to import it."""
+    given = parse(OneLog, content, 'log')
+    manager.folders.within(given.file)
+    if given.map is None:
+        session.look_at_log(given.file)
+    else:
+        session.import_log(given.file, given.map, only_look=given.preview)
+
+
+def note(
+    manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Keep a note with its time: in the card of what is being recorded, and in the session."""
+    text = parse(LiveNote, content, 'note').text.strip()
+    if not text:
+        raise InputError('the note is empty; say what happened')
+    recording = session.live.recorder
+    session.live.note(text)
+    keep_note(session.folder, text, recording)
+    return {'recording': recording}
+
+
+def select(
+    manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
+) -> bytes:
+    """Link map and traces: what is chosen in one is lit in the other."""
+    chosen, view = parse(Selection, content, 'selection'), answers.view_of(session)
+    if chosen.box is not None:
+        found = maps.in_box(view, chosen.drive, chosen.box)
+    elif chosen.span is not None:
+        found = maps.in_span(view, chosen.drive, *chosen.span)
+    elif chosen.regime is not None:
+        regimes = view.content.get('regimes', [])
+        if chosen.regime >= len(regimes):
+            raise InputError(f'there are {len(regimes)} regimes')
+        found = maps.in_regime(view, regimes[chosen.regime])
+    else:
+        raise InputError('selection: give box, span or regime')
+    drive = str(found.content['drive'])
+    place = (chosen.shown or drive, chosen.start, chosen.stop, chosen.width)
+    points = maps.points(view, drive, found.rows, chosen.x, chosen.y)
+    return answers.selected(found.content, points, answers.lit(view, found.rows, *place))
+
+
+ACTIONS: Mapping[
+    str,
+    Callable[[SessionManager, WorkbenchSession, Mapping[str, Any]], dict[str, Any] | bytes | None],
+] = {
+    'step': take,
+    'go': go,
+    'diagnose': diagnose,
+    'discover': discover,
+    'report': report,
+    'bench': record,
+    'line': line,
+    'cancel': cancel,
+    'allow': allow,
+    'log': log,
+    'note': note,
+    'select': select,
+}

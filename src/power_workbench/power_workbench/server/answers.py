@@ -1,0 +1,293 @@
+"""Answers to the page: a session's state as JSON, traces as float32."""
+
+import json
+import re
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from power_estimator.effects import Catalogue
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_lab.diagnose.words import in_words
+from wattwalk_core.errors import InputError
+
+from power_workbench.sessions.session import WorkbenchSession
+from power_workbench.sessions.steps import SessionRecord, SessionStep
+from power_workbench.views import maps
+from power_workbench.views.pyramid import Span, masked
+from power_workbench.views.view import PowerView, Singles
+
+KEPT = re.compile(
+    r'(session|notes|import_\d+|model_\d+|next_\d+)\.yaml|report_\d+\.html|effects_\d+\.py'
+)
+"""Files of a session that the page may have."""
+SUM = 'sum'
+"""Name of the column that adds up all meters."""
+_MOST_WIDE = 4000  # blocks of a trace
+
+
+def catalogue_content(catalogue: Catalogue) -> list[dict[str, Any]]:
+    """Effects that a model can have, in words."""
+    return [
+        {
+            'name': effect.name,
+            'words': in_words(effect.name),
+            'physics': effect.physics,
+            'formula': effect.formula,
+            'excitation': effect.excitation.text,
+        }
+        for effect in catalogue.physics()
+    ]
+
+
+def state(session: WorkbenchSession) -> dict[str, Any]:
+    """All that the page shows but traces and maps."""
+    record, view, job, found = session.record, session.view, session.runner.job, session.findings
+    return {
+        'revision': session.revision,
+        'folder': str(session.folder),
+        'steps': [_step(session, record, index) for index in range(len(record.steps))],
+        'at': record.at,
+        'recordings': session.recordings,
+        'opened': list(record.opened.recordings) if record.opened else [],
+        'effect_files': [
+            {'file': file, 'allowed': file in session.approved} for file in record.effect_files
+        ],
+        'model': None if view is None else view.model,
+        'model_file': record.shaped.model if record.shaped else '',
+        'view': None if view is None else _view(view),
+        'stairs': _stairs(record),
+        'diagnosis': None if found is None else found.content,
+        'previews': [] if found is None else list(found.explained),
+        'log': session.log.get('turn'),
+        'job': job.content() if job is not None and job.state == 'running' else None,
+        'error': session.error,
+        'commands': _commands(session, record),
+        'learned': session.learned,
+        'lines': [dict(line) for line in session.lines],
+        'made': [str(path) for path in session.recordings_made],
+        'files': sorted(p.name for p in session.folder.iterdir() if KEPT.fullmatch(p.name)),
+    }
+
+
+def _commands(session: WorkbenchSession, record: SessionRecord) -> dict[str, str]:
+    if record.opened is None or not session.spec:
+        return {}
+    return {
+        'compare': session.commands.compare(record),
+        'diagnose': session.commands.diagnose(record),
+        'report': session.commands.diagnose(record, '--report', 'why.html'),
+        'motion': session.commands.diagnose(record, '--motion', 'next.yaml', '--limits'),
+        'discover': session.commands.discover(record, 'effect.py'),
+    }
+
+
+def _step(session: WorkbenchSession, record: SessionRecord, index: int) -> dict[str, Any]:
+    step = record.steps[index]
+    return {
+        'kind': step.kind,
+        'label': label(step),
+        'command': session.commands.of(record, index),
+        'rmse_w': mean_of(step.rmse_w),
+        'model': step.model,
+    }
+
+
+def label(step: SessionStep) -> str:
+    """A step in a few words."""
+    words = ', '.join(in_words(name) for name in step.effects)
+    if step.kind == 'open':
+        return f'open {", ".join(Path(path).name for path in step.recordings)}'
+    if step.kind in ('load', 'effects'):
+        return f'{"load" if step.kind == "load" else "allow"} {Path(step.file).name}'
+    base = f' on {step.base}' if step.base else ''
+    return f'{step.kind} {words}{base}'
+
+
+def mean_of(errors: Mapping[str, float]) -> float | None:
+    """Root of the mean square over the meters, W."""
+    values = list(errors.values())
+    return maps.short_one(float(np.sqrt(np.mean(np.square(values))))) if values else None
+
+
+def _stairs(record: SessionRecord) -> list[dict[str, Any]]:
+    return [
+        {'label': label(step), 'kind': step.kind, 'rmse_w': mean_of(step.rmse_w), 'index': index}
+        for index, step in enumerate(record.done)
+        if step.kind not in ('open', 'effects') and step.rmse_w
+    ]
+
+
+def _view(view: PowerView) -> dict[str, Any]:
+    return {
+        'meters': list(view.meters),
+        'drives': list(view.drives),
+        'recordings': list(view.recordings),
+        'seconds': view.seconds,
+        'judged_seconds': round(len(view.slots) / REDUCED_RATE, 2),
+        'worst': list(view.worst),
+        'quantities': [
+            {'name': name, 'unit': maps.UNITS_OF.get(name, '')}
+            for name in (*view.state, *([] if view.stride.phase is None else [maps.STRIDE]))
+        ],
+        'stride': _stride(view),
+        'phases': sorted(view.words),
+        'noise': maps.short(view.noise),
+        'noise_w': _rms(view.noise),
+        'share': maps.short_one(view.share),
+        'scores': view.content or None,
+    }
+
+
+def _rms(values: Singles) -> float | None:
+    known = values[np.isfinite(values)]
+    return maps.short_one(float(np.sqrt(np.mean(np.square(known))))) if known.size else None
+
+
+def _stride(view: PowerView) -> str:
+    """Say of the stride, or why there is none."""
+    found = view.stride
+    if found.phase is None:
+        return f'No phase of the stride: {found.reason}.'
+    drive = view.drives[found.drive]
+    return (
+        f'A stride takes {found.period:.2f} s; its phase is 0 where {drive} has its largest '
+        'position.'
+    )
+
+
+def view_of(session: WorkbenchSession) -> PowerView:
+    """The view of a session; InputError before there is one."""
+    if session.view is None:
+        raise InputError('no recording is open yet')
+    return session.view
+
+
+def column(view: PowerView, meter: str) -> int:
+    """Column of a meter or of the sum in traces; InputError for another name."""
+    if meter == SUM:
+        return len(view.meters)
+    if meter in view.meters:
+        return view.meters.index(meter)
+    if len(view.meters) == 1 and meter in view.drives:
+        return 0  # the robot's
+    raise InputError(f'no drive {meter!r}; there are {", ".join([*view.meters, SUM])}')
+
+
+def traces(view: PowerView, meter: str, start: float, stop: float, width: int) -> bytes:
+    """Extremes of measured, estimate and error of a meter from start to stop, in seconds."""
+    own, window = column(view, meter), _window(view, start, stop)
+    most = _most(width)
+    spans = {name: p.span(*window, most) for name, p in view.traces.items()}
+    return _packed(spans, own)
+
+
+def lit(
+    view: PowerView, rows: maps.Mask, meter: str, start: float, stop: float, width: int
+) -> dict[str, Singles]:
+    """Measured power and error of a meter at the chosen rows alone, as extremes."""
+    own, window, most = column(view, meter), _window(view, start, stop), _most(width)
+    chosen = np.zeros(view.length, bool)
+    chosen[view.slots[rows]] = True
+    values = {'measured': view.measured}
+    if view.residual is not None:
+        values['error'] = -view.residual
+    out: dict[str, Singles] = {}
+    for name, given in values.items():
+        span = masked(view.spread(_column(given, own)), chosen, *window, most)
+        out[f'lit_{name}'] = _woven(span, 0)
+        out['lit_t'] = _times(span)
+    return out
+
+
+def selected(
+    content: Mapping[str, Any], points: Mapping[str, Singles], lit: Mapping[str, Singles]
+) -> bytes:
+    """Answer of a selection: what is said of it, its states on the map, its part of the traces."""
+    return _message({**points, **lit}, content)
+
+
+def preview(
+    view: PowerView, explained: Singles, meter: str, start: float, stop: float, width: int
+) -> bytes:
+    """Error of a meter that would be left with a candidate that explains W [N, M] of it."""
+    if view.residual is None or explained.shape != view.residual.shape:
+        raise InputError('there is no preview of this candidate')
+    own, window = column(view, meter), _window(view, start, stop)
+    left = _column(explained, own) - _column(view.residual, own)
+    everywhere = np.ones(view.length, bool)
+    span = masked(view.spread(left), everywhere, *window, _most(width))
+    known = np.isfinite(left) & np.isfinite(view.residual.sum(axis=1, keepdims=True))
+    rms = float(np.sqrt(np.mean(np.square(left[known], dtype=np.float64)))) if known.any() else 0.0
+    return _packed({'preview': span}, 0, {'rmse_w': maps.short_one(rms)})
+
+
+def strip(view: PowerView, width: int) -> dict[str, Any]:
+    """Rms error of every meter over the whole recording, of the power without a model."""
+    values = view.measured if view.residual is None else view.residual
+    count = int(np.clip(width, 20, 400))
+    edges = np.linspace(0, view.length, count + 1)
+    place = np.clip(np.searchsorted(edges, view.slots, side='right') - 1, 0, count - 1)
+    rows = []
+    for meter in range(values.shape[1]):
+        known = np.isfinite(values[:, meter])
+        squares = np.square(np.nan_to_num(values[:, meter]), dtype=np.float64)
+        sums = np.bincount(place, weights=squares, minlength=count)
+        counts = np.bincount(place, weights=known, minlength=count)
+        with np.errstate(invalid='ignore', divide='ignore'):
+            rows.append(maps.short(np.sqrt(np.where(counts > 0, sums / counts, np.nan))))
+    middles = 0.5 * (edges[1:] + edges[:-1]) / REDUCED_RATE
+    return {'t': maps.short(middles), 'meters': list(view.meters), 'z': rows}
+
+
+def _window(view: PowerView, start: float, stop: float) -> tuple[int, int]:
+    if not (np.isfinite(start) and np.isfinite(stop)):
+        raise InputError('give the span in seconds')
+    low, high = sorted((start, stop))
+    first = int(np.clip(np.floor(low * REDUCED_RATE), 0, max(view.length - 2, 0)))
+    last = int(np.clip(np.ceil(high * REDUCED_RATE) + 1, first + 2, view.length))
+    return first, last
+
+
+def _most(width: int) -> int:
+    return int(np.clip(width // 2, 20, _MOST_WIDE))
+
+
+def _times(span: Span) -> Singles:
+    """Seconds of each value of `_woven`: the block's two halves, or the slots themselves."""
+    if span.step == 1:
+        return np.asarray(span.centres / REDUCED_RATE, np.float32)
+    quarter = span.step / 4
+    both = np.stack([span.centres - quarter, span.centres + quarter], axis=1)
+    return np.asarray(both.ravel() / REDUCED_RATE, np.float32)
+
+
+def _woven(span: Span, own: int) -> Singles:
+    """Least and greatest value of each block in turn; the values themselves of single slots."""
+    if span.step == 1:
+        return np.ascontiguousarray(span.low[:, own])
+    return np.stack([span.low[:, own], span.high[:, own]], axis=1).ravel()
+
+
+def _column(values: Singles, own: int) -> Singles:
+    """One meter of values [N, M], or their sum as the column after the last, [N, 1]."""
+    if own < values.shape[1]:
+        return values[:, own : own + 1]
+    return values.sum(axis=1, keepdims=True, dtype=np.float32)
+
+
+def _packed(spans: Mapping[str, Span], own: int, more: Mapping[str, Any] | None = None) -> bytes:
+    arrays = {'t': _times(next(iter(spans.values())))}
+    arrays |= {name: _woven(span, own) for name, span in spans.items()}
+    return _message(arrays, more or {})
+
+
+def _message(arrays: Mapping[str, Singles], more: Mapping[str, Any]) -> bytes:
+    """Length of a header, the header as JSON, then float32 arrays in its order."""
+    lengths = [[name, len(values)] for name, values in arrays.items()]
+    header = json.dumps({'arrays': lengths, **more}).encode()
+    header += b' ' * (-(4 + len(header)) % 4)
+    parts = [struct.pack('<I', len(header)), header]
+    return b''.join([*parts, *(np.asarray(v, '<f4').tobytes() for v in arrays.values())])

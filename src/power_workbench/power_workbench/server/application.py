@@ -1,0 +1,274 @@
+"""Routes of the workbench, and the server that answers them."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable, Mapping
+from functools import cache, partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from power_estimator.effects import load_catalogue
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+from wattwalk_core.errors import InputError
+
+from power_workbench.server import actions, answers
+from power_workbench.sessions.manager import SessionManager
+from power_workbench.sessions.session import WorkbenchSession
+from power_workbench.views import maps
+
+_PAGE = Path(__file__).parent / 'page'
+_KINDS = {'.html': 'text/html', '.js': 'text/javascript', '.css': 'text/css'}
+TOPIC = 'topic'
+"""In place of a model: what the nodes publish on `power_estimate`."""
+_PATIENCE = 25.0  # s, that a question for news is held
+_FRESH = {'Cache-Control': 'no-store'}
+
+
+def application(manager: SessionManager) -> Starlette:
+    """The routes of a workbench; every request passes a `PageGuard` before."""
+    news = _News()
+    manager.changed = news.tell
+    stream = _News()
+    manager.streamed = stream.tell
+
+    def of_session(route: Callable[[WorkbenchSession, Request], Any]) -> Callable[[Request], Any]:
+        """A route of one session whose work is done beside the event loop."""
+
+        async def answer(request: Request) -> Response:
+            def work() -> Response:
+                found = route(manager.session(request.path_params['session']), request)
+                return found if isinstance(found, Response) else _json(found)
+
+            return await _told(work)
+
+        return answer
+
+    def action(
+        route: Callable[[SessionManager, WorkbenchSession, Mapping[str, Any]], Any],
+    ) -> Callable[..., Any]:
+        """A route that changes a session; its body is an object."""
+
+        async def answer(request: Request) -> Response:
+            try:
+                content = json.loads(await request.body() or b'{}')
+            except (ValueError, RecursionError):
+                return _json({'error': 'the body is no JSON'}, 400)
+            if not isinstance(content, dict):
+                return _json({'error': 'the body is no object'}, 400)
+
+            def work() -> Response:
+                session = manager.session(request.path_params['session'])
+                found = route(manager, session, content) or {'revision': session.revision}
+                return _binary(found) if isinstance(found, bytes) else _json(found)
+
+            return await _told(work)
+
+        return answer
+
+    async def state(request: Request) -> Response:
+        """Return the state once it is newer than the page's, or after some time."""
+        after = _number(request, 'after', -1.0)
+        try:
+            session = await run_in_threadpool(manager.session, request.path_params['session'])
+        except InputError as error:
+            return _json({'error': str(error)}, 404)
+        await news.wait(lambda: session.revision > after or manager.ending, _PATIENCE)
+        return await _told(lambda: _json(answers.state(session)))
+
+    async def live(request: Request) -> Response:
+        """Return the news of running nodes as events, for as long as the page listens."""
+        given = request.query_params.get('model', '')
+
+        def model() -> tuple[str, tuple[str, ...]]:
+            return (given or session.spec if given != TOPIC else ''), session.allowed_effects
+
+        def more(session: WorkbenchSession, seen: int) -> bool:
+            return manager.ending or session.live.has_more(seen)
+
+        def begin() -> WorkbenchSession:
+            session = manager.session(request.path_params['session'])
+            if given not in ('', TOPIC):
+                actions.check_spec(manager, session, given)
+            session.live.join()
+            return session
+
+        async def events() -> AsyncIterator[str]:
+            seen = 0
+            try:
+                while not manager.ending:
+                    spec, effect_files = model()
+                    await run_in_threadpool(session.live.use, spec, effect_files)
+                    await stream.wait(partial(more, session, seen), _PATIENCE)
+                    seen, new = session.live.after(seen)
+                    yield ''.join(f'data: {json.dumps(one)}\n\n' for one in new) or ':\n\n'
+            finally:
+                session.live.leave()
+
+        try:
+            session = await run_in_threadpool(begin)
+        except InputError as error:
+            return _json({'error': str(error)}, 400)
+        return StreamingResponse(events(), media_type='text/event-stream', headers=_FRESH)
+
+    async def sessions(request: Request) -> Response:
+        if request.method == 'POST':
+            return await _told(lambda: _json({'session': manager.new()}))
+        return await _told(lambda: _json({'sessions': manager.sessions()}))
+
+    async def known(request: Request) -> Response:
+        def work() -> Response:
+            return _json(
+                {
+                    'recordings': manager.folders.recordings(),
+                    'logs': manager.folders.logs(),
+                    'models': manager.folders.models(),
+                    'catalogue': answers.catalogue_content(load_catalogue()),
+                    'folders': [str(root) for root in manager.folders.roots],
+                }
+            )
+
+        return await _told(work)
+
+    here = '/api/sessions/{session}'
+    return Starlette(
+        routes=[
+            Route('/', _page),
+            Route('/page/{name}', _page),
+            Route('/plotly.js', _plotly),
+            Route('/api/known', known),
+            Route('/api/sessions', sessions, methods=['GET', 'POST']),
+            Route(f'{here}/state', state),
+            Route(f'{here}/live', live),
+            Route(f'{here}/traces', of_session(_traces)),
+            Route(f'{here}/log', of_session(lambda session, _: dict(session.log))),
+            Route(f'{here}/strip', of_session(_strip)),
+            Route(f'{here}/map', of_session(_map)),
+            Route(f'{here}/preview', of_session(_preview)),
+            Route(f'{here}/files/{{name}}', of_session(_file)),
+            *(
+                Route(f'{here}/{name}', action(route), methods=['POST'])
+                for name, route in actions.ACTIONS.items()
+            ),
+        ]
+    )
+
+
+class _News:
+    """Wakes those who wait for a change, from any thread."""
+
+    def __init__(self) -> None:
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._waiting: set[asyncio.Event] = set()
+
+    def tell(self) -> None:
+        """Say that something has changed."""
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._wake)
+
+    def _wake(self) -> None:
+        for event in self._waiting:
+            event.set()
+
+    async def wait(self, condition: Callable[[], bool], patience: float) -> None:
+        """Wait until the condition holds, no longer than patience [s]."""
+        self._loop = asyncio.get_running_loop()
+        event = asyncio.Event()
+        self._waiting.add(event)
+        try:
+            async with asyncio.timeout(patience):
+                while not condition():
+                    await event.wait()
+                    event.clear()
+        except TimeoutError:
+            pass
+        finally:
+            self._waiting.discard(event)
+
+
+async def _told(work: Callable[[], Response]) -> Response:
+    """Do work in a thread; what the user can correct is an answer."""
+    try:
+        return await run_in_threadpool(work)
+    except InputError as error:
+        return _json({'error': str(error)}, 400)
+
+
+def _json(content: Any, status: int = 200) -> Response:
+    return JSONResponse(content, status, headers=_FRESH)
+
+
+def _traces(session: WorkbenchSession, request: Request) -> Response:
+    view = answers.view_of(session)
+    return _binary(answers.traces(view, *_place(request)))
+
+
+def _strip(session: WorkbenchSession, request: Request) -> Any:
+    return answers.strip(answers.view_of(session), int(_number(request, 'width', 200)))
+
+
+def _map(session: WorkbenchSession, request: Request) -> Any:
+    names = (request.query_params.get(key, '') for key in ('drive', 'x', 'y'))
+    return maps.error_map(answers.view_of(session), *names)
+
+
+def _preview(session: WorkbenchSession, request: Request) -> Response:
+    found, name = session.findings, request.query_params.get('candidate', '')
+    if found is None or name not in found.explained:
+        raise InputError(f'there is no preview of {name!r}')
+    view = answers.view_of(session)
+    return _binary(answers.preview(view, found.explained[name], *_place(request)))
+
+
+def _file(session: WorkbenchSession, request: Request) -> Response:
+    name = request.path_params['name']
+    path = session.folder / name
+    if not answers.KEPT.fullmatch(name) or not path.is_file():
+        raise InputError(f'the session has no file {name!r}')
+    return FileResponse(path, headers=_FRESH, filename=name, media_type='application/octet-stream')
+
+
+def _place(request: Request) -> tuple[str, float, float, int]:
+    drive = request.query_params.get('drive', '')
+    start, stop = _number(request, 'from', 0.0), _number(request, 'to', 1e9)
+    return drive, start, stop, int(_number(request, 'width', 800))
+
+
+def _number(request: Request, name: str, default: float) -> float:
+    try:
+        value = float(request.query_params.get(name, default))
+    except ValueError:
+        raise InputError(f'{name}: not a number') from None
+    return value if -1e12 < value < 1e12 else default
+
+
+def _binary(content: bytes) -> Response:
+    return Response(content, media_type='application/octet-stream', headers=_FRESH)
+
+
+async def _page(request: Request) -> Response:
+    name = request.path_params.get('name', 'index.html')
+    path = _PAGE / name
+    if Path(name).name != name or path.suffix not in _KINDS or not path.is_file():
+        return _json({'error': 'there is no such page'}, 404)
+    return FileResponse(
+        path, media_type=_KINDS[path.suffix], headers={'Cache-Control': 'no-cache'}
+    )
+
+
+async def _plotly(request: Request) -> Response:
+    headers = {'Cache-Control': 'private, max-age=86400'}
+    return Response(_library(), media_type='text/javascript', headers=headers)
+
+
+@cache
+def _library() -> bytes:
+    """The plotting library as the Python package has it, whose import takes a second."""
+    package = find_spec('plotly')
+    assert package is not None
+    assert package.origin is not None
+    return (Path(package.origin).parent / 'package_data' / 'plotly.min.js').read_bytes()

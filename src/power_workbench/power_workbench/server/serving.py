@@ -1,0 +1,134 @@
+"""The server of the workbench from its start to its end."""
+
+import secrets
+import socket
+import webbrowser
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import uvicorn
+from power_recordings.reading.bag_folder import find
+from wattwalk_core.errors import InputError
+
+from power_workbench.files.folders import Folders
+from power_workbench.server.application import application
+from power_workbench.server.guard import PageGuard
+from power_workbench.sessions.manager import SessionManager
+from power_workbench.sessions.steps import SessionStep
+
+_LOOPBACK = '127.0.0.1'
+_FOLDERS = (Path('bags'),)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """The workbench is opened with these."""
+
+    bags: tuple[Path, ...] = ()
+    model: str = ''
+    drives: tuple[str, ...] = ()
+    slow: bool = False
+    anyway: bool = False
+    effect_files: tuple[str, ...] = ()
+    folder: Path = Path('workbench')
+    host: str = ''
+    port: int = 0
+    token: str = ''
+    browser: bool = False
+
+    def manager(self) -> SessionManager:
+        """Sessions and folders, with the steps that a new session begins with."""
+        is_file = self.model.endswith(('.yaml', '.yml'))
+        files = [Path(self.model)] if is_file else []
+        if self.model.startswith('ppn:'):
+            files.append(Path(self.model.removeprefix('ppn:')))
+        named = [*self.bags, *files, *map(Path, self.effect_files), *_FOLDERS]
+        effects = [str(Path(file).resolve()) for file in self.effect_files]
+        steps = [SessionStep('effects', file=file) for file in effects]
+        bags = tuple(str(path.resolve()) for path in self.bags if _is_recording(path))
+        if bags:
+            steps.append(
+                SessionStep(
+                    'open',
+                    recordings=bags,
+                    drives=self.drives,
+                    slow=self.slow,
+                    anyway=self.anyway,
+                )
+            )
+            if self.model:
+                spec = str(Path(self.model).resolve()) if is_file else self.model
+                steps.append(SessionStep('load', file=spec))
+        return SessionManager(
+            self.folder.resolve(), Folders.of(named), tuple(steps), approved=tuple(effects)
+        )
+
+
+def _is_recording(path: Path) -> bool:
+    try:
+        find(path)
+    except InputError:
+        return False
+    return True
+
+
+def serve(opening: Opening) -> int:
+    """Serve until Ctrl-C; InputError where the port is taken."""
+    token = opening.token or secrets.token_urlsafe(24)
+    manager = opening.manager()
+    with _listening(opening.host or _LOOPBACK, opening.port) as listener:
+        port = listener.getsockname()[1]
+        names = {_LOOPBACK, 'localhost'} | ({opening.host} if opening.host else set())
+        guard = PageGuard(
+            application(manager), token, {f'{name}:{port}' for name in names}, f'workbench_{port}'
+        )
+        config = uvicorn.Config(
+            guard,
+            log_level='warning',
+            access_log=False,
+            server_header=False,
+            lifespan='off',
+            ws='none',
+            timeout_graceful_shutdown=1,
+            h11_max_incomplete_event_size=32 * 1024,
+        )
+        address = f'http://{opening.host or _LOOPBACK}:{port}/?token={token}'
+        print(f'the workbench: {address}', flush=True)
+        print('sessions are kept in', manager.folder, '(end with Ctrl-C)', flush=True)
+        if opening.browser:
+            webbrowser.open(address)
+        try:
+            _EndingServer(config, manager).run(sockets=[listener])
+        finally:
+            manager.close()
+    return 0
+
+
+class _EndingServer(uvicorn.Server):
+    """Answers those who wait for news before it ends, so that nothing has to be cut off."""
+
+    def __init__(self, config: uvicorn.Config, manager: SessionManager) -> None:
+        super().__init__(config)
+        self._manager = manager
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Take Ctrl-C or SIGTERM."""
+        self._manager.end()
+        super().handle_exit(sig, frame)
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ':' in host else socket.AF_INET
+    # With the protocol named, asyncio sends each part of an answer at once (TCP_NODELAY).
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+        listener.listen(64)
+    except OSError as error:
+        listener.close()
+        raise InputError(
+            f'cannot listen on {host}:{port} ({error.strerror}); choose another --port'
+        ) from error
+    return listener

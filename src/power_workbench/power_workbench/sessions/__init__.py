@@ -1,0 +1,1 @@
+"""Sessions: steps, findings, views and the worker of each tab."""

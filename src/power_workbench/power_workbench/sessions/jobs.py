@@ -1,0 +1,163 @@
+"""Work of a session in a process of its own: started, watched, cancelled by its end."""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Any, Literal
+
+State = Literal['running', 'done', 'error', 'cancelled']
+_WORKER = 'power_workbench.sessions.worker_process'
+_LOST = 'the worker ended unexpectedly (out of memory?); the steps so far are kept, try again'
+
+
+@dataclass
+class SessionJob:
+    """One piece of work: its name, its stage in words, and how it ended."""
+
+    name: str
+    stage: str = 'starting'
+    state: State = 'running'
+    error: str = ''
+    result: Any = None
+    started: float = field(default_factory=time.monotonic)
+    ended: float | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Time that it has taken so far."""
+        return (time.monotonic() if self.ended is None else self.ended) - self.started
+
+    def content(self) -> dict[str, Any]:
+        """As the page gets it."""
+        return {
+            'name': self.name,
+            'stage': self.stage,
+            'state': self.state,
+            'error': self.error,
+            'seconds': round(self.seconds, 1),
+        }
+
+
+class JobRunner:
+    """
+    One worker process, one job at a time.
+
+    The listener is called in a thread of its own with (job, kind, content) for every message; a
+    cancelled job's messages are dropped with its process, and the next job starts a fresh one.
+    """
+
+    def __init__(self, listener: Callable[[SessionJob, str, Any], None]) -> None:
+        self._listener = listener
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._pipe: Connection | None = None
+        self.job: SessionJob | None = None
+
+    @property
+    def busy(self) -> bool:
+        """True while a job runs."""
+        return self.job is not None and self.job.state == 'running'
+
+    @property
+    def pid(self) -> int | None:
+        """Process id of the worker, None while there is none."""
+        return None if self._process is None else self._process.pid
+
+    def warm(self) -> None:
+        """Start the process, so that its imports are done when work comes."""
+        with self._lock:
+            self._start()
+
+    def run(self, name: str, request: str, arguments: Mapping[str, Any]) -> SessionJob:
+        """Begin a job; RuntimeError while another runs."""
+        with self._lock:
+            if self.busy:
+                raise RuntimeError('a job is running')
+            self._start()
+            assert self._pipe is not None
+            self.job = SessionJob(name)
+            self._pipe.send((request, dict(arguments)))
+            return self.job
+
+    def cancel(self) -> None:
+        """End the job with its process; what it had loaded is loaded again by the next one."""
+        with self._lock:
+            job = self.job
+            if job is None or job.state != 'running':
+                return
+            job.state, job.ended = 'cancelled', time.monotonic()
+            self._stop()
+        self._listener(job, 'cancelled', None)
+
+    def close(self) -> None:
+        """End the process."""
+        with self._lock:
+            if self.job is not None and self.job.state == 'running':
+                self.job.state, self.job.ended = 'cancelled', time.monotonic()
+            self._stop()
+
+    def _start(self) -> None:
+        if self._process is not None and self._process.poll() is None:
+            return
+        self._stop()
+        own, other = socket.socketpair()
+        with other:
+            self._process = subprocess.Popen(
+                [
+                    sys.executable,
+                    '-m',
+                    _WORKER,
+                    str(other.fileno()),
+                ],
+                pass_fds=[other.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        self._pipe = Connection(own.detach())
+        arguments = (self._pipe, self._process)
+        threading.Thread(target=self._listen, args=arguments, daemon=True).start()
+
+    def _stop(self) -> None:
+        process, pipe, self._process, self._pipe = self._process, self._pipe, None, None
+        if process is not None:
+            process.kill()
+            process.wait()
+        if pipe is not None:
+            # A thread may read from it: the other end is gone, so that it ends by itself.
+            with suppress(OSError):
+                socket.socket(fileno=os.dup(pipe.fileno())).shutdown(socket.SHUT_RDWR)
+
+    def _listen(self, pipe: Connection, process: 'subprocess.Popen[bytes]') -> None:
+        try:
+            while True:
+                kind, content = pipe.recv()
+                self._heard(pipe, kind, content)
+        except (EOFError, OSError):
+            self._heard(pipe, 'error', _LOST)
+        finally:
+            with suppress(OSError):
+                pipe.close()
+            process.wait()
+
+    def _heard(self, pipe: Connection, kind: str, content: Any) -> None:
+        with self._lock:
+            job = self.job
+            if pipe is not self._pipe or job is None or job.state != 'running':
+                return
+            if kind == 'progress':
+                job.stage = str(content)
+            elif kind == 'done':
+                job.state, job.result = 'done', content
+            elif kind in ('error', 'failed'):
+                job.state, job.error = 'error', str(content)
+            if job.state != 'running':
+                job.ended = time.monotonic()
+        self._listener(job, kind, content)

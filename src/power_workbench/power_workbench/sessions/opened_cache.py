@@ -1,0 +1,229 @@
+"""Views and signals of recordings by their stamps: a cache that may be deleted."""
+
+import hashlib
+import os
+import shutil
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from power_lab.read_recordings import ReadAgain
+from power_lab.recordings import Loaded
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.index.stamp import Stamp
+from power_recordings.index.store import usual_path
+from wattwalk_core.errors import InputError
+from wattwalk_core.fingerprint import code_fingerprint
+
+from power_workbench.files.array_file import ArrayFile, DamagedFileError
+from power_workbench.sessions.source import Source
+from power_workbench.views.view import PowerView, StateWords
+
+FOLDER = 'workbench_cache'
+"""Beside the index of recordings."""
+_CODE = (
+    *('power_recordings', 'power_estimator.effects', 'power_lab.recordings'),
+    'power_lab.read_recordings',
+    *('power_lab.compare', 'power_workbench.views.view', 'power_workbench.sessions.described'),
+    'power_workbench.sessions.opened_cache',
+)
+_MOST = 4 << 30  # bytes of all files
+_ROOM = 1 << 30  # bytes that stay free on the disk
+_UNFINISHED = 3600.0  # s, after which a file that was never renamed is deleted
+_ARRAYS = ('slots', 'recording', 'measured', 'noise')
+_TEXTS = ('meters', 'drives', 'recordings', 'still')
+_SETS = ('motor_torque', 'current_as_torque')
+
+
+@dataclass(frozen=True)
+class KeptOpening:
+    """Recordings as the page shows them without a model."""
+
+    view: PowerView
+    recordings: tuple[dict[str, Any], ...]
+    sha256: tuple[str, ...]
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """As the worker answers `open`."""
+        return {
+            'view': self.view,
+            'recordings': list(self.recordings),
+            'sha256': list(self.sha256),
+        }
+
+
+class OpenedCache:
+    """
+    Views and aligned signals of recordings, in files below a folder.
+
+    What is kept counts for the stamps of the recordings and for the code that made it: of a
+    recording that changed, nothing is known. A file that is torn counts for none. What cannot be
+    written is not kept; the files that were used longest ago give way to new ones.
+    """
+
+    def __init__(self, folder: Path | None, most: int = _MOST, room: int = _ROOM) -> None:
+        """folder: None keeps nothing; most: bytes of its files; room: left free on the disk."""
+        self._folder, self._most, self._room = folder, most, room
+
+    @classmethod
+    def usual(cls) -> 'OpenedCache':
+        """The cache beside the index of recordings; none where no index is wanted."""
+        index = usual_path()
+        return cls(None if index is None else index.parent / FOLDER)
+
+    def key(self, source: Source) -> str:
+        """Name of what is kept of recordings as they are now; '' where nothing can be."""
+        if self._folder is None:
+            return ''
+        try:
+            stamps = [Stamp.of(Path(path)) for path in source.recordings]
+        except InputError:
+            return ''
+        how = (stamps, source.recordings, source.drives, source.slow, source.anyway)
+        return hashlib.sha256(f'{code_fingerprint(*_CODE)} {how}'.encode()).hexdigest()[:32]
+
+    def opening(self, key: str) -> KeptOpening | None:
+        """The recordings without a model, None where they are not kept."""
+        found = self._read(key, 'view')
+        return None if found is None else _opening(found)
+
+    def keep_opening(self, key: str, opening: KeptOpening) -> None:
+        """Keep recordings without a model, as far as the disk lets them be kept."""
+        self._write(key, 'view', _of_opening(opening))
+
+    def loaded(self, key: str) -> Loaded | None:
+        """Aligned signals that lie in a mapped file, None where they are not kept."""
+        found = self._read(key, 'signals')
+        return None if found is None else _loaded(found)
+
+    def keep_loaded(self, key: str, loaded: Loaded, paths: Sequence[Path]) -> None:
+        """Keep aligned signals, as far as the disk lets them be kept."""
+        self._write(key, 'signals', _of_loaded(loaded, paths))
+
+    def _path(self, key: str, kind: str) -> Path | None:
+        return None if self._folder is None or not key else self._folder / f'{key}.{kind}'
+
+    def _read(self, key: str, kind: str) -> ArrayFile | None:
+        path = self._path(key, kind)
+        if path is None:
+            return None
+        try:
+            found = ArrayFile.read(path)
+            with suppress(OSError):
+                os.utime(path)  # used last
+        except OSError:
+            return None
+        except (DamagedFileError, ValueError):
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+            return None
+        return found
+
+    def _write(self, key: str, kind: str, content: ArrayFile) -> None:
+        path = self._path(key, kind)
+        size = sum(values.nbytes for values in content.arrays.values())
+        if path is None or size > self._most:
+            return
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._make_room(path.parent, size)
+            if shutil.disk_usage(path.parent).free - size >= self._room:
+                content.write(path)
+        except OSError:
+            return  # a full disk costs the time to read again
+
+    def _make_room(self, folder: Path, size: int) -> None:
+        """Delete the files that were used longest ago, until one of size bytes may come."""
+        own = [(status.st_mtime, path, status.st_size) for path, status in _files(folder)]
+        total, now = sum(bytes_ for *_, bytes_ in own), time.time()
+        for used, path, bytes_ in sorted(own):
+            lost = path.name.startswith('.') and now - used > _UNFINISHED
+            if total + size > self._most or lost:
+                path.unlink(missing_ok=True)
+                total -= bytes_
+
+
+def _files(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    for path in folder.iterdir():
+        if '.view' in path.name or '.signals' in path.name:
+            with suppress(FileNotFoundError):
+                yield path, path.stat()
+
+
+def _of_opening(opening: KeptOpening) -> ArrayFile:
+    view = opening.view
+    arrays: dict[str, NDArray[Any]] = {name: getattr(view, name) for name in _ARRAYS}
+    arrays |= {f'state {name}': values for name, values in view.state.items()}
+    arrays |= {f'words {name}': words.places for name, words in view.words.items()}
+    known = {name: words.texts for name, words in view.words.items()}
+    about = {name: getattr(view, name) for name in _TEXTS}
+    described = {'described': opening.recordings, 'sha256': opening.sha256}
+    return ArrayFile(arrays, {**about, **described, 'words': known})
+
+
+def _opening(found: ArrayFile) -> KeptOpening:
+    arrays, about = found.arrays, found.about
+    own: dict[str, Any] = {
+        **{name: tuple(about[name]) for name in _TEXTS},
+        **{name: arrays[name] for name in _ARRAYS},
+    }
+    view = PowerView(
+        **own,
+        residual=None,
+        state=_named(arrays, 'state '),
+        words={
+            name: StateWords(tuple(texts), arrays[f'words {name}'])
+            for name, texts in about['words'].items()
+        },
+        content={},
+        model=None,
+    )
+    return KeptOpening(view, tuple(about['described']), tuple(about['sha256']))
+
+
+def _of_loaded(loaded: Loaded, paths: Sequence[Path]) -> ArrayFile:
+    data = loaded.data
+    arrays = {
+        own.name: values
+        for own in fields(data)
+        if isinstance(values := getattr(data, own.name), np.ndarray)
+    }
+    arrays |= {f'extra {name}': values for name, values in data.extras.items()}
+    about: dict[str, Any] = {
+        **{name: getattr(data, name) for name in ('rate', 'names', 'recordings', 'notes')},
+        **{name: sorted(getattr(data, name)) for name in _SETS},
+        'paths': [str(path) for path in paths],
+        'identities': [dict(one) for one in loaded.identities],
+        'controllers': loaded.controllers,
+        'window': loaded.window,
+    }
+    return ArrayFile(arrays, about)
+
+
+def _loaded(found: ArrayFile) -> Loaded:
+    about = found.about
+    own: dict[str, Any] = {
+        'rate': about['rate'],
+        'extras': _named(found.arrays, 'extra '),
+        **{name: tuple(about[name]) for name in ('names', 'recordings', 'notes')},
+        **{name: frozenset(about[name]) for name in _SETS},
+        **{name: v for name, v in found.arrays.items() if not name.startswith('extra ')},
+    }
+    data = AlignedDataset(**own)
+    recordings = ReadAgain([Path(path) for path in about['paths']])
+    identities, controllers = tuple(about['identities']), tuple(about['controllers'])
+    return Loaded(data, recordings, identities, controllers, about['window'])
+
+
+def _named(arrays: Mapping[str, NDArray[Any]], start: str) -> dict[str, NDArray[Any]]:
+    return {
+        name.removeprefix(start): values
+        for name, values in arrays.items()
+        if name.startswith(start)
+    }

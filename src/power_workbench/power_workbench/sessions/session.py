@@ -1,0 +1,395 @@
+"""A session at work: its steps, the views and findings that belong to them, its worker."""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from wattwalk_core.errors import InputError
+
+from power_workbench.live.feed import LiveFeed
+from power_workbench.sessions.jobs import JobRunner, SessionJob
+from power_workbench.sessions.opened_cache import KeptOpening, OpenedCache
+from power_workbench.sessions.seen_models import Key, SeenModels
+from power_workbench.sessions.shown import Commands
+from power_workbench.sessions.source import Findings, Source
+from power_workbench.sessions.steps import SessionRecord, SessionStep
+from power_workbench.views.view import PowerView
+
+_STAGES = {
+    'open': 'Opening',
+    'load': 'Loading the model',
+    'fit': 'Fitting',
+    'add': 'Adding',
+    'remove': 'Removing',
+    'effects': 'Reading effects',
+}
+
+
+class WorkbenchSession:
+    """
+    One tab's session in its folder.
+
+    Methods may be called from any thread. `changed` is called after every change of `revision`.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        record: SessionRecord,
+        changed: Callable[[], None],
+        streamed: Callable[[], None] = lambda: None,
+        cache: OpenedCache | None = None,
+    ) -> None:
+        self.folder, self.record = folder, record
+        self.revision = 0
+        self.error = ''
+        self.recordings: list[dict[str, Any]] = []
+        self.approved: set[str] = set()
+        self.log: Mapping[str, Any] = {}
+        self.commands = Commands(folder)
+        self.runner = JobRunner(self._heard)
+        self.live = LiveFeed(streamed)
+        self._changed = changed
+        self._lock = threading.RLock()
+        self._waiting: deque[SessionStep] = deque()
+        self._step: SessionStep | None = None
+        self._task: Callable[[Any], None] | None = None
+        self._seen = SeenModels()
+        self._cache = OpenedCache(None) if cache is None else cache
+        self._partial: PowerView | None = None
+
+    @property
+    def source(self) -> Source:
+        """Recordings and effects; InputError before recordings are open."""
+        opened = self.record.opened
+        if opened is None:
+            raise InputError('no recording is open; choose one first')
+        for file in self.record.effect_files:
+            if file not in self.approved:
+                raise InputError(f'the session uses effects of {file}; allow this file to be run')
+        return Source.of(opened, self.record.effect_files)
+
+    @property
+    def allowed_effects(self) -> tuple[str, ...]:
+        """Files of effects of the session that may be run."""
+        return tuple(file for file in self.record.effect_files if file in self.approved)
+
+    @property
+    def spec(self) -> str:
+        """The present model."""
+        return self.record.spec(self.folder)
+
+    @property
+    def view(self) -> PowerView | None:
+        """The present model on the recordings, or what is known of it so far."""
+        key = self._key()
+        return self._seen.views.get(key, self._partial) if key else self._partial
+
+    @property
+    def findings(self) -> Findings | None:
+        """The diagnosis of the present model."""
+        key = self._key()
+        return self._seen.found.get(key) if key else None
+
+    @property
+    def learned(self) -> Mapping[str, Any] | None:
+        """Result of `discover` on top of the present model."""
+        key = self._key()
+        return self._seen.learned.get(key) if key else None
+
+    @property
+    def lines(self) -> list[Mapping[str, Any]]:
+        """Other models on the same recordings: name and held-out error."""
+        key = self._key()
+        return self._seen.lines.get(key[0], []) if key else []
+
+    @property
+    def recordings_made(self) -> list[Path]:
+        """Recordings that the simulated bench or an import has put into the session's folder."""
+        found = self.folder.glob('recording_*/metadata.yaml')
+        return sorted(file.parent for file in found)
+
+    def fresh(self, kind: str, suffix: str) -> Path:
+        """A path in the session's folder that is not there yet."""
+        number = 1
+        while (self.folder / f'{kind}_{number}{suffix}').exists():
+            number += 1
+        return self.folder / f'{kind}_{number}{suffix}'
+
+    def _key(self) -> Key | None:
+        opened = self.record.opened
+        if opened is None:
+            return None
+        return Source.of(opened, self.record.effect_files), self.spec
+
+    def take(self, *steps: SessionStep) -> None:
+        """Take steps one after the other; InputError while other work runs."""
+        with self._lock:
+            self._require_idle()
+            if steps[0].kind not in ('open', 'effects'):
+                _ = self.source
+            self._waiting.extend(steps)
+            self._next()
+
+    def go(self, at: int) -> None:
+        """Go to a place in the history; InputError while work runs."""
+        with self._lock:
+            self._require_idle()
+            record = self.record.go(at)
+            record.save(self.folder)
+            self.record, self._partial = record, None
+            self._refresh()
+            self._bump()
+
+    def resume(self) -> None:
+        """Show what the session's file says."""
+        with self._lock:
+            self._refresh()
+            self._bump()
+
+    def approve(self, file: str) -> None:
+        """Let a file of effects of this session be run from now on."""
+        with self._lock:
+            if file not in {step.file for step in self.record.steps if step.kind == 'effects'}:
+                raise InputError(f'the session has no effects of {file!r}')
+            self.approved.add(file)
+            self._refresh()
+            self._bump()
+
+    def diagnose(self) -> None:
+        """Begin a diagnosis of the present model; InputError without one."""
+        key = self.judged
+
+        def keep(found: Findings) -> None:
+            self._seen.found = {key: found}
+
+        self.start('Diagnosing', 'diagnose', {'source': key[0], 'spec': key[1]}, keep)
+
+    def discover(self) -> None:
+        """Begin to learn what no catalogue has."""
+        key = self.judged
+
+        def keep(found: Mapping[str, Any]) -> None:
+            self._seen.learned = {key: found}
+
+        arguments = {
+            'source': key[0],
+            'spec': key[1],
+            'output': self.fresh('effects', '.py'),
+        }
+        self.start('Discovering', 'discover', arguments, keep)
+
+    def report(self) -> None:
+        """Begin to write the report of the diagnosis."""
+        source, spec = self.judged
+        arguments = {'source': source, 'spec': spec, 'output': self.fresh('report', '.html')}
+        self.start('Report', 'report', arguments, lambda name: None)
+
+    def bench(self, drive: str, seconds: float | None = None) -> None:
+        """Begin to record the proposed motion with a drive of the simulated bench."""
+        source, spec = self.judged
+        arguments = {
+            'source': source,
+            'spec': spec,
+            'drive': drive,
+            'seconds': seconds,
+            'motion': self.fresh('next', '.yaml'),
+            'output': self.fresh('recording', ''),
+        }
+        self.start('Simulated bench', 'bench', arguments, lambda path: None)
+
+    def look_at_log(self, file: str) -> None:
+        """Begin to look into a log of others."""
+
+        def keep(found: Mapping[str, Any]) -> None:
+            self.log = {**found, 'turn': self.revision}
+
+        self.start('Reading the log', 'look_at_log', {'file': file}, keep)
+
+    def import_log(self, file: str, content: Mapping[str, Any], *, only_look: bool) -> None:
+        """Begin to import a log by a map, or to show what the import would give."""
+        given: dict[str, Any] = {'file': file, 'content': content}
+        if not only_look:
+            number = self.fresh('recording', '').name.rpartition('_')[2]
+            given |= {
+                'map_file': self.folder / f'import_{number}.yaml',
+                'output': self.folder / f'recording_{number}',
+            }
+
+        def keep(found: Mapping[str, Any]) -> None:
+            command = '' if 'error' in found else self.commands.imported(**given)
+            self.log = {**self.log, 'result': {**found, 'command': command}, 'turn': self.revision}
+
+        name = 'Previewing' if only_look else 'Importing'
+        self.start(name, 'preview_log' if only_look else 'import_log', given, keep)
+
+    def line(self, spec: str) -> None:
+        """Begin to judge another model on the recordings."""
+        source = self.source
+
+        def keep(found: Mapping[str, Any]) -> None:
+            self._seen.keep_line(source, found)
+
+        self.start('Comparing', 'line', {'source': source, 'spec': spec}, keep)
+
+    @property
+    def judged(self) -> Key:
+        """Recordings and the present model; InputError without one."""
+        source, spec = self.source, self.spec
+        if not spec:
+            raise InputError('there is no model yet; fit or load one first')
+        return source, spec
+
+    def start(
+        self, name: str, request: str, arguments: Mapping[str, Any], keep: Callable[[Any], None]
+    ) -> None:
+        """Begin work that is no step; keep is told the result. InputError while work runs."""
+        with self._lock:
+            self._require_idle()
+            self.error, self._task = '', keep
+            self.runner.run(name, request, arguments)
+            self._bump()
+
+    def cancel(self) -> None:
+        """End the work that runs, and drop what waits."""
+        self._waiting.clear()
+        self.runner.cancel()
+
+    def close(self) -> None:
+        """End the processes; the session stays on disk."""
+        self.live.close()
+        self.runner.close()
+
+    def _require_idle(self) -> None:
+        if self.runner.busy or self._step is not None:
+            raise InputError('work is under way; wait for it or cancel it')
+
+    def _next(self) -> None:
+        """Begin the next step that waits."""
+        if not self._waiting:
+            return
+        step = self._step = self._waiting.popleft()
+        self.error = ''
+        try:
+            self._begin(step)
+        except InputError as error:
+            self._failed(str(error))
+        self._bump()
+
+    def _begin(self, step: SessionStep) -> None:
+        if step.kind == 'effects':
+            self.approved.add(step.file)
+            files = (*self.record.effect_files, step.file)
+            self.runner.run(_STAGES[step.kind], 'effects', {'files': files})
+            return
+        if step.kind == 'open':
+            after = self.record.do(step)
+            source = Source.of(step, after.effect_files)
+            kept = self._kept(source)
+            if kept is not None and not self.spec:
+                self.runner.warm()
+                self._done(kept.result)
+            else:
+                self.runner.run('Opening', 'open', {'source': source, 'spec': self.spec})
+            return
+        name = self.record.next_model()
+        arguments = {
+            'source': self.source,
+            'spec': self.spec,
+            'step': step,
+            'output': self.folder / name,
+        }
+        self.runner.run(f'{_STAGES[step.kind]} {", ".join(step.effects)}', 'shape', arguments)
+
+    def _refresh(self) -> None:
+        """Judge the present model again where its view is not kept."""
+        key = self._key()
+        if key is None or key in self._seen.views:
+            return
+        try:
+            source = self.source
+        except InputError as error:
+            self.error = str(error)
+            return
+        kept = None if self.recordings else self._kept(source)
+        if kept is not None and not self.spec:
+            self.runner.warm()
+            self._keep(kept.result)
+            return
+        request = 'judge' if self.recordings else 'open'
+        self.start('Comparing', request, {'source': source, 'spec': self.spec}, self._keep)
+
+    def _kept(self, source: Source) -> KeptOpening | None:
+        """Show what is known of recordings that were read before, without reading them again."""
+        self._partial = None
+        kept = self._cache.opening(self._cache.key(source))
+        if kept is None or source.sha256 not in ((), kept.sha256):
+            return None
+        self._partial, self.recordings = kept.view, list(kept.recordings)
+        return kept
+
+    def _keep(self, result: Mapping[str, Any]) -> None:
+        self.recordings = result.get('recordings', self.recordings)
+        key, view = self._key(), result['view']
+        assert key is not None
+        self._seen.keep(key, view)
+        self._partial = None
+
+    def _heard(self, job: SessionJob, kind: str, content: Any) -> None:
+        """Take a message of the worker, in the thread of the runner."""
+        with self._lock:
+            if kind == 'view':
+                self._partial = content
+            elif kind == 'cancelled':
+                self._step = self._task = None
+                self.error = 'cancelled'
+            elif kind in ('error', 'failed'):
+                self._failed(job.error)
+            elif kind == 'done':
+                try:
+                    self._done(content)
+                except InputError as error:
+                    self._failed(str(error))
+            self._bump()
+
+    def _done(self, result: Any) -> None:
+        task, step = self._task, self._step
+        self._task = self._step = None
+        if task is not None:
+            task(result)
+        if step is None:
+            return
+        view = result.get('view')
+        if step.kind == 'open' and not step.sha256:
+            step = replace(step, sha256=tuple(result['sha256']))
+        if 'model' in result:
+            step = replace(step, model=result['model'])
+        record = self.record.do(step)
+        if view is not None and view.content:
+            record = record.judged(
+                {
+                    meter: own['rmse_w']
+                    for meter, own in view.content['drives'].items()
+                    if own['rmse_w'] is not None
+                }
+            )
+        record.save(self.folder)
+        before, self.record = self._key(), record
+        if step.kind == 'effects':
+            self._seen.carry(before, self._key())
+        if view is not None:
+            self._keep(result)
+        self._next()
+
+    def _failed(self, error: str) -> None:
+        self.error, self._step, self._task = error, None, None
+        self._waiting.clear()
+        if self._partial is not None and self._partial.share < 1.0:
+            self._partial = None
+
+    def _bump(self) -> None:
+        self.revision += 1
+        self._changed()

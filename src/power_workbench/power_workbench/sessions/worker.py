@@ -1,0 +1,274 @@
+"""Heavy work of a session, done in its own process by the functions that the commands call."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from power_estimator.effects import Catalogue, load_catalogue
+from power_estimator.effects.fit.design import Active
+from power_estimator.effects.fit.training import LEAST_TO_FIT, material
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.model_file.yaml_file import read_model, write_model
+from power_lab.challenge.bench_run import record_on_bench, shortened
+from power_lab.compare.comparison import compare, open_model
+from power_lab.compare.fitting import extended, fitted
+from power_lab.diagnose.words import in_words
+from power_lab.recordings import Loaded, load
+from power_recordings.reading.bag_folder import find
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import read_bytes, write_whole
+from wattwalk_core.yaml_file import SIZE
+
+from power_workbench.files import logs
+from power_workbench.sessions.described import (
+    described_model,
+    described_recording,
+    described_shapes,
+)
+from power_workbench.sessions.opened_cache import KeptOpening, OpenedCache
+from power_workbench.sessions.source import Findings, Source
+from power_workbench.sessions.steps import SessionStep
+from power_workbench.views.coarse import coarse_view
+from power_workbench.views.view import PowerView, judged_view, measured_view
+
+if TYPE_CHECKING:
+    # They take seconds to import, which the first picture does not wait for.
+    from power_lab.diagnose.outcome import Outcome
+
+Show = Callable[[str, Any], None]
+_PREVIEWED = 10  # candidates, those in the confidence set and then by what they explain
+
+
+class SessionWorker:
+    """Keeps the recordings that were loaded last, and the outcome of the last diagnosis."""
+
+    def __init__(self, cache: OpenedCache | None = None) -> None:
+        """cache: of what was read before; None reads everything anew."""
+        self._cache = OpenedCache(None) if cache is None else cache
+        self._opened: Source | None = None
+        self._loaded: Loaded | None = None
+        self._outcome: tuple[Source, str, Outcome] | None = None
+
+    @staticmethod
+    def prepare() -> None:
+        """Import what only a diagnosis needs, before one is asked for."""
+        import power_lab.diagnose.outcome  # noqa: F401
+
+    def open(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
+        """Read recordings; views as they come, then what is known of the recordings."""
+        key = self._cache.key(source)
+        kept = self._cache.opening(key)
+        if kept is None:
+            kept = self._read(show, source, key)
+        else:
+            show('view', kept.view)
+        if not spec:
+            return kept.result
+        view = self._judged(show, source, self._load(show, source), spec)
+        show('view', view)
+        return {**kept.result, 'view': view}
+
+    def _read(self, show: Show, source: Source, key: str) -> KeptOpening:
+        """Read recordings: a first look at a part of them, all of them, then their quality."""
+        show('progress', 'a first look')
+        coarse = coarse_view(source.recordings, source.drives)
+        if coarse is not None:
+            show('view', coarse)
+        loaded = self._load(show, source)
+        own = material(loaded.data, least=LEAST_TO_FIT, window=loaded.window)
+        view = measured_view(loaded, own.prepared)
+        show('view', view)
+        show('progress', 'checking the quality of the recordings')
+        described = tuple(described_recording(r) for r in loaded.recordings)
+        known = tuple(one['sha256'] for one in loaded.identities)
+        kept = KeptOpening(view, described, known)
+        self._cache.keep_opening(key, kept)
+        self._keep_loaded(source, key)
+        return kept
+
+    def _keep_loaded(self, source: Source, key: str) -> None:
+        """Keep the aligned signals, and go on with those of the file, which need less memory."""
+        assert self._loaded is not None
+        self._cache.keep_loaded(key, self._loaded, [Path(path) for path in source.recordings])
+        self._loaded = self._cache.loaded(key) or self._loaded
+
+    def effects(self, show: Show, files: Sequence[str]) -> dict[str, Any]:
+        """Check that files of effects can be run; return nothing that is shown."""
+        load_catalogue([Path(file) for file in files])
+        return {}
+
+    def judge(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
+        """The present model on the recordings."""
+        loaded = self._load(show, source)
+        if not spec:
+            return {'view': measured_view(loaded, material(loaded.data).prepared)}
+        return {'view': self._judged(show, source, loaded, spec)}
+
+    def shape(
+        self, show: Show, source: Source, spec: str, step: SessionStep, output: Path
+    ) -> dict[str, Any]:
+        """Make the model of a step (load, fit, add, remove) at output, and judge it."""
+        catalogue = source.catalogue()
+        loaded = self._load(show, source)
+        if step.kind == 'load':
+            if not step.file.endswith(('.yaml', '.yml')):
+                open_model(step.file, catalogue)
+                return {'view': self._judged(show, source, loaded, step.file), 'model': ''}
+            read_model(Path(step.file), catalogue)
+            write_whole(output, read_bytes(Path(step.file), 'model', SIZE))
+        else:
+            show('progress', 'fitting')
+            write_model(self._made(loaded, catalogue, spec, step, output.stem), output)
+        return {'view': self._judged(show, source, loaded, str(output)), 'model': output.name}
+
+    def diagnose(self, show: Show, source: Source, spec: str, seed: int = 0) -> Findings:
+        """Return which effect the present model misses."""
+        outcome = self._diagnosed(show, source, spec, seed)
+        content = outcome.json()
+        for row in content['candidates']:
+            row['words'] = in_words(row['name'])
+        singles = {one.name: one for one in outcome.diagnosis.singles}
+        names = [row.name for row in outcome.rows][:_PREVIEWED]
+        explained = {name: singles[name].explained for name in names}
+        part = outcome.diagnoser.fitter.prepared.part
+        if part is not None:
+            explained = {name: part.everywhere(own) for name, own in explained.items()}
+        return Findings(content, explained)
+
+    def report(self, show: Show, source: Source, spec: str, output: Path) -> str:
+        """Write the page of the diagnosis; return its name."""
+        outcome = self._diagnosed(show, source, spec)
+        show('progress', 'writing the report')
+        from power_lab.report.page import write_diagnosis
+
+        write_diagnosis(output, outcome, [], source.catalogue())
+        return output.name
+
+    def discover(
+        self, show: Show, source: Source, spec: str, output: Path, seed: int = 0
+    ) -> dict[str, Any]:
+        """Learn what no catalogue has; its effects are written to output, which is not run."""
+        from power_lab.discover.outcome import discover
+
+        catalogue = source.catalogue()
+        loaded = self._load(show, source)
+        model = open_model(spec, catalogue)
+        outcome = discover(
+            loaded, model, spec, catalogue, None, lambda text: show('progress', text), seed
+        )
+        if outcome.written:
+            write_whole(output, outcome.source())
+        return {
+            **outcome.json(),
+            'file': output.name if outcome.written else '',
+            'path': str(output) if outcome.written else '',
+            'shapes': described_shapes(outcome),
+        }
+
+    def bench(
+        self,
+        show: Show,
+        source: Source,
+        spec: str,
+        drive: str,
+        seconds: float | None,
+        motion: Path,
+        output: Path,
+    ) -> str:
+        """Record the proposed motion on the simulated bench; return the recording's path."""
+        from power_lab.challenge.challenge import SEALED
+
+        outcome = self._diagnosed(show, source, spec)
+        proposed = outcome.motion if seconds is None else shortened(outcome.motion, seconds)
+        folders = [find(Path(path)).folder for path in source.recordings]
+        riddle = next((folder for folder in folders if (folder / SEALED).exists()), None)
+
+        def tell(text: str) -> None:
+            show('progress', text)
+
+        record_on_bench(proposed, drive, motion, output, riddle, tell)
+        return str(output)
+
+    def look_at_log(self, show: Show, file: str) -> dict[str, Any]:
+        """Return the columns of a log, and a guessed map."""
+        return logs.look(show, file)
+
+    def preview_log(self, show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the signals that a map gives."""
+        return logs.preview(show, file, content)
+
+    def import_log(self, show: Show, **given: Any) -> dict[str, Any]:
+        """Make a log a recording."""
+        return logs.bring_in(show, **given)
+
+    def line(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
+        """Another model on the same recordings, as a line beside the staircase."""
+        catalogue = source.catalogue()
+        loaded = self._load(show, source)
+        show('progress', 'comparing the other model')
+        (told,) = compare(loaded, [spec], catalogue).json()['models']
+        errors = [own['rmse_w'] for own in told['drives'].values() if own['rmse_w'] is not None]
+        return {'name': spec, 'rmse_w': float(np.sqrt(np.mean(np.square(errors))))}
+
+    def _diagnosed(self, show: Show, source: Source, spec: str, seed: int = 0) -> 'Outcome':
+        if self._outcome is not None and self._outcome[:2] == (source, spec):
+            return self._outcome[2]
+        from power_lab.diagnose.outcome import diagnose
+
+        catalogue = source.catalogue()
+        loaded = self._load(show, source)
+        show('progress', 'diagnosing: trying every effect of the catalogue')
+        outcome = diagnose(loaded, open_model(spec, catalogue), spec, catalogue, seed)
+        self._outcome = (source, spec, outcome)
+        return outcome
+
+    def _load(self, show: Show, source: Source) -> Loaded:
+        if self._loaded is None or self._opened != source.unchecked:
+            self._loaded = self._outcome = self._opened = None
+            loaded = self._cache.loaded(self._cache.key(source))
+            if loaded is None:
+                show('progress', 'reading the recordings')
+                paths = [Path(path) for path in source.recordings]
+                loaded = load(paths, source.drives, slow=source.slow, anyway=source.anyway)
+            self._loaded, self._opened = loaded, source.unchecked
+        known = tuple(one['sha256'] for one in self._loaded.identities)
+        if source.sha256 and source.sha256 != known:
+            raise InputError(
+                f'{", ".join(source.recordings)}: these are not the recordings that the session '
+                'was made on (another sha256); open them anew'
+            )
+        return self._loaded
+
+    def _judged(self, show: Show, source: Source, loaded: Loaded, spec: str) -> PowerView:
+        show('progress', 'comparing the model with the measurement')
+        catalogue = source.catalogue()
+        comparison = compare(loaded, [spec], catalogue)
+        return judged_view(comparison, described_model(spec, catalogue))
+
+    def _made(
+        self, loaded: Loaded, catalogue: Catalogue, spec: str, step: SessionStep, name: str
+    ) -> EffectModel:
+        effects = _actives(step.effects, catalogue)
+        options: dict[str, Any] = {'per': step.per, 'seed': step.seed}
+        if step.kind == 'fit':
+            base = step.base or None
+            return fitted(loaded, effects, catalogue, name, base=base, **options)[0]
+        model = read_model(Path(spec), catalogue)
+        if step.kind == 'add':
+            for effect in step.effects:
+                if effect in model.effects:
+                    raise InputError(f'{effect!r} is in the model already')
+            return extended(loaded, model, effects, catalogue, name, **options)
+        for effect in step.effects:
+            if effect not in model.effects:
+                raise InputError(f'{effect!r} is not in the model')
+        left = _actives([e for e in model.effects if e not in step.effects], catalogue)
+        less, _ = fitted(loaded, left, catalogue, name, base=model.base, **options)
+        return less.with_history(*model.history, *less.history)
+
+
+def _actives(names: Sequence[str], catalogue: Catalogue) -> list[Active]:
+    if not names:
+        raise InputError('no effect is left; a model has one or more')
+    return [Active.of(catalogue.get_known(name, 'effects')) for name in names]

@@ -1,0 +1,68 @@
+"""The worker: a process that does the heavy work of one session and answers over a pipe."""
+
+import os
+import sys
+import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from typing import Any
+
+_NICER = 5  # than the page's server, which answers while work is done
+
+
+def main(descriptor: int) -> None:
+    """
+    Answer requests (name, arguments) in turn with messages (kind, content).
+
+    Kinds: `progress` a text, `view` a view before the end, `done` the result, `error` a line for
+    the user, `failed` a traceback. Ends with the other end of the pipe, at once.
+    """
+    os.nice(_NICER)
+    pipe = Connection(descriptor)
+    waiting: SimpleQueue[Any] = SimpleQueue()
+    threading.Thread(target=_receive, args=(pipe, waiting), daemon=True).start()
+
+    from power_workbench.sessions.opened_cache import OpenedCache
+    from power_workbench.sessions.worker import SessionWorker
+
+    worker = SessionWorker(OpenedCache.usual())
+
+    def show(kind: str, content: Any) -> None:
+        pipe.send((kind, content))
+
+    name, arguments = waiting.get()
+    _answer(show, getattr(worker, name), arguments)
+    threading.Thread(target=worker.prepare, daemon=True).start()
+    while True:
+        name, arguments = waiting.get()
+        _answer(show, getattr(worker, name), arguments)
+
+
+def _answer(show: Callable[[str, Any], None], function: Any, arguments: Any) -> None:
+    from wattwalk_core.errors import InputError
+
+    try:
+        show('done', function(show, **arguments))
+    except InputError as error:
+        show('error', str(error))
+    except MemoryError:
+        show('error', 'the memory of this machine is used up; open fewer or shorter recordings')
+    except Exception as error:
+        import traceback
+
+        traceback.print_exc()
+        show('failed', f'{type(error).__name__}: {error}')
+
+
+def _receive(pipe: Connection, waiting: 'SimpleQueue[Any]') -> None:
+    """Pass requests on; the process ends as soon as nobody is there for its answers."""
+    try:
+        while True:
+            waiting.put(pipe.recv())
+    except (EOFError, OSError):
+        os._exit(0)
+
+
+if __name__ == '__main__':
+    main(int(sys.argv[1]))

@@ -1,0 +1,1 @@
+"""Measured and modelled power as the page draws it."""

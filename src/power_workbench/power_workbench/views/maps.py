@@ -1,0 +1,209 @@
+"""Error over the state of a drive, and the moments that a range of state or time chooses."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_lab.compare.regimes import UNITS, bins
+from wattwalk_core.errors import InputError
+
+from power_workbench.views.view import PowerView, Singles
+
+Mask = NDArray[np.bool_]
+
+_CELLS = 26  # of a map along one quantity
+_LEAST = 3  # rows in a cell that is shown
+_SHOWN = 1500  # points on a map
+_TAIL = 0.002  # of the values, beyond the map's edges
+STRIDE = 'stride_phase'
+"""Quantity of all drives: the phase of the stride, 0 to 1."""
+UNITS_OF = {**UNITS, 'velocity': 'rad/s', 'torque_rate': 'N·m/s'}
+_MODULI = {'torque': 'torque', 'speed': 'velocity'}
+"""Quantities of a regime whose magnitude counts, by the state that they are of."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Rows that a range chooses of one drive, with the error inside and outside."""
+
+    rows: Mask  # [N]
+    content: Mapping[str, Any]
+
+
+def column_of(view: PowerView, drive: str) -> int:
+    """Column of a drive; InputError, with the names there are, for another."""
+    if drive not in view.drives:
+        raise InputError(f'no drive {drive!r}; there are {", ".join(view.drives)}')
+    return view.drives.index(drive)
+
+
+def values_of(view: PowerView, name: str, drive: str) -> Singles:
+    """One quantity of the state of a drive [N]; InputError for a quantity that is not there."""
+    if name == STRIDE and view.stride.phase is not None:
+        column_of(view, drive)
+        return view.stride.phase
+    if name not in view.state:
+        raise InputError(f'no quantity {name!r}; there are {", ".join(view.state)}')
+    values: Singles = view.state[name][:, column_of(view, drive)]
+    return values
+
+
+def error_of(view: PowerView, drive: str) -> Singles:
+    """Error (estimate − measured) beside a drive's state, W [N]; NaN without a model."""
+    column = column_of(view, drive)
+    if view.residual is None:
+        return np.full(len(view.slots), np.nan, np.float32)
+    return -view.residual[:, column if len(view.meters) > 1 or len(view.drives) == 1 else 0]
+
+
+def error_map(view: PowerView, drive: str, x: str, y: str) -> dict[str, Any]:
+    """
+    Mean error of a drive over two quantities, and over the first alone.
+
+    Cells with fewer than three rows are empty. Returns edges, middles and `z` [y][x] in W, and
+    `curve`, the mean error over x.
+    """
+    across, up, error = values_of(view, x, drive), values_of(view, y, drive), error_of(view, drive)
+    good = np.isfinite(across) & np.isfinite(up) & np.isfinite(error)
+    if good.sum() < _LEAST:
+        return {'x': [], 'y': [], 'z': [], 'curve': [], 'limit': 1.0}
+    across, up, error = across[good], up[good], error[good]
+    edges = [_edges(across), _edges(up)]
+    sums, *_ = np.histogram2d(up, across, bins=[edges[1], edges[0]], weights=error)
+    rows, *_ = np.histogram2d(up, across, bins=[edges[1], edges[0]])
+    with np.errstate(invalid='ignore', divide='ignore'):
+        mean = np.where(rows >= _LEAST, sums / rows, np.nan)
+    found = np.abs(mean[np.isfinite(mean)])
+    curve = bins(across.astype(np.float64), -error.astype(np.float64))
+    return {
+        'x': short(_middles(edges[0])),
+        'y': short(_middles(edges[1])),
+        'z': [short(row) for row in mean],
+        'curve': [[short_one(0.5 * (b.low + b.high)), short_one(b.mean)] for b in curve],
+        'limit': short_one(float(np.quantile(found, 0.97)) if found.size else 1.0),
+        'x_unit': UNITS_OF.get(x, ''),
+        'y_unit': UNITS_OF.get(y, ''),
+    }
+
+
+def in_box(view: PowerView, drive: str, bounds: Mapping[str, Sequence[float]]) -> Chosen:
+    """Rows whose state lies within bounds {quantity: (low, high)}."""
+    rows = np.ones(len(view.slots), bool)
+    for name, limits in bounds.items():
+        low, high = _limits(name, limits)
+        values = values_of(view, name, drive)
+        rows &= (values >= low) & (values <= high)
+    return _chosen(view, drive, rows, _in_words(bounds))
+
+
+def in_regime(view: PowerView, regime: Mapping[str, Any]) -> Chosen:
+    """Rows of a regime as `compare` writes it."""
+    drive = str(regime['drive'])
+    conditions = list(regime['conditions'])
+    rows = np.ones(len(view.slots), bool)
+    torque, speed = (values_of(view, name, drive) for name in ('torque', 'velocity'))
+    for name, limits in regime['bounds'].items():
+        low, high = _limits(name, limits)
+        values = values_of(view, _MODULI.get(name, name), drive)
+        if name not in _MODULI:
+            rows &= (values >= low) & (values <= high)
+            continue
+        unit = UNITS[name]
+        is_open = any(c.startswith('above') and c.endswith(unit) for c in conditions)
+        rows &= (np.abs(values) >= low) & (is_open | (np.abs(values) < high))
+    if 'at rest' in conditions:
+        rows &= np.abs(speed) < view.still[column_of(view, drive)]
+    elif 'driving' in conditions:
+        rows &= torque * speed > 0
+    elif 'braking' in conditions:
+        rows &= torque * speed <= 0
+    for words in view.words.values():
+        for condition in conditions:
+            said = words.rows(condition.removeprefix('controller '), column_of(view, drive))
+            if said.any():
+                rows &= said
+    return _chosen(view, drive, rows, ', '.join(conditions))
+
+
+def in_span(view: PowerView, drive: str, start: float, stop: float) -> Chosen:
+    """Rows from start to stop, in seconds as they are shown."""
+    time = view.slots / REDUCED_RATE
+    rows = (time >= min(start, stop)) & (time <= max(start, stop))
+    return _chosen(view, drive, rows, f'{min(start, stop):.1f} to {max(start, stop):.1f} s')
+
+
+def points(view: PowerView, drive: str, rows: Mask, x: str, y: str) -> dict[str, Singles]:
+    """States of chosen rows on a map of two quantities, evenly thinned out."""
+    found = np.flatnonzero(rows)
+    found = found[:: max(1, -(-len(found) // _SHOWN))]
+    return {
+        'points_x': values_of(view, x, drive)[found],
+        'points_y': values_of(view, y, drive)[found],
+    }
+
+
+def _chosen(view: PowerView, drive: str, rows: Mask, words: str) -> Chosen:
+    error = error_of(view, drive)
+    known = np.isfinite(error)
+    inside, outside = error[rows & known], error[~rows & known]
+    seconds = float(rows.sum() / REDUCED_RATE)
+    content: dict[str, Any] = {'drive': drive, 'seconds': round(seconds, 2), 'where': words}
+    where = f'{drive}, {words}' if words else drive
+    if not inside.size:
+        content['sentence'] = f'{where}: {seconds:.1f} s, without a model to compare.'
+        if view.residual is not None:
+            content['sentence'] = f'{where}: nothing that was judged lies there.'
+        return Chosen(rows, content)
+    mean, within = float(inside.mean()), _rms(inside)
+    side = 'too low' if mean < 0 else 'too high'
+    content |= {'bias_w': round(mean, 5), 'rmse_w': round(within, 5)}
+    sentence = f'{where}: the model is {abs(mean):.2g} W {side} on average, {within:.2g} W rms'
+    if outside.size:
+        content['rmse_outside_w'] = round(_rms(outside), 5)
+        sentence += f' inside against {_rms(outside):.2g} W outside'
+    share = float(np.square(inside, dtype=np.float64).sum())
+    share /= max(float(np.square(error[known], dtype=np.float64).sum()), 1e-12)
+    content['share'] = round(share, 4)
+    sentence += f'. These {seconds:.1f} s hold {share:.0%} of the squared error of {drive}.'
+    content['sentence'] = sentence
+    return Chosen(rows, content)
+
+
+def _rms(values: Singles) -> float:
+    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
+
+
+def _limits(name: str, limits: Sequence[float]) -> tuple[float, float]:
+    if len(limits) != 2 or not all(isinstance(v, int | float) for v in limits):
+        raise InputError(f'{name}: give two numbers, from and to')
+    return float(min(limits)), float(max(limits))
+
+
+def _in_words(bounds: Mapping[str, Sequence[float]]) -> str:
+    return ', '.join(
+        f'{name.replace("_", " ")} {min(limits):.3g} to {max(limits):.3g} '
+        f'{UNITS_OF.get(name, "")}'.rstrip()
+        for name, limits in bounds.items()
+    )
+
+
+def _edges(values: Singles) -> NDArray[np.float64]:
+    low, high = np.quantile(values, [_TAIL, 1.0 - _TAIL]).tolist()
+    return np.linspace(low, high + 1e-9, _CELLS + 1)
+
+
+def _middles(edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    return 0.5 * (edges[1:] + edges[:-1])
+
+
+def short(values: Sequence[float] | NDArray[np.floating[Any]]) -> list[float | None]:
+    """Values with five digits, None for what is not finite."""
+    return [short_one(float(value)) for value in values]
+
+
+def short_one(value: float) -> float | None:
+    """Return a value with five digits, None if it is not finite."""
+    return float(f'{value:.5g}') if np.isfinite(value) else None

@@ -1,0 +1,188 @@
+"""One model on the recordings as arrays that a page is drawn from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_lab.compare.comparison import Comparison, describe_state
+from power_lab.compare.regimes import standstill
+from power_lab.compare.worst_stretch import worst_stretch
+from power_lab.recordings import Loaded
+
+from power_workbench.views.pyramid import Pyramid
+from power_workbench.views.stride import StridePhase, stride_phase
+
+Singles = NDArray[np.float32]
+
+_LONGEST_GAP = 60.0  # s, that is shown as long as it was
+BETWEEN = 2.0
+"""S that are shown between two recordings."""
+
+
+@dataclass(frozen=True)
+class StateWords:
+    """A word for each row and drive, as its place in a few texts."""
+
+    texts: tuple[str, ...]
+    places: NDArray[np.int32] | NDArray[np.uint8]  # [N, D]
+
+    @classmethod
+    def of(cls, words: NDArray[np.str_]) -> 'StateWords':
+        """Find the texts of words [N, D]."""
+        texts: list[str] = []
+        places = np.full(words.shape, -1, np.int32)
+        while (places < 0).any():
+            texts.append(str(words.flat[np.argmax(places < 0)]))
+            places[words == texts[-1]] = len(texts) - 1
+        return cls(tuple(texts), places.astype(np.uint8) if len(texts) < 256 else places)
+
+    def rows(self, text: str, column: int) -> NDArray[np.bool_]:
+        """Mark the rows [N] of a drive that have a word."""
+        if text not in self.texts:
+            return np.zeros(len(self.places), bool)
+        return np.asarray(self.places[:, column] == self.texts.index(text))
+
+
+@dataclass(frozen=True)
+class PowerView:
+    """
+    Measured power, the model's residual and the state of the drives, at 50 Hz.
+
+    N rows lie on `slots` of 20 ms in the order in which they are shown; slots without a row are
+    gaps. M meters are the drives, or the robot. `content` is what `compare --json` writes of this
+    one model, empty without a model.
+    """
+
+    meters: tuple[str, ...]
+    drives: tuple[str, ...]
+    recordings: tuple[str, ...]
+    slots: NDArray[np.int64]  # [N], ascending
+    recording: NDArray[np.int32]  # [N]
+    measured: Singles  # W [N, M]
+    residual: Singles | None  # measured − estimated, W [N, M], held out
+    state: Mapping[str, Singles]  # [N, D]
+    words: Mapping[str, StateWords]
+    noise: Singles  # W [M]
+    still: tuple[float, ...]  # rad/s [D], below which a drive is at rest
+    content: Mapping[str, Any]
+    model: Mapping[str, Any] | None
+    share: float = 1.0  # of the recordings that was read
+
+    @property
+    def length(self) -> int:
+        """Slots from the first to the last row."""
+        return int(self.slots[-1]) + 1 if len(self.slots) else 0
+
+    @property
+    def seconds(self) -> float:
+        """Length as it is shown."""
+        return self.length / REDUCED_RATE
+
+    def spread(self, values: Singles) -> Singles:
+        """Values of the rows [N, …] on their slots, NaN in the gaps."""
+        out = np.full((self.length, *values.shape[1:]), np.nan, np.float32)
+        out[self.slots] = values
+        return out
+
+    @cached_property
+    def traces(self) -> Mapping[str, Pyramid]:
+        """Measured, estimate and error (estimate − measured) by meter, the sum as last column."""
+        out = {'measured': self.measured}
+        if self.residual is not None:
+            out |= {'estimate': self.measured - self.residual, 'error': -self.residual}
+        return {name: Pyramid(self.spread(with_sum(values))) for name, values in out.items()}
+
+    @cached_property
+    def worst(self) -> tuple[float, float]:
+        """Seconds between which the drives together fail most, or draw most without a model."""
+        if self.share < 1.0:
+            return 0.0, self.seconds
+        values = self.measured if self.residual is None else self.residual
+        rows = np.sqrt(np.nansum(np.square(values, dtype=np.float64), axis=1))
+        slots = self.slots[worst_stretch(rows)]
+        return float(slots[0]) / REDUCED_RATE, float(slots[-1]) / REDUCED_RATE
+
+    @cached_property
+    def stride(self) -> StridePhase:
+        """Phase of the motion, where it repeats itself."""
+        if 'position' not in self.state:
+            return StridePhase(None, 0.0, 0, 'there is no position')
+        return stride_phase(self.state['position'], self.slots)
+
+
+def with_sum(values: Singles) -> Singles:
+    """Values [N, M] with their sum as a last column, NaN where one of them is."""
+    total = values.sum(axis=1, keepdims=True, dtype=np.float32)
+    return np.concatenate([values, total], axis=1)
+
+
+def slots_of(prepared: Prepared) -> NDArray[np.int64]:
+    """Slot of each row: recordings one after another, long gaps shortened to a minute."""
+    step = np.diff(prepared.time, prepend=prepared.time[:1])
+    another = np.diff(prepared.recording, prepend=prepared.recording[:1]) != 0
+    step = np.where(another, BETWEEN, np.clip(step, 0.0, _LONGEST_GAP))
+    places = np.rint(np.cumsum(step) * REDUCED_RATE).astype(np.int64)
+    # Two rows never share a slot, though their times may be a little less than a slot apart.
+    ordered: NDArray[np.int64] = np.maximum.accumulate(places - np.arange(len(places)))
+    return ordered + np.arange(len(places))
+
+
+def measured_view(loaded: Loaded, prepared: Prepared) -> PowerView:
+    """Recordings without a model."""
+    state, words = describe_state(prepared, loaded)
+    return _view(prepared, prepared.power_at(0.0), None, state, words, {}, None)
+
+
+def judged_view(comparison: Comparison, model: Mapping[str, Any]) -> PowerView:
+    """Return the first model of a comparison; model: its effects and coefficients in words."""
+    judged, content = comparison.models[0], comparison.json()
+    shown = {
+        **content['models'][0],
+        'seconds': content['seconds'],
+        'sensor_noise_w': content['sensor_noise_w'],
+    }
+    return _view(
+        comparison.prepared,
+        judged.measured,
+        judged.residual,
+        comparison.state,
+        comparison.labels,
+        shown,
+        model,
+    )
+
+
+def _view(
+    prepared: Prepared,
+    measured: NDArray[np.float64],
+    residual: NDArray[np.float64] | None,
+    state: Mapping[str, NDArray[np.float64]],
+    words: Mapping[str, NDArray[np.str_]],
+    content: Mapping[str, Any],
+    model: Mapping[str, Any] | None,
+) -> PowerView:
+    scale = prepared.signals.scale
+    return PowerView(
+        meters=prepared.names,
+        drives=prepared.signals.names,
+        recordings=prepared.recordings,
+        slots=slots_of(prepared),
+        recording=prepared.recording,
+        measured=measured.astype(np.float32),
+        residual=None if residual is None else residual.astype(np.float32),
+        state={
+            name: values.astype(np.float32)
+            for name, values in state.items()
+            if np.isfinite(values).any() and np.ptp(values[np.isfinite(values)]) > 0
+        },
+        words={name: StateWords.of(own) for name, own in words.items()},
+        noise=prepared.noise.astype(np.float32),
+        still=tuple(standstill(scale, drive) for drive in range(len(prepared.signals.names))),
+        content=content,
+        model=model,
+    )

@@ -1,0 +1,128 @@
+"""Rows of measured power and estimates over the same 20 ms."""
+
+import numpy as np
+import pytest
+from power_recordings.card import Card
+from power_workbench.live.follower import LiveFollower
+from power_workbench.live.notes import keep_note
+from power_workbench.live.rolling import PERIOD, RollingPower
+from wattwalk_core.yaml_file import read_yaml
+
+MS = 1_000_000
+
+
+def samples(first_ms, count, *watts):
+    """Stamps at 1 kHz, and constant power of as many drives as there are watts."""
+    stamps = (first_ms + np.arange(count)) * MS
+    return stamps.astype(np.int64), np.tile(np.array(watts, float), (count, 1))
+
+
+def test_a_row_is_the_mean_of_the_samples_that_its_estimate_covers():
+    rolling = RollingPower()
+    stamps = (1000 + np.arange(100)) * MS
+    rolling.measured(['A'], stamps, np.arange(100.0)[:, None])
+    rolling.estimated(['A'], 1050 * MS, np.array([40.0]))
+    rows = rolling.rows()
+    assert rows.stamp_ns[-1] == 1050 * MS
+    # After 1030 ms up to 1050 ms: the samples 31 to 50.
+    assert rows.measured[-1].tolist() == [pytest.approx(40.5), pytest.approx(40.5)]
+    assert rows.estimate[-1].tolist() == [40.0, 40.0]
+
+
+def test_without_estimates_rows_follow_one_another_at_50_hz():
+    rolling = RollingPower()
+    rolling.measured(['A', 'B'], *samples(1000, 1000, 2.0, 3.0))
+    rows = rolling.rows()
+    assert set(np.diff(rows.stamp_ns).tolist()) == {PERIOD}
+    assert len(rows.stamp_ns) == pytest.approx(35, abs=1)
+    assert np.unique(rows.measured, axis=0).tolist() == [[2.0, 3.0, 5.0]]
+    assert np.isnan(rows.estimate).all()
+    assert rolling.rows() is None
+
+
+def test_rows_come_once_and_in_order_when_estimates_begin_late():
+    rolling, found = RollingPower(), []
+    for block in range(20):
+        rolling.measured(['A'], *samples(1000 + 100 * block, 100, 1.0))
+        if block >= 10:
+            for stamp in range(1000 + 100 * block, 1100 + 100 * block, 20):
+                rolling.estimated(['A'], stamp * MS, np.array([2.0]))
+        rows = rolling.rows()
+        found += [] if rows is None else rows.stamp_ns.tolist()
+    assert found == sorted(set(found))
+    assert np.diff(found).max() < 2 * PERIOD
+
+
+def test_the_sum_counts_only_drives_that_measurement_and_model_both_know():
+    rolling = RollingPower()
+    rolling.measured(['A', 'B'], *samples(1000, 100, 2.0, 30.0))
+    rolling.estimated(['A', 'C'], 1090 * MS, np.array([1.0, 500.0]))
+    rows = rolling.rows()
+    assert rows.names == ('A', 'B', 'C')
+    assert rows.measured[-1, -1] == 2.0
+    assert rows.estimate[-1, -1] == 1.0
+
+
+def test_samples_that_do_not_count_are_left_out_of_the_mean():
+    rolling = RollingPower()
+    stamps, power = samples(1000, 100, 2.0)
+    power[:50] = np.nan
+    rolling.measured(['A'], stamps, power)
+    rolling.estimated(['A'], 1040 * MS, np.array([1.0]))
+    rolling.estimated(['A'], 1060 * MS, np.array([1.0]))
+    rows = rolling.rows()
+    assert np.isnan(rows.measured[-2, 0])
+    assert rows.measured[-1, 0] == 2.0
+
+
+def test_estimates_are_shown_where_nothing_is_measured():
+    rolling = RollingPower()
+    for stamp in range(1000, 2000, 20):
+        rolling.estimated(['A'], stamp * MS, np.array([7.0]))
+    rows = rolling.rows()
+    assert rows.estimate[:, 0].tolist() == [7.0] * len(rows.stamp_ns)
+    assert len(rows.stamp_ns) > 30
+    assert np.isnan(rows.measured).all()
+
+
+def test_a_clock_that_is_set_back_begins_anew():
+    rolling = RollingPower()
+    rolling.measured(['A'], *samples(100_000, 500, 1.0))
+    rolling.rows()
+    rolling.measured(['A'], *samples(1000, 500, 9.0))
+    rows = rolling.rows()
+    assert rows.stamp_ns[0] < 2000 * MS
+    assert np.unique(rows.measured[:, 0]).tolist() == [9.0]
+
+
+def test_silence_is_said_with_its_length_and_what_to_start():
+    follower = LiveFollower(100.0)
+    assert all('drive_supply' not in text for text in follower.news(101.0)['said'])
+    said = follower.news(104.2)['said']
+    assert said[0] == 'no drive_supply heard for 4 s: start `ros2 run wattwalk_bringup live`'
+    assert any('no model' in text for text in said)
+
+
+def test_a_model_that_cannot_be_read_is_said_and_the_measurement_goes_on(tmp_path):
+    follower = LiveFollower(0.0)
+    follower.use(str(tmp_path / 'no_such.yaml'))
+    assert any('no_such.yaml' in text for text in follower.news(0.5)['said'])
+
+
+def test_notes_of_a_session_add_up_with_their_times_and_recordings(tmp_path):
+    keep_note(tmp_path, 'it slipped', 'bags/walk')
+    keep_note(tmp_path, 'it: stood up', '')
+    first, second = read_yaml(tmp_path / 'notes.yaml', 'notes')
+    assert (first['text'], first['recording']) == ('it slipped', 'bags/walk')
+    assert second['text'] == 'it: stood up'
+    assert 'recording' not in second
+    assert first['time'] <= second['time']
+
+
+def test_a_card_keeps_marks_with_their_times(tmp_path):
+    card = Card(robot='x').with_mark(1_700_000_000_250 * MS, 'left: "slipped"')
+    card.save(tmp_path)
+    (mark,) = Card.load(tmp_path).marks
+    assert (mark.time, mark.text) == ('2023-11-14T22:13:20.250+00:00', 'left: "slipped"')
+    Card(robot='x').save(tmp_path)
+    assert 'marks' not in (tmp_path / 'card.yaml').read_text()
