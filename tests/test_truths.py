@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import truths
 from truths import FAMILIES, MOTIONS, Case, hidden_watts, record
-from truths.families import Plant
+from truths.families import TruePlant
 from truths.parameters import Drive, Sampling, Supply
 from truths.recorded import draw, simulate
 from truths.steps import PARTS
@@ -22,7 +22,7 @@ BARE = Drive(coulomb=0.0, viscous=0.0, inertia=0.0, iron=0.0, idle=0.0, copper_t
 
 
 def _run(drive, motion, sampling=QUIET, supply=None, seconds=30.0):
-    plant = Plant((drive,), supply or Supply(electronics=0.0), sampling, frozenset())
+    plant = TruePlant((drive,), supply or Supply(electronics=0.0), sampling, frozenset())
     return simulate(Case('rigid', motion, seconds, 1, 3), plant)
 
 

@@ -69,7 +69,7 @@ IN_MOTOR_TORQUE = (
 
 
 @dataclass(frozen=True)
-class Plant:
+class TruePlant:
     """One plant as drawn; `exists` are the effects by the catalogue's names that are in it."""
 
     drives: tuple[Drive, ...]
@@ -83,7 +83,7 @@ class Plant:
         at_motor = any(drive.torque_at_motor for drive in self.drives)
         return self.exists - {*UNMODELLED, *(IN_MOTOR_TORQUE if at_motor else ())}
 
-    def stronger(self, effects: Sequence[str], factor: float) -> 'Plant':
+    def stronger(self, effects: Sequence[str], factor: float) -> 'TruePlant':
         """Return the plant with these effects so many times as large."""
         names = [name for effect in effects for name in SIZE.get(effect, ABSENT[effect])]
         drives = []
@@ -94,7 +94,7 @@ class Plant:
             drives.append(replace(drive, **sizes))
         return replace(self, drives=tuple(drives))
 
-    def only(self, effects: frozenset[str]) -> 'Plant':
+    def only(self, effects: frozenset[str]) -> 'TruePlant':
         """Return the plant with these effects alone."""
         gone: dict[str, float] = {}
         for name in ABSENT.keys() - effects:
@@ -128,7 +128,7 @@ class Family:
 
     def draw(
         self, random: Draw, drives: int, hidden: Sequence[str], strength: float = 1.0
-    ) -> Plant:
+    ) -> TruePlant:
         """Draw a plant of D drives in which the hidden effects exist, so many times as large."""
         own = {'position_rub': 0.06 * self.scale.torque_limit, 'fan': 0.6 * self.scale.idle}
         own |= {'cross_talk': 0.06}
@@ -148,7 +148,7 @@ class Family:
         exists |= set(self.always) | set(hidden)
         supply = self.supply(random)
         supply = replace(supply, resistance=supply.resistance * min(1.0, 3 / drives))
-        plant = Plant(tuple(made), supply, self.sampling(random), frozenset())
+        plant = TruePlant(tuple(made), supply, self.sampling(random), frozenset())
         return plant.only(frozenset(exists)).stronger(hidden, strength)
 
 

@@ -93,7 +93,7 @@ class Supply:
 
 @dataclass(frozen=True)
 class Sampling:
-    """When and how finely the signals are read."""
+    """Moments and noise of the readings."""
 
     joint_rate: float = 400.0  # Hz
     meter_rate: float = 1000.0  # Hz

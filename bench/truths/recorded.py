@@ -10,7 +10,7 @@ from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.messages.samples import DriveSamples, JointSamples
 from power_recordings.reading.reader import Recording
 
-from truths.families import FAMILIES, Plant
+from truths.families import FAMILIES, TruePlant
 from truths.motions import MOTIONS, Asked
 from truths.parameters import Drive, table
 from truths.steps import KNOT, PART, PARTS, STATE, STEP, run
@@ -25,7 +25,7 @@ _OVERSAMPLED = 1.9  # rate of the alignment against the joints', as the lab take
 
 @dataclass(frozen=True)
 class Case:
-    """What to record; hidden: effects that exist and that the base model lacks."""
+    """Recipe of a recording; hidden: effects that exist and that the base model lacks."""
 
     family: str
     motion: str
@@ -66,7 +66,7 @@ class Recorded:
     """
 
     case: Case
-    plant: Plant
+    plant: TruePlant
     data: AlignedDataset
     drives: Mapping[str, DriveTruth]
     power: NDArray[np.float32]
@@ -113,7 +113,7 @@ def hidden_watts(case: Case) -> dict[str, float]:
     return sizes
 
 
-def draw(case: Case) -> Plant:
+def draw(case: Case) -> TruePlant:
     """Draw the plant of a case."""
     seed = case.seed if case.plant_seed is None else case.plant_seed
     family = FAMILIES[case.family]
@@ -134,7 +134,7 @@ class Simulated:
     state: NDArray[np.void]  # of the drives at the end [D]
 
 
-def simulate(case: Case, plant: Plant) -> Simulated:
+def simulate(case: Case, plant: TruePlant) -> Simulated:
     """Run a plant through the motion of a case and read its instruments."""
     random = np.random.default_rng([case.seed, *case.motion.encode(), 3])
     count, drives = int(case.seconds / (KNOT * STEP)) + 3, table(plant.drives)
@@ -177,7 +177,7 @@ def simulate(case: Case, plant: Plant) -> Simulated:
 
 
 def _instants(
-    random: np.random.Generator, steps: int, rate: float, plant: Plant, delay: float
+    random: np.random.Generator, steps: int, rate: float, plant: TruePlant, delay: float
 ) -> tuple[Floats, NDArray[np.int64]]:
     """Stamps in s [N] and steps at which each drive is truly read [D, N]."""
     count = int(steps * STEP * rate) - 2
@@ -189,7 +189,7 @@ def _instants(
     return stamp, at
 
 
-def aligned(name: str, plant: Plant, made: Simulated) -> AlignedDataset:
+def aligned(name: str, plant: TruePlant, made: Simulated) -> AlignedDataset:
     """Align the streams as the lab would, had they been read from a bag."""
     joint_time, meter_time = made.joint_time, made.meter_time
     count = made.joints.shape[1]
