@@ -44,8 +44,10 @@ class Card:
     Texts may stay empty. `drives` are those whose electrical power was measured. `created` is a
     date in ISO 8601; `seed` is that of a simulation. `torque` says for each drive whether its
     torque is that at the joint or that of the motor, computed from its current; `torque_unit` is A
-    where the current itself stands for it. `marks` were noted while it was
-    recorded. Unknown keys are kept in `other`.
+    where the current itself stands for it. `power` is `computed` for drives whose power is a
+    firmware's formula and not a meter's reading. `gear_ratio` is that between motor and joint.
+    The rows of a `steady` recording are operating points in any order. `marks` were noted while
+    it was recorded. Unknown keys are kept in `other`.
     """
 
     robot: str = ''
@@ -60,6 +62,9 @@ class Card:
     created: str = ''
     torque: Mapping[str, Literal['joint', 'motor']] = field(default_factory=dict)
     torque_unit: Mapping[str, Literal['N*m', 'A']] = field(default_factory=dict)
+    power: Mapping[str, Literal['metered', 'computed']] = field(default_factory=dict)
+    gear_ratio: Mapping[str, float] = field(default_factory=dict)
+    steady: bool = False
     marks: Annotated[tuple[CardNote, ...], Length(0)] = ()
     other: Mapping[str, Any] = field(default_factory=dict)
 
@@ -147,10 +152,12 @@ class Card:
         """Write card.yaml into a recording's folder, whole or not at all, and return its path."""
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'other'}
         content['drives'] = list(self.drives)
-        for name in ('torque', 'torque_unit'):
+        for name in ('torque', 'torque_unit', 'power', 'gear_ratio'):
             content[name] = dict(content[name])
             if not content[name]:
                 del content[name]
+        if not self.steady:
+            del content['steady']
         content['marks'] = [{'time': mark.time, 'text': mark.text} for mark in self.marks]
         if not self.marks:
             del content['marks']

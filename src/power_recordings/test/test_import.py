@@ -145,7 +145,7 @@ drives:
         ('format: import/1', 'format: import/2', "format: expected 'import/1'"),
         ('at: motor', 'at: gear', "torque.at: expected 'joint', 'motor' or ''"),
         ('column: t,', 'column: time,', "time.column: no column 'time'"),
-        ('from: vel,', 'from: vel, value: 3,', 'a signal has either from or value'),
+        ('from: vel,', 'from: vel, value: 3,', 'a signal has either from, sum or value'),
         ('    voltage: {value: 24, unit: V}\n', '', 'current without voltage'),
         ('scale: 0.5', 'scale: .nan', 'torque.scale: expected -1e+12 to 1e+12'),
     ],
@@ -187,7 +187,7 @@ def test_what_was_left_out_is_said(tmp_path, capsys):
     assert run(csv(tmp_path / 'log.csv', rows), MAP, tmp_path / 'bag') == 0
     out = capsys.readouterr().out
     assert '1 rows without a time left out' in out
-    assert '1 rows with the time of the row before left out' in out
+    assert '1 rows with the time of the row before merged with it (mean)' in out
     assert '2 parts: time goes back in 1 places' in out
 
 

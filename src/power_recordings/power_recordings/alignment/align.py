@@ -11,6 +11,7 @@ from wattwalk_core.errors import InputError
 from power_recordings.alignment import signals
 from power_recordings.alignment.dataset import DRIVE_SIGNALS, AlignedDataset
 from power_recordings.alignment.filters import antialias, centred, smoothing
+from power_recordings.alignment.steady import operating_points
 from power_recordings.alignment.stream import Floats, Stream, Times
 from power_recordings.reading.reader import Recording
 
@@ -41,6 +42,8 @@ def align(
     drive, and the time before the first command. Each segment also loses half the length of its
     filters at both ends; `notes` of the result lists what was left out.
 
+    A recording whose card says `steady` is taken as it is (`operating_points`).
+
     `drives`: the joints wanted, in that order (default: all of joint_states); the power of those
     that were not measured, or whose samples are mostly bad, is NaN. `need_power=False` admits
     recordings without drive_supply.
@@ -52,6 +55,8 @@ def align(
     if rate not in RATES:
         raise InputError(f'rate is {rate:g} Hz; it is one of {", ".join(f"{r:g}" for r in RATES)}')
     source = signals.RecordedSignals.of(recording, drives, need_power)
+    if recording.card.steady:
+        return operating_points(source, rate)
     segments = _Segments(source, rate, smooth)
     pieces = [piece for span in segments.spans() for piece in segments.pieces(*span)]
     if not pieces:
@@ -104,17 +109,20 @@ def merge(parts: Sequence[AlignedDataset]) -> AlignedDataset:
                 f'{part.recordings[0]} has {", ".join(part.names)}: name those to take'
             )
         ordered.append(part.drives(first.names))
-        _require_same_torque(first, ordered[-1])
+        _require_same_kind(first, ordered[-1])
     return join(ordered)
 
 
-def _require_same_torque(first: AlignedDataset, other: AlignedDataset) -> None:
+def _require_same_kind(first: AlignedDataset, other: AlignedDataset) -> None:
+    both = f'{first.recordings[0]} and {other.recordings[0]}'
     for name in ('motor_torque', 'current_as_torque'):
         if differ := getattr(first, name) ^ getattr(other, name):
             raise InputError(
-                f'{first.recordings[0]} and {other.recordings[0]}: the card of only one says that '
-                f'the torque of {min(differ)} is computed from the current; judge them apart'
+                f'{both}: the card of only one says that the torque of {min(differ)} is computed '
+                'from the current; judge them apart'
             )
+    if first.steady != other.steady:
+        raise InputError(f'{both}: only one holds steady operating points; judge them apart')
 
 
 def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
@@ -152,7 +160,22 @@ def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
         notes=tuple(note for part in parts for note in part.notes),
         motor_torque=parts[0].motor_torque,
         current_as_torque=parts[0].current_as_torque,
+        motor_current=_joined_motor_current(parts),
+        computed_power=frozenset().union(*(part.computed_power for part in parts)),
+        steady=parts[0].steady,
         **arrays,
+    )
+
+
+def _joined_motor_current(parts: Sequence[AlignedDataset]) -> Floats | None:
+    if all(part.motor_current is None for part in parts):
+        return None
+    unknown = (np.full(p.power.shape, np.nan, np.float32) for p in parts)
+    return np.concatenate(
+        [
+            n if p.motor_current is None else p.motor_current
+            for p, n in zip(parts, unknown, strict=True)
+        ]
     )
 
 
@@ -264,7 +287,7 @@ def _dataset(
     notes: tuple[str, ...],
 ) -> AlignedDataset:
     sizes = [len(piece.time) for piece in pieces]
-    arrays = {
+    arrays: dict[str, Any] = {
         key: np.concatenate([piece.signals[key] for piece in pieces]) for key in pieces[0].signals
     }
     arrays['supply'] = arrays['supply'][:, 0]
@@ -276,9 +299,9 @@ def _dataset(
         segment=np.repeat(np.arange(len(pieces), dtype=np.int32), sizes),
         recordings=(name,),
         recording=np.zeros(len(time), np.int32),
+        motor_current=arrays.pop('motor_current', None),
         extras={key: array for key, array in arrays.items() if key not in _PARTS},
         notes=notes,
-        motor_torque=source.motor_torque,
-        current_as_torque=source.current_as_torque,
+        **source.facts,
         **{key: arrays[key] for key in _PARTS},
     )

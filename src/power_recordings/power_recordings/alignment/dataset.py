@@ -45,6 +45,9 @@ class AlignedDataset:
     notes: tuple[str, ...] = ()  # on what was left out of the recordings
     motor_torque: frozenset[str] = frozenset()  # drives whose torque is the motor's
     current_as_torque: frozenset[str] = frozenset()  # of these, drives that have A for N·m
+    motor_current: Floats | None = None  # A [T, D] beside the torque; None of no drive
+    computed_power: frozenset[str] = frozenset()  # drives whose power a firmware computes
+    steady: bool = False  # each row is an operating point: no row follows on the one before
 
     @classmethod
     def blank(
@@ -97,7 +100,8 @@ class AlignedDataset:
         if missing:
             raise KeyError(f'no drive {missing[0]!r}; there are {", ".join(self.names)}')
         columns = [self.names.index(name) for name in names]
-        per_drive = {name: getattr(self, name)[:, columns] for name in DRIVE_SIGNALS}
+        own = (*DRIVE_SIGNALS, *(('motor_current',) if self.motor_current is not None else ()))
+        per_drive = {name: getattr(self, name)[:, columns] for name in own}
         return replace(self, names=tuple(names), **per_drive)
 
     def measured_drives(self) -> tuple[str, ...]:

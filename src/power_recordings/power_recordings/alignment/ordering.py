@@ -9,6 +9,24 @@ _MOST_RUNS = 2000
 _JUMP = 50.0  # usual steps
 
 GAP = 2.5  # periods; a longer step is a gap
+_UNEVEN = 1.5  # ratio of the 90th to the 10th percentile of the steps of a loop that waits
+_RESOLVED = 0.04  # s, half a cycle of the 12.5 Hz that all signals are smoothed to
+_JUDGED = 20_000  # steps
+
+
+def longest_step(steps: NDArray[np.float64]) -> float:
+    """
+    Return the longest of a stream's steps [s] that is no gap.
+
+    2.5 periods; of a loop without a fixed rate (9 to 28 ms, say) 40 ms at least, over which the
+    smoothed signals are still resolved.
+    """
+    if not len(steps):
+        return np.inf
+    judged = steps[:_JUDGED]
+    low, middle, high = np.percentile(judged, [10, 50, 90]).tolist()
+    limit = GAP * float(np.median(steps))
+    return max(limit, _RESOLVED) if high > _UNEVEN * low and middle < _RESOLVED else limit
 
 
 def ascending(stamps: Stamps) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
+from power_recordings.alignment.ordering import longest_step
 from power_recordings.alignment.positions import is_rate, rests, unwrapped
 from power_recordings.alignment.stream import Floats, Stream, Times, held
 from power_recordings.messages.samples import DriveSamples, JointSamples, Samples
@@ -42,8 +43,7 @@ class RecordedSignals:
     cmd_vel: tuple[Times, Floats] | None
     others: Mapping[str, Stream] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    motor_torque: frozenset[str] = frozenset()  # drives whose torque is the motor's
-    current_as_torque: frozenset[str] = frozenset()
+    facts: Mapping[str, Any] = field(default_factory=dict)  # sets of drives, of the card
 
     @classmethod
     def of(
@@ -59,20 +59,22 @@ class RecordedSignals:
             return -np.inf
         return float(self.commands[0][0])
 
-    def sample(self, grid: Times) -> dict[str, Floats]:
-        """Return continuous signals and the command at the times of a grid."""
+    def sample(
+        self, grid: Times, values: Callable[[Stream, Times], Floats] = Stream.sample
+    ) -> dict[str, Floats]:
+        """Return the signals at the times of a grid: `values` of streams, the command held."""
         count, there = len(self.names), len(self.measured)
-        joints = self.joints.sample(grid).reshape(len(grid), 3, count)
+        joints = values(self.joints, grid).reshape(len(grid), 3, count)
         result = {name: joints[:, i] for i, name in enumerate(('position', 'velocity', 'torque'))}
         electric = np.full((len(grid), 4, count), np.nan, np.float32)
         if self.electrics is not None:
             columns = [self.names.index(name) for name in self.measured]
-            electric[:, :, columns] = self.electrics.sample(grid).reshape(len(grid), 4, there)
+            electric[:, :, columns] = values(self.electrics, grid).reshape(len(grid), 4, there)
         for i, name in enumerate(('power', 'voltage', 'current', 'temperature')):
             result[name] = electric[:, i]
         result['command'] = self._command(grid)
         result['supply'] = np.full((len(grid), 1), np.nan, np.float32)
-        return {**result, **{name: stream.sample(grid) for name, stream in self.others.items()}}
+        return {**result, **{name: values(stream, grid) for name, stream in self.others.items()}}
 
     def _command(self, grid: Times) -> Floats:
         if self.commands is None:
@@ -114,8 +116,14 @@ class _Collector:
             self._cmd_vel(),
             self._others(),
             tuple(self._notes),
-            frozenset(name for name in self._names if card.torque.get(name) == 'motor'),
-            frozenset(name for name in self._names if card.torque_unit.get(name) == 'A'),
+            {
+                fact: frozenset(name for name in self._names if of.get(name) == value)
+                for fact, of, value in (
+                    ('motor_torque', card.torque, 'motor'),
+                    ('current_as_torque', card.torque_unit, 'A'),
+                    ('computed_power', card.power, 'computed'),
+                )
+            },
         )
 
     def _usable(self, topic: str, samples: Samples) -> Samples:
@@ -241,7 +249,7 @@ class _Collector:
 
     def _note_gaps(self, topic: str, stream: Stream) -> None:
         steps = np.diff(stream.time)
-        gaps = steps[steps > 2.5 * stream.period]
+        gaps = steps[steps > longest_step(steps)]
         if len(gaps):
             self._notes.append(
                 f'{topic}: {len(gaps)} gaps, {gaps.sum():.3f} s in all, the longest '
@@ -279,6 +287,7 @@ class _Collector:
         r = self._recording
         wanted: dict[str, tuple[str, Callable[[], Any]]] = {
             'supply': ('supply', lambda: r.supply().power[:, None]),
+            'motor_current': ('motor_current', self._motor_current),
             'foot_force': ('foot_force', self._foot_force),
             'orientation': ('imu', lambda: _continuous(r.imu().orientation)),
             'angular_velocity': ('imu', lambda: r.imu().angular_velocity),
@@ -297,6 +306,14 @@ class _Collector:
             apart = np.isin(samples.stamp_ns, r.breaks(topic))
             streams[name] = Stream.of(self._seconds(samples), values(), apart=apart)
         return streams
+
+    def _motor_current(self) -> Floats:
+        samples = self._recording.motor_current()
+        values = np.full((len(samples), len(self._names)), np.nan, np.float32)
+        for i, name in enumerate(self._names):
+            if name in samples.names:
+                values[:, i] = samples.current[:, samples.names.index(name)]
+        return values
 
     def _foot_force(self) -> Floats:
         samples = self._recording.foot_force()

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_recordings.alignment.filters import antialias, centred
-from power_recordings.alignment.ordering import GAP
+from power_recordings.alignment.ordering import longest_step
 
 Floats = NDArray[np.float32]
 Times = NDArray[np.float64]
@@ -18,8 +18,8 @@ class Stream:
     """
     K signals at N times, in runs without gaps.
 
-    A run ends before a step of more than 2.5 periods, at a sample that is marked bad (which is in
-    no run), and before a sample that is marked `apart` from the one before.
+    A run ends before a step that is a gap (`longest_step`), at a sample that is marked bad (which
+    is in no run), and before a sample that is marked `apart` from the one before.
     """
 
     time: Times  # s [N], ascending
@@ -41,7 +41,7 @@ class Stream:
         period = float(np.median(steps))
         good = np.ones(len(time), np.bool_) if bad is None else ~bad
         begins = np.ones(len(time), np.bool_)
-        begins[1:] = steps > GAP * period
+        begins[1:] = steps > longest_step(steps)
         if apart is not None:
             begins |= apart
         begins[1:] |= ~good[:-1]
@@ -68,6 +68,12 @@ class Stream:
         long = self.stops - self.starts > 2 * half + 1
         first, last = self.starts[long] + half, self.stops[long] - 1 - half
         return np.stack([self.time[first], self.time[last]], axis=1).reshape(-1, 2)
+
+    def recorded(self, times: Times) -> Floats:
+        """Return the values that were sampled at these very times, [T, K]; NaN at others."""
+        place = np.clip(np.searchsorted(self.time, times), 0, len(self.time) - 1)
+        same = (self.time[place] == times)[:, None]
+        return np.where(same, self.values[place], np.nan).astype(np.float32)
 
     def sample(self, grid: Times) -> Floats:
         """

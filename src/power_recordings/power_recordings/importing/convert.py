@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
 from power_recordings.card import Card
-from power_recordings.importing.derived import PositionRates
+from power_recordings.importing.channel_group import ChannelGroup
 from power_recordings.importing.map_file import JOINT, ImportMap, TimeMap
-from power_recordings.importing.merge import Merger
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
 from power_recordings.importing.sources.source import LogBlock, LogSource
 from power_recordings.importing.times import PAUSE, START, LogClock
@@ -26,11 +25,11 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 Messages = NDArray[np.uint8]
 Written = dict[str, tuple[Stamps, dict[tuple[str, str], Floats]]]
-TOPICS = ('joint_states', 'joint_commands', 'drive_supply', 'supply')
+TOPICS = ('joint_states', 'motor_current', 'joint_commands', 'drive_supply', 'supply')
 
 _PERIOD = 0.1  # s of electrical samples in a message
 _CHUNK = 10.0  # s
-_LARGEST = 1e30  # of what is taken for a number; float32 ends at 3e38
+_POINTS = 50.0  # Hz, at which operating points that have no times are written
 
 
 @dataclass(frozen=True)
@@ -43,73 +42,6 @@ class Imported:
     notes: tuple[str, ...]
 
 
-@dataclass
-class _Group:
-    """The channels that make one topic, and the streams that they come from."""
-
-    channels: Sequence[tuple[str, LogChannel]]  # drive, channel
-    streams: list[str] = field(default_factory=list)
-    merger: Merger | None = None
-    order: list[int] = field(default_factory=list)
-    derived: tuple[str, ...] = ()  # drives whose velocity is the rate of their position
-    rates: PositionRates | None = None
-
-    def __post_init__(self) -> None:
-        columns = [c.column for _, c in self.channels if c.column is not None]
-        counts = {c.stream: 0 for c in columns}
-        for column in columns:
-            counts[column.stream] += 1
-        self.streams = sorted(counts, key=lambda s: -counts[s])
-        by_stream = [self.members(s) for s in self.streams]
-        self.order = [i for members in by_stream for i in members]
-        if columns:
-            self.merger = Merger([len(members) for members in by_stream])
-        if self.derived:
-            places = [(d, c.quantity) for d, c in (self.channels[i] for i in self.order)]
-            self.rates = PositionRates([places.index((d, 'position')) for d in self.derived])
-
-    def members(self, stream: str) -> list[int]:
-        """Return the indices of the channels of a stream."""
-        found = [i for i, (_, c) in enumerate(self.channels) if c.column is not None]
-        return [i for i in found if self.channels[i][1].column.stream == stream]  # type: ignore[union-attr]
-
-    def add(self, stream: str, stamps: Stamps, values: Mapping[str, NDArray[Any]]) -> None:
-        """Add converted rows of a stream."""
-        if self.merger is None or stream not in self.streams:
-            return
-        chosen = [self.channels[i][1] for i in self.members(stream)]
-        with np.errstate(over='ignore', invalid='ignore'):
-            rows = np.stack([c.conversion(_numbers(c, values[c.address])) for c in chosen], axis=1)
-            if not np.abs(rows).max(initial=0.0) < _LARGEST:
-                rows[~(np.abs(rows) < _LARGEST)] = np.nan
-        self.merger.add(self.streams.index(stream), stamps, rows)
-
-    def take(self, *, final: bool) -> tuple[Stamps, dict[tuple[str, str], Floats]]:
-        """Return stamps and values by drive and quantity, constants included."""
-        if self.merger is None:
-            return np.zeros(0, np.int64), {}
-        stamps, rows = self.merger.take(final=final)
-        if self.rates is not None:
-            stamps, rows = self.rates.extend(stamps, rows, final=final)
-        found = {
-            (self.channels[i][0], self.channels[i][1].quantity): rows[:, column]
-            for column, i in enumerate(self.order)
-        }
-        for k, drive in enumerate(self.derived):
-            found[drive, 'velocity'] = rows[:, len(self.order) + k]
-        for drive, channel in self.channels:
-            if channel.column is None:
-                value = channel.conversion(np.array([channel.value]))[0]
-                found[drive, channel.quantity] = np.full(len(stamps), value)
-        return stamps, found
-
-
-def _numbers(channel: LogChannel, values: NDArray[Any]) -> Floats:
-    if values.dtype.kind == 'O':
-        raise InputError(f'column {channel.address!r} holds texts; expected numbers')
-    return values
-
-
 class _Writer:
     """Writes groups of converted signals as the topics of a recording."""
 
@@ -118,6 +50,7 @@ class _Writer:
         self._plan = plan
         self.drives = tuple(plan.drives)
         self.measured = tuple(d for d, c in plan.drives.items() if {'current', 'power'} & set(c))
+        self.with_current = tuple(d for d, c in plan.drives.items() if 'motor_current' in c)
         self.commanded = tuple(d for d, c in plan.drives.items() if 'command' in c)
         self.counts = dict.fromkeys(TOPICS, 0)
         self._topics: dict[str, int] = {}
@@ -166,6 +99,12 @@ class _Writer:
             stamps, self.drives, table['position'], table['velocity'], table['torque']
         )
         return stamps, [block]
+
+    def _motor_current(
+        self, stamps: Stamps, values: dict[tuple[str, str], Floats]
+    ) -> tuple[Stamps, list[Messages]]:
+        amps = self._table(values, self.with_current, 'motor_current', len(stamps))
+        return stamps, [cdr.joint_state_block(stamps, self.with_current, effort=amps)]
 
     def _joint_commands(
         self, stamps: Stamps, values: dict[tuple[str, str], Floats]
@@ -276,6 +215,7 @@ class _Log:
     ) -> None:
         self._source, self._plan = source, plan
         self._time = mapping.time or TimeMap(rate=1.0)
+        self._rate = _POINTS if self._time.steady else self._time.rate
         self._groups = groups_of(plan)
         self._clocks: dict[str, LogClock] = {}
         self._after = after
@@ -297,18 +237,15 @@ class _Log:
         if clock is None:
             where = f'{self._source.path}' + (f': {block.stream}' if self._source.is_bag else '')
             clock = self._clocks[block.stream] = LogClock(
-                where, self._plan.time_unit, self._shift or 0
+                where, tuple(unit for _, unit in self._plan.time), self._shift or 0
             )
         raw = self._raw(block, clock)
         if self._shift is None and (raw >= 0).any():
             self._shift = max(0, self._after + PAUSE - int(raw[raw >= 0].min()))
             clock.shift = self._shift
-        keep, stamps = clock.order(raw)
-        values = block.values
-        if len(keep) < len(block):
-            values = {address: column[keep] for address, column in values.items()}
+        rows = clock.order(raw)
         for group in self._groups.values():
-            group.add(block.stream, stamps, values)
+            group.add(block.stream, block.values, rows)
         return {topic: group.take(final=False) for topic, group in self._groups.items()}
 
     def finish(self) -> Written:
@@ -318,6 +255,12 @@ class _Log:
         for clock in self._clocks.values():
             clock.check()
             self.notes += [f'{clock.where}: {note}' for note in clock.notes()]
+        filled = {name: share for g in self._groups.values() for name, share in g.filled.items()}
+        self.notes += [
+            f'{self._source.path.name}: {name!r} has a value in {share:.1%} of the rows, and '
+            'counts there'
+            for name, share in filled.items()
+        ]
         return {topic: group.take(final=True) for topic, group in self._groups.items()}
 
     def _raw(self, block: LogBlock, clock: LogClock) -> Stamps:
@@ -331,20 +274,21 @@ class _Log:
                     'use time: {stamp: log} in the map'
                 )
             return np.where(block.header_ns > 0, block.header_ns, -1)
-        if self._time.rate is not None:
+        if self._rate is not None:
             index = np.arange(self._rows, self._rows + len(block))
             self._rows += len(block)
-            return START * 10**9 + np.rint(index * (1e9 / self._time.rate)).astype(np.int64)
-        assert self._plan.time is not None
-        if self._plan.time.address not in block.values:
-            raise InputError(
-                f'{clock.where}: {next(iter(block.values))} has {len(block)} rows, the time '
-                f'column {self._plan.time.address} has others; name columns of one length'
-            )
-        return clock.nanoseconds(block.values[self._plan.time.address])
+            return START * 10**9 + np.rint(index * (1e9 / self._rate)).astype(np.int64)
+        addresses = [column.address for column, _ in self._plan.time]
+        for address in addresses:
+            if address not in block.values:
+                raise InputError(
+                    f'{clock.where}: {next(iter(block.values))} has {len(block)} rows, the time '
+                    f'column {address} has others; name columns of one length'
+                )
+        return clock.nanoseconds([block.values[address] for address in addresses])
 
 
-def groups_of(plan: ImportPlan) -> dict[str, _Group]:
+def groups_of(plan: ImportPlan) -> dict[str, ChannelGroup]:
     """Return the channels of each topic."""
     parts: dict[str, list[tuple[str, LogChannel]]] = {name: [] for name in TOPICS}
     for drive, channels in plan.drives.items():
@@ -354,11 +298,13 @@ def groups_of(plan: ImportPlan) -> dict[str, _Group]:
                 parts['joint_states'].append((drive, channel))
             elif quantity == 'command':
                 parts['joint_commands'].append((drive, channel))
+            elif quantity == 'motor_current':
+                parts['motor_current'].append((drive, channel))
             elif measured:
                 parts['drive_supply'].append((drive, channel))
     parts['supply'] = [('', channel) for channel in plan.supply.values()]
     return {
-        name: _Group(channels, derived=plan.derived if name == 'joint_states' else ())
+        name: ChannelGroup(channels, derived=plan.derived if name == 'joint_states' else ())
         for name, channels in parts.items()
         if channels
     }
@@ -378,7 +324,14 @@ def _card(
         **mapping.card,
         'torque': dict(plan.torque_at),
         'torque_unit': dict(plan.torque_unit),
-        'imported': {'from': [source.path.name for source in sources], 'map': where},
+        'power': dict.fromkeys(plan.computed, 'computed'),
+        'gear_ratio': dict(plan.gear_ratio),
+        'steady': mapping.time is not None and mapping.time.steady,
+        'imported': {
+            'from': [source.path.name for source in sources],
+            'map': where,
+            'columns': plan.columns(),
+        },
     }
     if plan.derived:
         content['imported']['velocity'] = dict.fromkeys(plan.derived, 'rate of position')

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from power_recordings.alignment.ordering import GAP
+from power_recordings.alignment.ordering import longest_step
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -53,7 +53,7 @@ class PositionRates:
         if len(rows) <= 2 * half:
             return result
         span = (stamps[2 * half :] - stamps[: -2 * half]) / 1e9
-        whole = span <= GAP * np.median(span)
+        whole = span <= longest_step(span)
         for k, column in enumerate(self.columns):
             position = rows[:, column].copy()
             finite = np.isfinite(position)

@@ -4,9 +4,9 @@ Import maps (`format: import/1`): where the signals of a log are and what units 
 DESIGN: a map names columns of the log, never code. Ready maps lie in `maps/` and go by name.
 """
 
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
@@ -17,7 +17,8 @@ FORMAT: Final = 'import/1'
 MAPS: Final = Path(__file__).parent / 'maps'
 JOINT: Final = ('position', 'velocity', 'torque')
 ELECTRICAL: Final = ('voltage', 'current', 'power', 'temperature')
-QUANTITIES: Final = (*JOINT, 'command', *ELECTRICAL)
+QUANTITIES: Final = (*JOINT, 'motor_current', 'command', *ELECTRICAL)
+GEARED: Final = ('position', 'velocity', 'command')
 _LONGEST: Final = 200  # characters of the name of a map
 _Scale = Annotated[float, Quantity(-1e12, 1e12)]
 
@@ -27,39 +28,62 @@ class Signal:
     """
     One quantity: a column of the log (`source`, `from` in the file) or a constant `value`.
 
-    A value of the log is converted from `unit`; or multiplied by `scale`, `offset` added, with
-    `from_unit` as a note of what it was. `positive` is the sign of power that the robot draws.
-    `at` says which torque it is: measured at the joint, or computed from the motor's current. An
-    `optional` signal may be absent from the log.
+    Or a `sum` of products of columns, as `[[vq, iq], [vd, id]]`; `computed` marks a power that is
+    such a formula of a firmware and no meter's reading. A value of the log is converted from
+    `unit`; or multiplied by `scale`, `offset` added, with `from_unit` as a note of what it was.
+    `positive` is the sign of power that the robot draws. `at` says which torque it is: measured at
+    the joint, or computed from the motor's current; a position or velocity at the motor is divided
+    by the drive's gear ratio. An `optional` signal may be absent from the log.
     """
 
     source: str = ''
     value: _Scale | None = None
+    sum: tuple[tuple[str, ...], ...] = ()
     unit: str = ''
     scale: _Scale | None = None
     offset: _Scale | None = None
     from_unit: str = ''
     positive: Literal['drawn', 'fed'] = 'drawn'
     at: Literal['joint', 'motor', ''] = ''
+    computed: bool = False
     optional: bool = False
 
     def __post_init__(self) -> None:
-        if bool(self.source) == (self.value is not None):
-            raise InputError('a signal has either from or value')
+        if bool(self.source) + bool(self.sum) + (self.value is not None) != 1:
+            raise InputError('a signal has either from, sum or value')
+        if not all(self.terms) or not all(name for term in self.terms for name in term):
+            raise InputError('sum: expected lists of columns, such as [[vq, iq], [vd, id]]')
+
+    @property
+    def terms(self) -> tuple[tuple[str, ...], ...]:
+        """The columns whose products are added; none of a constant."""
+        return self.sum or (((self.source,),) if self.source else ())
+
+    def filled(self, text: str) -> Self:
+        """Return the signal with a text for the * in its columns."""
+        terms = tuple(tuple(name.replace('*', text) for name in term) for term in self.sum)
+        return replace(self, source=self.source.replace('*', text), sum=terms)
 
 
 @schema
 class DriveMap:
-    """The signals of one drive; those that were not recorded are left out."""
+    """
+    The signals of one drive; those that were not recorded are left out.
+
+    gear_ratio: turns of the motor to one of the joint, which everything but signals `at: motor`
+    belongs to. motor_current makes the torque, of its quadrature axis.
+    """
 
     position: Signal | None = None
     velocity: Signal | None = None
     torque: Signal | None = None
+    motor_current: Signal | None = None
     command: Signal | None = None
     voltage: Signal | None = None
     current: Signal | None = None
     power: Signal | None = None
     temperature: Signal | None = None
+    gear_ratio: Annotated[float, Quantity(1e-3, 1e5)] | None = None
 
     def signals(self) -> dict[str, Signal]:
         """Return the signals that the map has, by quantity."""
@@ -81,20 +105,36 @@ class SupplyMap:
 
 
 @schema
+class TimeColumn:
+    """One of several columns whose times are added, such as seconds and nanoseconds."""
+
+    source: str
+    unit: str = ''
+
+
+@schema
 class TimeMap:
     """
-    A column of times, or the constant rate [Hz] of a log that has none.
+    A column of times, several that are added, or the constant rate [Hz] of a log that has none.
 
-    Without a unit, the one in the column's head counts, or else s.
+    Without a unit, the one in the column's head counts, or else s. The rows of a `steady` log are
+    operating points in any order.
     """
 
     column: str = ''
     unit: str = ''
+    columns: tuple[TimeColumn, ...] = ()
+    steady: bool = False
     rate: Annotated[float, Quantity(0.01, 1e6, 'Hz')] | None = None
 
     def __post_init__(self) -> None:
-        if bool(self.column) == (self.rate is not None):
-            raise InputError('time has either column or rate')
+        if bool(self.column) + bool(self.columns) + self.steady + (self.rate is not None) != 1:
+            raise InputError('time has either column, columns, rate or steady')
+
+    @property
+    def parts(self) -> tuple[TimeColumn, ...]:
+        """The columns whose times are added; none of a log without times."""
+        return self.columns or ((TimeColumn(self.column, self.unit),) if self.column else ())
 
 
 @schema
@@ -141,7 +181,7 @@ def _renamed(content: Any) -> Any:
     if not isinstance(content, dict):
         return content
     result = {
-        key: _signals(value) if key in ('drives', 'supply') else value
+        key: _signals(value) if key in ('drives', 'supply', 'time') else value
         for key, value in content.items()
     }
     time = result.get('time')
@@ -152,6 +192,8 @@ def _renamed(content: Any) -> Any:
 
 
 def _signals(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_signals(item) for item in value]
     if not isinstance(value, dict):
         return value
     return {('source' if key == 'from' else key): _signals(item) for key, item in value.items()}

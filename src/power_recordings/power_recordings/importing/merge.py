@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from power_recordings.alignment.ordering import GAP
+from power_recordings.alignment.ordering import longest_step
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -19,7 +19,7 @@ class _Buffer:
     width: int
     stamps: Stamps = field(default_factory=lambda: np.zeros(0, np.int64))
     values: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    period: float = 0.0  # ns, median
+    longest: float = 0.0  # ns, of steps that are no gaps
 
     def add(self, stamps: Stamps, values: Floats) -> None:
         if not len(self.stamps):
@@ -28,10 +28,10 @@ class _Buffer:
             self.stamps = np.concatenate([self.stamps, stamps])
             self.values = np.concatenate([self.values, values])
         if len(self.stamps) > 2:
-            self.period = float(np.median(np.diff(self.stamps[:1000])))
+            self.longest = 1e9 * longest_step(np.diff(self.stamps[:1000]) / 1e9)
 
     def at(self, stamps: Stamps) -> Floats:
-        """Linear interpolation, NaN outside the rows and in gaps of more than 2.5 periods."""
+        """Linear interpolation, NaN outside the rows and in gaps."""
         result = np.full((len(stamps), self.width), np.nan)
         if len(self.stamps) < 2:
             if len(self.stamps):
@@ -45,7 +45,7 @@ class _Buffer:
         for end, side in ((0.0, left), (1.0, right)):
             rows[weight == end] = self.values[side[weight == end]]
         exact = (weight == 0) | (weight == 1)
-        inside = (weight >= 0) & (weight <= 1) & ((span <= GAP * self.period) | exact)
+        inside = (weight >= 0) & (weight <= 1) & ((span <= self.longest) | exact)
         result[inside] = rows[inside]
         return result
 

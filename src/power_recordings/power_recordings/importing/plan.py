@@ -5,13 +5,22 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable, quoted
 
-from power_recordings.importing.map_file import DriveMap, ImportMap, Signal, load_map, names
+from power_recordings.importing.map_file import (
+    GEARED,
+    DriveMap,
+    ImportMap,
+    Signal,
+    load_map,
+    names,
+)
 from power_recordings.importing.sources.heads import unit_of
 from power_recordings.importing.sources.source import LogColumn, LogSource
 from power_recordings.importing.units import Conversion, conversion
@@ -25,17 +34,45 @@ _LONGEST_MATCHED = 500
 
 @dataclass(frozen=True)
 class LogChannel:
-    """One quantity of a drive or of the supply: its column (None: a constant) and conversion."""
+    """
+    One quantity of a drive or of the supply: its columns and conversion.
+
+    terms: columns of one stream whose products are added; none of a constant `value`.
+    """
 
     quantity: str
-    column: LogColumn | None
+    terms: tuple[tuple[LogColumn, ...], ...]
     conversion: Conversion
     value: float = np.nan
 
     @property
-    def address(self) -> str:
-        """Address of the column, '' for a constant."""
-        return self.column.address if self.column is not None else ''
+    def addresses(self) -> tuple[str, ...]:
+        """Addresses of the columns."""
+        return tuple(dict.fromkeys(column.address for term in self.terms for column in term))
+
+    @property
+    def stream(self) -> str | None:
+        """Stream of the columns; None for a constant."""
+        return self.terms[0][0].stream if self.terms else None
+
+    @property
+    def formula(self) -> str:
+        """The columns as the user knows them."""
+        return ' + '.join(' × '.join(column.address for column in term) for term in self.terms)
+
+    def convert(self, values: Mapping[str, NDArray[Any]]) -> Floats:
+        """Return the quantity [N] from the columns' values by address."""
+        for address in self.addresses:
+            if values[address].dtype.kind == 'O':
+                raise InputError(f'column {address!r} holds texts; expected numbers')
+        products = (
+            reduce(np.multiply, (values[column.address] for column in term)) for term in self.terms
+        )
+        return self.conversion(reduce(np.add, products))
+
+    def constant(self) -> float:
+        """Return the value of a constant."""
+        return float(self.conversion(np.array([self.value]))[0])
 
 
 @dataclass(frozen=True)
@@ -46,8 +83,9 @@ class ImportPlan:
     supply: Mapping[str, LogChannel]
     torque_at: Mapping[str, str]  # joint or motor, by drive
     torque_unit: Mapping[str, str]  # A where it is a current
-    time: LogColumn | None
-    time_unit: str
+    gear_ratio: Mapping[str, float]
+    computed: tuple[str, ...]  # drives whose power is marked so
+    time: tuple[tuple[LogColumn, str], ...]  # columns that are added, with their units
     stamp: str
 
     @property
@@ -58,14 +96,21 @@ class ImportPlan:
             for name, channels in self.drives.items()
             if 'velocity' not in channels
             and (position := channels.get('position'))
-            and position.column is not None
+            and position.terms
         )
 
     def addresses(self) -> tuple[str, ...]:
         """Return the addresses of all columns to be read."""
         parts = [*self.drives.values(), self.supply]
-        found = [c.address for part in parts for c in part.values() if c.address]
-        return tuple(dict.fromkeys([*found, *([self.time.address] if self.time else [])]))
+        found = [a for part in parts for channel in part.values() for a in channel.addresses]
+        return tuple(dict.fromkeys([*found, *(column.address for column, _ in self.time)]))
+
+    def columns(self) -> dict[str, dict[str, str]]:
+        """Return what each drive's signals were called in the log."""
+        return {
+            drive: {q: channel.formula for q, channel in channels.items() if channel.terms}
+            for drive, channels in self.drives.items()
+        }
 
 
 def make_plan(
@@ -85,9 +130,9 @@ def make_plan(
     for name, drive in drives.items():
         signals = drive.signals()
         channels[name] = {
-            q: _channel(q, s, known, f'{where}: drives.{name}.{q}')
+            q: _channel(q, s, known, f'{where}: drives.{name}.{q}', drive.gear_ratio)
             for q, s in signals.items()
-            if not s.optional or s.source in known
+            if not s.optional or all(column in known for term in s.terms for column in term)
         }
         _check_drive(channels[name], f'{where}: drives.{name}')
     supply = {
@@ -100,16 +145,17 @@ def make_plan(
         raise InputError(
             f'{where}: no current or power of any drive and no supply: nothing to judge a model by'
         )
-    time, time_unit = None, 's'
+    time = []
     if not is_bag:
         if mapping.time is None:
             raise InputError(f'{where}: time is missing; give time: {{column: …, unit: s}}')
-        if mapping.time.column:
-            time = _find(mapping.time.column, known, f'{where}: time.column')
-            time_unit = mapping.time.unit or _stated(time, 'time') or 's'
-            _checked_unit(time_unit, f'{where}: time.unit')
+        for part in mapping.time.parts:
+            column = _find(part.source, known, f'{where}: time.column')
+            unit = part.unit or _stated(column, 'time') or 's'
+            _checked_unit(unit, f'{where}: time.unit')
+            time.append((column, unit))
     at = {n: d.torque.at or 'joint' for n, d in drives.items() if d.torque is not None}
-    unit = {
+    current = {
         name: 'A'
         for name, drive in drives.items()
         if (torque := drive.torque) and torque.scale is None and torque.unit in ('A', 'mA')
@@ -117,10 +163,11 @@ def make_plan(
     return ImportPlan(
         channels,
         supply,
-        {**at, **dict.fromkeys(unit, 'motor')},
-        unit,
-        time,
-        time_unit,
+        {**at, **dict.fromkeys(current, 'motor')},
+        current,
+        {name: drive.gear_ratio for name, drive in drives.items() if drive.gear_ratio is not None},
+        tuple(name for name, d in drives.items() if d.power is not None and d.power.computed),
+        tuple(time),
         mapping.stamp,
     )
 
@@ -150,7 +197,14 @@ def expand(
             result[name] = drive
             continue
         signals = drive.signals()
-        patterns = [s.source for s in signals.values() if '*' in s.source and not s.optional]
+        patterns = [
+            column
+            for signal in signals.values()
+            if not signal.optional
+            for term in signal.terms
+            for column in term
+            if '*' in column
+        ]
         if not patterns:
             raise InputError(f'{where}: drives.{name}: a * in the name but in no from')
         found = [_matches(pattern, addresses) for pattern in patterns]
@@ -158,9 +212,8 @@ def expand(
         if not texts:
             raise InputError(f'{where}: drives.{name}: no column fits {quoted(patterns[0])}')
         for text in texts:
-            result[name.replace('*', text)] = DriveMap(
-                **{q: replace(s, source=s.source.replace('*', text)) for q, s in signals.items()}
-            )
+            filled: dict[str, Any] = {q: s.filled(text) for q, s in signals.items()}
+            result[name.replace('*', text)] = replace(drive, **filled)
     return result
 
 
@@ -172,20 +225,34 @@ def _matches(pattern: str, addresses: Sequence[str]) -> list[str]:
 
 
 def _channel(
-    quantity: str, signal: Signal, known: Mapping[str, LogColumn], where: str
+    quantity: str,
+    signal: Signal,
+    known: Mapping[str, LogColumn],
+    where: str,
+    gear_ratio: float | None = None,
 ) -> LogChannel:
     if signal.value is not None:
         factor = conversion(signal.unit, quantity) if signal.unit else Conversion()
-        return LogChannel(quantity, None, factor, signal.value)
-    column = _find(signal.source, known, where)
-    unit = signal.unit or ('' if signal.scale is not None else _stated(column, quantity))
+        return LogChannel(quantity, (), factor, signal.value)
+    terms = tuple(tuple(_find(name, known, where) for name in term) for term in signal.terms)
+    if len({column.stream for term in terms for column in term}) > 1:
+        raise InputError(f'{where}: sum: columns of one topic or table are multiplied only')
+    unit = signal.unit
+    if not unit and signal.scale is None and not signal.sum:
+        unit = _stated(terms[0][0], quantity)
     try:
         convert = _conversion(quantity, signal, unit)
     except InputError as error:
         raise InputError(f'{where}: {error}') from None
     if signal.positive == 'fed':
         convert = Conversion(-convert.factor, -convert.offset)
-    return LogChannel(quantity, column, convert)
+    if quantity in GEARED and signal.at == 'motor':
+        if gear_ratio is None:
+            raise InputError(
+                f'{where}: at: motor; give gear_ratio, motor turns to one of the joint'
+            )
+        convert = Conversion(convert.factor / gear_ratio, convert.offset / gear_ratio)
+    return LogChannel(quantity, terms, convert)
 
 
 def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
@@ -241,5 +308,5 @@ def _check_drive(channels: Mapping[str, LogChannel], where: str) -> None:
         )
     if {'power', 'current'} <= set(channels):
         raise InputError(f'{where}: give current or power, not both')
-    if all(c.column is None for c in channels.values()):
+    if not any(channel.terms for channel in channels.values()):
         raise InputError(f'{where}: only constants')

@@ -62,8 +62,12 @@ def _previewed(
     found: Mapping[str, NDArray[np.float64]],
     plan: ImportPlan,
 ) -> PreviewedSignal:
-    raw = found.get(channel.address, np.zeros(0)) if channel.address else np.array([channel.value])
-    values = channel.conversion(raw)
+    if not channel.terms:
+        values = np.array([channel.constant()])
+    elif all(address in found for address in channel.addresses):
+        values = channel.convert(found)
+    else:
+        values = np.zeros(0)
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
     unit = plan.torque_unit.get(drive, SI[quantity]) if quantity == 'torque' else SI[quantity]

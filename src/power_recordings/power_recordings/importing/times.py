@@ -1,6 +1,7 @@
 """Stamps of a log's rows: units, dates, restarts, repeated and backward times."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -18,11 +19,42 @@ Stamps = NDArray[np.int64]
 START = 1_000_000_000  # s, of logs whose times are relative
 _EPOCH = 1e8  # s; larger times are taken for seconds since 1970
 PAUSE = 1_000_000_000  # ns between parts of a log that follow on each other
-_MOST_BAD = 0.1  # share of rows whose time is of no use
+_MOST_BAD = 0.5  # share of rows whose time is of no use
+_MOST_BACK = 0.1  # share of rows that are older than the row before
+_LEAST_KEPT = 25.0  # Hz, of rows with a time of their own
+_DISORDER = 500_000_000  # ns that rows may be out of order by
 _LATEST = 4e9  # s
 _RATES = (0.2, 5e4)  # Hz, that a log of a drive can have
 _UNITS = ('s', 'ms', 'us', 'ns')
 _ORDINARY = re.compile(r'(\d{4})[:/.](\d\d)[:/.](\d\d)[ T:](\d\d:\d\d:.*)')
+
+
+@dataclass(frozen=True)
+class TimedRows:
+    """
+    Rows of a block that are kept, in the order of time.
+
+    rows [K] of the block, of which those from each of `starts` [N] to the next share stamps [N].
+    """
+
+    rows: NDArray[np.intp]
+    starts: NDArray[np.intp]
+    stamps: Stamps  # ns
+
+    def of(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the values [N] of a column of the block: means of those that share a stamp."""
+        kept = values if len(self.rows) == len(values) else values[self.rows]
+        if len(self.starts) == len(self.rows):
+            return kept
+        if kept.dtype.kind == 'O':
+            return kept[self.starts]
+        known = np.isfinite(kept)
+        sums = np.add.reduceat(np.where(known, kept, 0.0), self.starts)
+        with np.errstate(invalid='ignore'):
+            return np.asarray(sums / np.add.reduceat(known.astype(np.float64), self.starts))
+
+
+_NONE = np.zeros(0, np.intp)
 
 
 @dataclass
@@ -30,64 +62,79 @@ class LogClock:
     """
     Turns the times of one log into ascending stamps, block by block.
 
-    A time that goes back starts a new part, which follows 1 s after the last. Rows without a time,
-    or with that of the row before, are left out. `check` raises InputError where that is more than
-    a tenth of them. shift [ns] is added to all times.
+    Rows with the time of the row before are merged with it. A time that goes back by more than
+    half a second starts a new part, which follows 1 s after the last; rows that come later than
+    newer ones, and rows without a time, are left out. `check` raises InputError where too many
+    are. units: of the columns of times, which are added. shift [ns] is added to all times.
     """
 
     where: str
-    unit: str = 's'
+    units: tuple[str, ...] = ('s',)
     shift: int = 0
     last: int | None = None  # ns, of the last row that was kept
     parts: int = 0
     rows: int = 0
     repeated: int = 0
     missing: int = 0
+    late: int = 0
     _before: int | None = None
+    _span: int = 0  # ns, of all parts
 
-    def order(self, raw: Stamps) -> tuple[NDArray[np.intp], Stamps]:
+    def order(self, raw: Stamps) -> TimedRows:
         """Return the rows to keep and their stamps, of times in ns (negative: missing)."""
         self.rows += len(raw)
-        keep = np.flatnonzero(raw >= 0)
-        self.missing += len(raw) - len(keep)
-        raw = raw[keep]
+        rows = np.flatnonzero(raw >= 0)
+        self.missing += len(raw) - len(rows)
+        raw = raw[rows]
         if not len(raw):
-            return keep, raw
-        steps = np.diff(raw, prepend=self._before if self._before is not None else raw[:1] - 1)
-        fresh = steps != 0
-        self.repeated += int((~fresh).sum())
-        keep, raw, steps = keep[fresh], raw[fresh], steps[fresh]
-        if not len(raw):
-            return keep, raw
-        begins = steps < 0
+            return TimedRows(_NONE, _NONE, raw)
+        begins = np.diff(raw, prepend=self._before if self._before is not None else 0) < -_DISORDER
         if self._before is None:
             begins[0] = True
-        self._before = int(raw[-1])
+        keep, fresh = np.zeros((2, len(raw)), np.bool_)
         stamps = np.empty_like(raw)
         edges = np.union1d(np.flatnonzero(begins), [0, len(raw)]).astype(int).tolist()
         for start, stop in pairwise(edges):
+            part = raw[start:stop]
             if begins[start]:
                 self.parts += 1
                 if self.last is not None:
-                    self.shift = max(self.shift, self.last + PAUSE - int(raw[start]))
-            stamps[start:stop] = raw[start:stop] + self.shift
-            self.last = int(stamps[stop - 1])
-        return keep, stamps
+                    self.shift = max(self.shift, self.last + PAUSE - int(part[0]))
+                latest = int(part[0]) - 1
+            else:
+                assert self._before is not None
+                latest = self._before
+            newest = np.maximum.accumulate(part)
+            before = np.maximum(np.concatenate([[latest], newest[:-1]]), latest)
+            fresh[start:stop] = part > before
+            # A row goes to the mean of its time only where that was begun in this block.
+            begun = np.maximum.accumulate(fresh[start:stop])
+            keep[start:stop] = (part >= before) & begun
+            self.late += int((part < before).sum())
+            self.repeated += int((part == before).sum())
+            stamps[start:stop] = part + self.shift
+            self._before = max(int(newest[-1]), latest)
+            self._span += self._before - (int(part[0]) if begins[start] else latest)
+            self.last = self._before + self.shift
+        return TimedRows(rows[keep], np.flatnonzero(fresh[keep]), stamps[fresh])
 
     def check(self) -> None:
         """InputError where the times of a log are of no use."""
         if not self.rows or self.rows == self.missing:
             raise InputError(f'{self.where}: no row with a time')
-        for count, what in (
-            (self.missing, 'have no time'),
-            (self.repeated, 'repeat the time of the row before'),
-            (max(self.parts - 1, 0) * 5, ''),
-        ):
-            if count > _MOST_BAD * self.rows:
-                if what:
-                    raise InputError(f'{self.where}: {count} of {self.rows} rows {what}')
+        if self.missing > _MOST_BAD * self.rows:
+            raise InputError(f'{self.where}: {self.missing} of {self.rows} rows have no time')
+        back = self.late + max(self.parts - 1, 0)
+        if self.late + 5 * max(self.parts - 1, 0) > _MOST_BACK * self.rows:
+            raise InputError(f'{self.where}: time goes back in {back} of {self.rows} rows')
+        seconds = max(self._span, 1) / 1e9
+        if self.repeated > _MOST_BAD * self.rows:
+            kept = (self.rows - self.repeated) / seconds
+            if not self._span or kept < _LEAST_KEPT:
+                rate = '' if not self._span else f': time: {{rate: {self.rows / seconds:.4g}}}'
                 raise InputError(
-                    f'{self.where}: time goes back in {self.parts - 1} of {self.rows} rows'
+                    f'{self.where}: {self.repeated} of {self.rows} rows repeat the time of the '
+                    f'row before; give the rate of the rows in its place{rate}'
                 )
 
     def notes(self) -> list[str]:
@@ -96,22 +143,30 @@ class LogClock:
         if self.missing:
             found.append(f'{self.missing} rows without a time left out')
         if self.repeated:
-            found.append(f'{self.repeated} rows with the time of the row before left out')
+            found.append(
+                f'{self.repeated} rows with the time of the row before merged with it (mean)'
+            )
+        if self.late:
+            found.append(f'{self.late} rows older than the row before left out')
         if self.parts > 1:
             found.append(f'{self.parts} parts: time goes back in {self.parts - 1} places')
         return found
 
-    def nanoseconds(self, times: NDArray[Any]) -> Stamps:
-        """Return times of a log, numbers or dates, in ns; -1 where they are missing."""
-        if times.dtype.kind == 'O':
-            return self._dates(times)
-        seconds = times * conversion(self.unit, 'time').factor
+    def nanoseconds(self, columns: Sequence[NDArray[Any]]) -> Stamps:
+        """Return the sum of columns of times, numbers or dates, in ns; -1 where one is missing."""
+        first, *others = columns
+        if first.dtype.kind == 'O':
+            return self._dates(first)
+        if others:
+            return self._added(columns)
+        unit, times = self.units[0], first
+        seconds = times * conversion(unit, 'time').factor
         finite = np.isfinite(seconds)
         late = finite & (np.abs(seconds) > _LATEST)
         if late.sum() > 0.5 * finite.sum():
             largest = float(np.abs(times[finite]).max())
             raise InputError(
-                f'{self.where}: times reach {largest:.4g} {self.unit}; is that their unit? '
+                f'{self.where}: times reach {largest:.4g} {unit}; is that their unit? '
                 'expected s, ms, us or ns'
             )
         bad = ~finite | late
@@ -122,6 +177,24 @@ class LogClock:
         result = np.rint(whole * 1e9).astype(np.int64) + (START * 10**9 if relative else 0)
         return np.where(bad, -1, result)
 
+    def _added(self, columns: Sequence[NDArray[Any]]) -> Stamps:
+        """Each column is rounded to ns by itself: float64 holds no ns of seconds since 1970."""
+        total, known = np.zeros(len(columns[0]), np.int64), np.ones(len(columns[0]), np.bool_)
+        for unit, times in zip(self.units, columns, strict=True):
+            if times.dtype.kind == 'O':
+                raise InputError(f'{self.where}: dates and other times are not added')
+            seconds = times * conversion(unit, 'time').factor
+            good = np.isfinite(seconds) & (np.abs(seconds) < _LATEST)
+            known &= good
+            whole = np.where(good, np.trunc(seconds), 0.0)
+            rest = np.where(good, seconds - whole, 0.0)
+            total += whole.astype(np.int64) * 10**9 + np.rint(rest * 1e9).astype(np.int64)
+        if not known.any():
+            return np.full(len(total), -1, np.int64)
+        if float(np.median(total[known])) < _EPOCH * 1e9:
+            total += START * 10**9
+        return np.where(known, total, -1)
+
     def _check_unit(self, seconds: NDArray[np.float64]) -> None:
         """InputError where another unit of time would make a likely rate, and this does not."""
         steps = np.diff(seconds)
@@ -131,13 +204,13 @@ class LogClock:
         rate = 1 / float(np.median(steps))
         if _RATES[0] <= rate <= _RATES[1]:
             return
-        unit = conversion(self.unit, 'time').factor
+        unit = conversion(self.units[0], 'time').factor
         for other in _UNITS:
             likely = rate * unit / conversion(other, 'time').factor
             if 5 <= likely <= 2e4:
                 raise InputError(
-                    f'{self.where}: times in {self.unit} make {rate:.3g} rows a second; is that '
-                    f'their unit? {other} would make {likely:.3g}: time: {{unit: {other}}}'
+                    f'{self.where}: times in {self.units[0]} make {rate:.3g} rows a second; is '
+                    f'that their unit? {other} would make {likely:.3g}: time: {{unit: {other}}}'
                 )
 
     def _dates(self, texts: NDArray[Any]) -> Stamps:

@@ -20,28 +20,44 @@ SI: Final = {
     'command': 'rad',
     'voltage': 'V',
     'current': 'A',
+    'motor_current': 'A',
     'power': 'W',
     'temperature': 'degC',
     'time': 's',
 }
 """The unit of each quantity in a recording."""
 
-# pint reads Nm as a textile number and does not know rev.
+# Points and blanks as people write them. pint reads Nm as a textile number and does not know rev.
 _ALIASES: Final = {
     **{name: 'turn' for name in ('rev', 'revs', 'revolution', 'revolutions', 'turns', 'r')},
-    **{name: 'turn/s' for name in ('rps', 'rev/s', 'turns/s', 'r/s')},
+    **{name: 'turn/s' for name in ('rps', 'rev/s', 'turns/s', 'r/s', 'Hz')},
+    **{name: 'rad/s' for name in ('rad/sec', 'rad.s', 'rad s-1', 'rad·s⁻¹')},
     **{
         name: 'rpm'
         for name in ('RPM', 'Rpm', 'rev/min', 'r/min', '1/min', 'U/min', 'min-1', 'min^-1')
     },
-    **{name: 'N*m' for name in ('Nm', 'N m', 'N·m', 'N.m', 'N-m', 'newton_meter')},
+    **{name: 'N*m' for name in ('Nm', 'nm', 'NM', 'N m', 'N·m', 'N.m', 'N-m', 'newton_meter')},
     **{name: 'mN*m' for name in ('mNm', 'mN·m')},
     **{name: 'lbf*inch' for name in ('in-lb', 'in-lbs', 'lb-in', 'in-lbf', 'lbf-in', 'in lb')},
     **{name: 'lbf*foot' for name in ('ft-lb', 'ft-lbs', 'lb-ft', 'ft-lbf', 'lbf-ft', 'ft lb')},
     **{name: 'ozf*inch' for name in ('oz-in', 'in-oz', 'ozf-in', 'oz in')},
     **{name: 'kN*m' for name in ('kNm', 'kN·m')},
     **{name: 'N*cm' for name in ('Ncm', 'N·cm')},
-    **{name: 'degC' for name in ('°C', 'C', 'celsius', 'Celsius', 'deg_C', 'degree_celsius')},
+    **{name: 'N*mm' for name in ('Nmm', 'N·mm', 'N.mm', 'N-mm')},
+    **{
+        name: 'degC'
+        for name in (
+            '°C',
+            '℃',
+            'C',
+            'celsius',
+            'Celsius',
+            'deg_C',
+            'deg C',
+            'Deg C',
+            'degree_celsius',
+        )
+    },
     **{name: 'degF' for name in ('°F', 'F')},
     **{name: 'deg' for name in ('°', 'degrees')},
     **{name: 'deg/s' for name in ('°/s', 'dps', 'degrees/s')},
@@ -51,7 +67,6 @@ _ALIASES: Final = {
     'usec': 'us',
     'msec': 'ms',
     'nsec': 'ns',
-    'rad/sec': 'rad/s',
 }
 
 # What pint is given: names, products and small powers. It computes 9**9**9, too.
@@ -144,6 +159,7 @@ def _examples(quantity: str) -> str:
         'torque': 'N·m, mN·m (of a current: scale and from_unit)',
         'voltage': 'V, mV',
         'current': 'A, mA',
+        'motor_current': 'A, mA',
         'power': 'W, kW',
         'temperature': 'degC, K, degF',
         'time': 's, ms, us, ns',

@@ -200,7 +200,7 @@ def joint_state_block(
     """
     Encode N sensor_msgs/JointState of D joints from arrays [N, D]; None: an empty array.
 
-    Also the type of joint_commands (position only) and foot_force (effort only).
+    Also the type of joint_commands (position only), motor_current and foot_force (effort only).
     """
     given = {'position': position, 'velocity': velocity, 'effort': effort}
     columns = {field: np.asarray(values) for field, values in given.items() if values is not None}

@@ -87,6 +87,14 @@ class SupplySamples(Samples):
 
 
 @dataclass(frozen=True)
+class MotorCurrentSamples(Samples):
+    """Currents that make the torque of D motors."""
+
+    names: tuple[str, ...]
+    current: Floats  # A [N, D], of the quadrature axis
+
+
+@dataclass(frozen=True)
 class FootForceSamples(Samples):
     """Normal forces of F feet."""
 

@@ -13,6 +13,7 @@ from power_recordings.messages.samples import (
     FootForceSamples,
     ImuSamples,
     JointSamples,
+    MotorCurrentSamples,
     OdomSamples,
     Samples,
     SupplySamples,
@@ -62,6 +63,11 @@ def _drives(columns: Columns) -> DriveSamples:
 
 def _supply(columns: Columns) -> SupplySamples:
     return SupplySamples(columns.stamps(), columns.scalars('voltage'), columns.scalars('current'))
+
+
+def _motor_current(columns: Columns) -> MotorCurrentSamples:
+    names = columns.names()
+    return MotorCurrentSamples(columns.stamps(), names, columns.by_name('effort', names))
 
 
 def _foot_force(columns: Columns) -> FootForceSamples:
@@ -130,5 +136,6 @@ KINDS: Mapping[str, Kind] = {
     'imu': Kind(cdr.IMU, _IMU, _imu),
     'odom': Kind(cdr.ODOMETRY, _ODOM, _odom),
     'cmd_vel': Kind(cdr.TWIST_STAMPED, _TWIST, _cmd_vel),
+    'motor_current': Kind(cdr.JOINT_STATE, ('effort',), _motor_current),
     'foot_force': Kind(cdr.JOINT_STATE, ('effort',), _foot_force),
 }

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from power_recordings.alignment.ordering import GAP
+from power_recordings.alignment.ordering import longest_step
 
 Floats = NDArray[np.float32]
 Stamps = NDArray[np.int64]
@@ -22,7 +22,7 @@ class Timing:
     Rate, gaps and jitter of a topic's samples.
 
     rate: 1/median step, Hz. jitter: half of the span from the 1st to the 99th percentile of the
-    steps, as a share of the median. gap_seconds: sum of the steps over 2.5 periods.
+    steps, as a share of the median. gap_seconds: sum of the steps that are gaps.
     """
 
     samples: int
@@ -54,9 +54,10 @@ def timing(stamps: Stamps) -> Timing:
     if not len(steps):
         return Timing(len(stamps), 0.0, 0.0, 0, 0.0)
     period = float(np.median(steps))
-    usual = steps[steps <= GAP * period]
+    longest = longest_step(steps)
+    usual = steps[steps <= longest]
     low, high = np.percentile(usual, [1, 99])
-    gaps = steps[steps > GAP * period]
+    gaps = steps[steps > longest]
     jitter = float(high - low) / 2 / period
     return Timing(len(stamps), 1 / period, jitter, len(gaps), float(gaps.sum()))
 
@@ -79,7 +80,7 @@ def updates(stamps: Stamps, values: Floats) -> NDArray[np.float64]:
     stretch = np.minimum((seconds[1:] / length).astype(int), int(seconds[-1] / length))
     steps = np.diff(seconds)
     period = max(float(np.median(steps)), 1e-9)
-    covered = np.where(steps > max(GAP * period, _PAUSE), period, steps)
+    covered = np.where(steps > max(longest_step(steps), _PAUSE), period, steps)
     known = np.bincount(stretch, weights=covered)
     counts = np.stack([np.bincount(stretch, weights=column) for column in changed.T], axis=1)
     rows = np.bincount(stretch, minlength=len(counts))

@@ -22,6 +22,7 @@ from power_recordings.messages.samples import (
     FootForceSamples,
     ImuSamples,
     JointSamples,
+    MotorCurrentSamples,
     OdomSamples,
     Samples,
     SupplySamples,
@@ -171,6 +172,10 @@ class Recording:
     def joint_commands(self) -> JointSamples:
         """Targets of the joints."""
         return cast(JointSamples, self._get('joint_commands'))
+
+    def motor_current(self) -> MotorCurrentSamples:
+        """Currents that make the motors' torque."""
+        return cast(MotorCurrentSamples, self._get('motor_current'))
 
     def supply(self) -> SupplySamples:
         """The whole robot's supply."""

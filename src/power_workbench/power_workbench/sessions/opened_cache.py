@@ -37,7 +37,7 @@ _ROOM = 1 << 30  # bytes that stay free on the disk
 _UNFINISHED = 3600.0  # s, after which a file that was never renamed is deleted
 _ARRAYS = ('slots', 'recording', 'measured', 'noise')
 _TEXTS = ('meters', 'drives', 'recordings', 'still')
-_SETS = ('motor_torque', 'current_as_torque')
+_SETS = ('motor_torque', 'current_as_torque', 'computed_power')
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,10 @@ def _of_loaded(loaded: Loaded, paths: Sequence[Path]) -> ArrayFile:
     }
     arrays |= {f'extra {name}': values for name, values in data.extras.items()}
     about: dict[str, Any] = {
-        **{name: getattr(data, name) for name in ('rate', 'names', 'recordings', 'notes')},
+        **{
+            name: getattr(data, name)
+            for name in ('rate', 'names', 'recordings', 'notes', 'steady')
+        },
         **{name: sorted(getattr(data, name)) for name in _SETS},
         'paths': [str(path) for path in paths],
         'identities': [dict(one) for one in loaded.identities],
@@ -210,9 +213,10 @@ def _loaded(found: ArrayFile) -> Loaded:
     about = found.about
     own: dict[str, Any] = {
         'rate': about['rate'],
+        'steady': about.get('steady', False),
         'extras': _named(found.arrays, 'extra '),
         **{name: tuple(about[name]) for name in ('names', 'recordings', 'notes')},
-        **{name: frozenset(about[name]) for name in _SETS},
+        **{name: frozenset(about.get(name, ())) for name in _SETS},
         **{name: v for name, v in found.arrays.items() if not name.startswith('extra ')},
     }
     data = AlignedDataset(**own)

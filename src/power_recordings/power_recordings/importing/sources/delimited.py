@@ -12,6 +12,7 @@ import numpy as np
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
+from power_recordings.importing.sources.encoding import decoded
 from power_recordings.importing.sources.heads import Head, find_head, is_number
 from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
 
@@ -191,23 +192,19 @@ def sniff(path: Path) -> TableDialect:
         raw = file.read(_HEAD)
         if b'\n' not in raw and b'\r' not in raw:
             raw += file.readline(_LONGEST_LINE)
-        whole = raw if not file.read(1) else raw[: max(raw.rfind(b'\n'), raw.rfind(b'\r')) + 1]
-    if raw[:2] in (b'\xff\xfe', b'\xfe\xff'):
-        raise InputError(f'{path}: UTF-16 text; save it as UTF-8')
-    if b'\0' in raw[:4096]:
+        whole = not file.read(1)
+    lines, encoding, mark = decoded(raw, whole)
+    if any('\0' in line for line in lines[:50]):
         raise InputError(f'{path}: a binary file, not delimited text')
-    raw_lines = whole.removeprefix(b'\xef\xbb\xbf').splitlines(keepends=True)
-    try:
-        lines, encoding = [line.decode().rstrip('\r\n') for line in raw_lines], 'utf8'
-    except UnicodeDecodeError:
-        lines, encoding = [line.decode('latin-1').rstrip('\r\n') for line in raw_lines], 'latin1'
+    sizes = [len(line.encode(encoding)) for line in lines]
+    lines = [line.rstrip('\r\n') for line in lines]
     comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(_COMMENTS)]
     marked = set(comments)
     plain = [i for i, line in enumerate(lines) if line.strip() and i not in marked]
     begin = plain[0] if plain else 0
     best: TableDialect | None = None
     most = 0.0
-    longest = max(map(len, raw_lines), default=0)
+    longest = max(sizes, default=0)
     for delimiter in _DELIMITERS:
         rows = [_split(line, delimiter) for line in lines[begin : begin + 200]]
         above = [_split(lines[i].lstrip().lstrip('#%/'), delimiter) for i in comments if i < begin]
@@ -220,10 +217,11 @@ def sniff(path: Path) -> TableDialect:
         if numeric**2 / len(head.names) > most:
             most = numeric**2 / len(head.names)
             comma = delimiter != ',' and any(',' in f and is_number(f) for r in values for f in r)
-            skip = len(whole) - sum(map(len, raw_lines[begin + head.first_row :]))
+            skip = mark + sum(sizes[: begin + head.first_row])
             best = TableDialect(encoding, delimiter, ',' if comma else '.', head, skip, longest)
     if best is None:
         raise InputError(f'{path}: no rows of numbers found; expected delimited text with a head')
+    best.head.check(path)
     if len(best.head.names) > MOST_COLUMNS:
         raise InputError(
             f'{path}: {len(best.head.names)} columns; at most {MOST_COLUMNS} are read'

@@ -4,23 +4,43 @@ import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+
+from wattwalk_core.errors import InputError
 
 from power_recordings.importing.units import is_unit
 
 _NUMBER = re.compile(
     r'\s*[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\s*|\s*[+-]?(nan|inf)\s*', re.I
 )
+_DATE = re.compile(r'\d{2,4}[-./:]\d\d')
+_NO_UNIT = ('-', '–', '%', '1')
+_LIKE_A_HEAD = 0.5  # names to a value
 _UNITS_THAT_ARE_NAMES = ('rpm', 'rps')
+_WORDS = ('cycle', 'turn', 'min', 'day', 'hour', 'year', 'a', 'd', 'h')  # that end names, too
 _IN_BRACKETS = re.compile(r'\s*[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 
 
 @dataclass(frozen=True)
 class Head:
-    """Names and units of the columns, and the index of the first row of values."""
+    """
+    Names and units of the columns, and the index of the first row of values.
+
+    unfit: names in the row above the values, where they are not as many as the values.
+    """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     first_row: int
+    unfit: int = 0
+
+    def check(self, path: Path) -> None:
+        """InputError where the head does not fit the rows, so that no column has a name."""
+        if self.unfit:
+            raise InputError(
+                f'{path}: its head names {self.unfit} columns, its rows have {len(self.names)} '
+                'values; mend the head'
+            )
 
 
 def is_number(field: str) -> bool:
@@ -34,25 +54,52 @@ def find_head(
     """
     Find the head of a table in its first rows.
 
-    The first row of values is the first of as many fields as most rows have that holds a number.
-    The row above it names the columns; one in between may hold units. commented: the fields of
+    The first row of values is the first of as many fields as most rows have that holds numbers,
+    half as many as rows usually do at least. The row above it names the columns, whether or not
+    it ends in a delimiter; rows in between may hold units or dates. commented: the fields of
     comment lines above, the last of which may be the names. None where no row holds numbers.
     """
     widths = [len(row) for row in rows if row]
     if not widths:
         return None
     width = max(set(widths), key=lambda w: (widths.count(w), w))
-    first = next((i for i, row in enumerate(rows) if _has_values(row, width)), None)
-    if first is None:
+    numbers = [sum(map(is_number, row)) if len(row) == width else 0 for row in rows]
+    usual = sorted(n for n in numbers if n)
+    if not usual:
         return None
-    above = [list(row) for row in rows[:first] if len(row) == width]
-    above = above or [list(row) for row in commented if len(row) == width]
+    enough = usual[len(usual) // 2] / 2
+    first = next(i for i, count in enumerate(numbers) if count >= enough)
+    trailing = all(not row[-1].strip() for row in rows[first:] if len(row) == width)
+    above = [fitted for row in rows[:first] if (fitted := _fitted(row, width, trailing))]
+    above = above or [fitted for row in commented if (fitted := _fitted(row, width, trailing))]
     units = [''] * width
-    if len(above) > 1 and _all_units(above[-1]):
-        units = [field.strip().strip('[]()') for field in above.pop()]
+    while len(above) > 1 and ((own := _all_units(above[-1])) or not any(map(_is_name, above[-1]))):
+        row = above.pop()
+        units = [field.strip().strip('[]()') for field in row] if own else units
+    unfit = 0
+    if not above and first and len(rows[first - 1]) >= max(2, _LIKE_A_HEAD * width):
+        unfit = len(rows[first - 1])
     names = above[-1] if above else [f'column{i}' for i in range(1, width + 1)]
     units = [unit_of(n) or (u if is_unit(u) else '') for n, u in zip(names, units, strict=True)]
-    return Head(unique(names), tuple(units), first)
+    return Head(unique(names), tuple(units), first, unfit)
+
+
+def _fitted(row: Sequence[str], width: int, trailing: bool) -> list[str] | None:
+    """A row of names as wide as the values, whichever of the two ends in a delimiter."""
+    fields = list(row)
+    while len(fields) > width and not fields[-1].strip():
+        fields.pop()
+    if trailing and len(fields) == width - 1:
+        fields.append('')
+    return fields if len(fields) == width else None
+
+
+def _is_name(field: str) -> bool:
+    """Whether a field is no unit, number, date nor empty."""
+    text = field.strip().strip('[]()')
+    return bool(text) and not (
+        is_unit(text) or is_number(text) or _DATE.match(text) or text in _NO_UNIT
+    )
 
 
 def unit_of(name: str) -> str:
@@ -60,7 +107,9 @@ def unit_of(name: str) -> str:
     found = _IN_BRACKETS.search(name)
     if found:
         return found[1] if is_unit(found[1]) else ''
-    ending = re.split(r'[_ ]', name)[-1]
+    *before, ending = re.split(r'[_ ]', name)
+    if before[-1:] == ['per'] or ending in _WORDS:
+        return ''
     if ending == name and name.lower() not in _UNITS_THAT_ARE_NAMES:
         return ''
     return ending if len(ending) <= 5 and not ending.isdigit() and is_unit(ending) else ''
@@ -78,10 +127,8 @@ def unique(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(result)
 
 
-def _has_values(row: Sequence[str], width: int) -> bool:
-    return len(row) == width and any(is_number(field) for field in row)
-
-
 def _all_units(row: Sequence[str]) -> bool:
-    fields = [field.strip().strip('[]()') for field in row if field.strip().strip('[]()-')]
+    fields = [
+        text for field in row if (text := field.strip().strip('[]()')) not in ('', *_NO_UNIT)
+    ]
     return bool(fields) and sum(map(is_unit, fields)) >= 0.5 * len(fields)

@@ -47,6 +47,8 @@ class Spreadsheet:
             _check_size(path, self.size)
             self._book = load_workbook(path, read_only=True, data_only=True, keep_links=False)
             self._heads = {s.title: h for s in self._book.worksheets if (h := _head(s))}
+            for head in self._heads.values():
+                head.check(path)
         if not self._heads:
             raise InputError(f'{path}: no sheet with rows of numbers found')
 
