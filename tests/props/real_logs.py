@@ -1,8 +1,10 @@
-"""Public logs of real drives that may lie beside the checkout, and the map of one."""
+"""Public logs of real drives beside the checkout or at WATTWALK_REAL_DATA, and the map of one."""
 
+import os
 from pathlib import Path
 
-REAL = Path(__file__).resolve().parents[3] / 'shared' / 'real_data'
+_BESIDE = Path(__file__).resolve().parents[3] / 'shared' / 'real_data'
+REAL = Path(os.environ.get('WATTWALK_REAL_DATA') or _BESIDE)
 
 HOPPER = """
 format: import/1
