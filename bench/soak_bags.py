@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from power_recordings.messages.batch import Topic
 from power_recordings.messages.samples import DriveSamples, JointSamples, Samples, SupplySamples
 from power_recordings.messages.topic_columns import Columns
 from power_recordings.messages.topics import KINDS
 from power_recordings.reading import bag_folder
-from power_recordings.reading.batch import Topic
 from power_recordings.reading.reader import Recording
 from soak_account import BagRows
 from soak_devices import current_numbers, position_numbers, supply_numbers

@@ -106,6 +106,13 @@ def test_packages_use_each_other_one_way():
     TopologicalSorter(graph).prepare()
 
 
+def check_acyclic(graph: dict[str, set[str]]) -> None:
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(' → '.join(error.args[1]))
+
+
 @pytest.mark.parametrize('package', PACKAGES)
 def test_no_module_imports_itself_through_others(package):
     files = modules(package)
@@ -115,10 +122,21 @@ def test_no_module_imports_itself_through_others(package):
         for name, file in files.items()
     }
     assert graph
-    try:
-        TopologicalSorter(graph).prepare()
-    except CycleError as error:
-        pytest.fail(' → '.join(error.args[1]))
+    check_acyclic(graph)
+
+
+@pytest.mark.parametrize('package', [name for name in PACKAGES if name != 'power_estimator'])
+def test_no_folder_imports_itself_through_those_beside_it(package):
+    """Folders and single modules of a folder are its rooms, at every depth."""
+    files, graph = modules(package), defaultdict(set)
+    for name, file in files.items():
+        for used in imported(file) & {*files}:
+            ours, theirs = name.split('.'), used.split('.')
+            pairs = enumerate(zip(ours, theirs, strict=False), 1)
+            depth = next((depth for depth, (one, other) in pairs if one != other), None)
+            if depth is not None:
+                graph['.'.join(ours[:depth])].add('.'.join(theirs[:depth]))
+    check_acyclic(graph)
 
 
 def class_names(folders: list[Path]) -> dict[str, list[Path]]:

@@ -7,8 +7,8 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
 from power_estimator.effects.signals.prepared import prepare
 from power_lab.diagnose.diagnosis import Diagnoser
-from power_lab.diagnose.floors import above_floor, shared
 from power_lab.diagnose.verdict import sentence
+from power_lab.structure.floors import above_floor, shared
 from truth_circuit import Faults, Truth, record
 
 CATALOGUE = builtin_catalogue()

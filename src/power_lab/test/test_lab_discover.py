@@ -19,17 +19,17 @@ from power_lab.commands import compare as compare_command
 from power_lab.commands import discover as discover_command
 from power_lab.commands import fit as fit_command
 from power_lab.discover.discovery import Discoverer
-from power_lab.discover.drivers import FACTORS, Driver, Family
 from power_lab.discover.effect_file import Written, effect_source
 from power_lab.discover.formula import Formula, Place, principal
 from power_lab.discover.found import Found, bounds_of, check_bounds
 from power_lab.discover.grammar import PRIMITIVES
 from power_lab.discover.known import same_term
-from power_lab.discover.memory import play
 from power_lab.discover.outcome import split
 from power_lab.discover.selection import without_known
 from power_lab.discover.words import in_short
 from power_lab.report.discovery_tables import print_discovery
+from power_lab.structure.drivers import FACTORS, Driver, Family
+from power_lab.structure.memory import play
 from power_recordings.alignment.dataset import AlignedDataset
 from rich.console import Console
 

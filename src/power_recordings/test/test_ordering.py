@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from power_recordings.alignment.ordering import ascending
+from power_recordings.reading.ordering import ascending
 
 
 def kept(stamps: list[int]) -> list[int]:

@@ -11,7 +11,7 @@ from math import nan
 from statistics import median
 from typing import Generic, NamedTuple, TypeVar
 
-from power_recordings.alignment.ordering import GAP
+from power_recordings.reading.ordering import GAP
 
 T = TypeVar('T')
 _REMEMBERED = 512  # rows of a stream that wait for another one

@@ -17,9 +17,9 @@ from wattwalk_core.nodes.parameters import DeviceParameters
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.bus_acquisition import SampleQueue
-from power_daq.acquisition.device import open_device
 from power_daq.acquisition.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
 from power_daq.acquisition.receiver import Sample
+from power_daq.device import open_device
 
 _PERIOD = 1.0
 _PUBLISHING_ENDS = 10.0

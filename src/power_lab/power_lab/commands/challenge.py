@@ -86,7 +86,7 @@ def reveal(args: Sequence[str] | None = None) -> int:
     options = parser.parse_args(args)
 
     from power_lab.challenge.challenge import score, unseal
-    from power_lab.diagnose.words import in_words
+    from power_lab.structure.words import in_words
 
     answer = unseal(options.bag)
     if answer.get('fleet'):

@@ -11,9 +11,9 @@ from power_estimator.effects.fit.fitter import Fit, Fitter
 
 from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.diagnose.findings import Diagnosis
-from power_lab.diagnose.floors import above_floor
 from power_lab.diagnose.free_shapes import Remainder, remainder
 from power_lab.diagnose.residual_structure import ResidualStructure
+from power_lab.structure.floors import above_floor
 
 Floats = NDArray[np.float64]
 

@@ -13,10 +13,12 @@ from power_estimator.effects.fit.per_recording import has_own_terms
 
 from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.diagnose.beside import beside
-from power_lab.diagnose.candidates import CONSTANT_TORQUE, best_shapes, candidates
 from power_lab.diagnose.confidence_set import confidence_set
 from power_lab.diagnose.findings import Candidate, Diagnosis, Step, Verdict
-from power_lab.diagnose.floors import (
+from power_lab.diagnose.look_alikes import look_alikes
+from power_lab.diagnose.residual_structure import ResidualStructure, examine_structure
+from power_lab.structure.candidates import CONSTANT_TORQUE, best_shapes, candidates
+from power_lab.structure.floors import (
     above_floor,
     beyond_physics,
     floors,
@@ -24,8 +26,6 @@ from power_lab.diagnose.floors import (
     shared,
     unseen,
 )
-from power_lab.diagnose.look_alikes import look_alikes
-from power_lab.diagnose.residual_structure import ResidualStructure, examine_structure
 
 Floats = NDArray[np.float64]
 

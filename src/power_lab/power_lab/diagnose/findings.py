@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from power_estimator.effects.fit.design import Active
 
 from power_lab.compare.evidence import Evidence
-from power_lab.diagnose.floors import above_floor
 from power_lab.diagnose.free_shapes import Remainder
 from power_lab.diagnose.residual_structure import ResidualStructure
+from power_lab.structure.floors import above_floor
 
 Floats = NDArray[np.float64]
 Verdict = Literal['named', 'ambiguous', 'none_of_the_above', 'no_evidence']

@@ -10,11 +10,11 @@ from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fitter
 
 from power_lab.compare.evidence import Evidence, Examiner
-from power_lab.discover.drivers import Family, driver_values, factor_values, families
-from power_lab.discover.in_time import Course, InTime, in_time
-from power_lab.discover.problem import problems
-from power_lab.discover.screening import DriverGain, DriverScreen
-from power_lab.discover.shapes import hats, spread
+from power_lab.structure.drivers import Family, driver_values, factor_values, families
+from power_lab.structure.in_time import Course, InTime, in_time
+from power_lab.structure.problem import problems
+from power_lab.structure.screening import DriverGain, DriverScreen
+from power_lab.structure.shapes import hats, spread
 
 Floats = NDArray[np.float64]
 

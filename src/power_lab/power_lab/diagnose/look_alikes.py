@@ -8,7 +8,7 @@ from power_estimator.effects.effect import Effect
 from power_estimator.effects.fit.design import Active
 
 from power_lab.compare.evidence import Evidence
-from power_lab.diagnose.floors import above_floor, beyond_physics
+from power_lab.structure.floors import above_floor, beyond_physics
 
 Floats = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from power_lab.diagnose.candidates import CONSTANT_TORQUE
 from power_lab.diagnose.diagnosis import MOST_RIVALS
 from power_lab.diagnose.findings import Diagnosis
-from power_lab.diagnose.floors import above_floor
-from power_lab.diagnose.words import in_words
+from power_lab.structure.candidates import CONSTANT_TORQUE
+from power_lab.structure.floors import above_floor
+from power_lab.structure.words import in_words
 
 
 def sentence(diagnosis: Diagnosis) -> str:

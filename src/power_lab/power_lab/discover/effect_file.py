@@ -5,8 +5,9 @@ import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from power_lab.discover import grammar, memory
+from power_lab.discover import grammar
 from power_lab.discover.formula import Formula
+from power_lab.structure import memory
 
 _HELPERS = ('lagged', 'after_rest', 'play', 'by_stretch')
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.signals.prepared import Prepared
 
-from power_lab.discover.drivers import Family
 from power_lab.discover.grammar import Primitive
-from power_lab.discover.problem import DriveProblem
-from power_lab.discover.shapes import instant
+from power_lab.structure.drivers import Family
+from power_lab.structure.problem import DriveProblem
+from power_lab.structure.shapes import instant
 
 Floats = NDArray[np.float64]
 _EVALUATIONS = 60

@@ -12,10 +12,10 @@ from power_estimator.effects import Effect, load_catalogue
 from power_lab.compare.evidence import Evidence
 from power_lab.discover.effect_file import Written, effect_source
 from power_lab.discover.formula import Formula
-from power_lab.discover.in_time import InTime
 from power_lab.discover.known import Named
 from power_lab.discover.selection import Option
-from power_lab.discover.shapes import LearnedShape
+from power_lab.structure.in_time import InTime
+from power_lab.structure.shapes import LearnedShape
 
 Floats = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.signals.prepared import Prepared
 
 from power_lab.compare.evidence import Evidence, Examiner
-from power_lab.diagnose.candidates import CONSTANT_TORQUE, best_shapes, candidates
-from power_lab.diagnose.floors import beyond_physics
 from power_lab.discover.formula import Formula
-from power_lab.discover.shapes import instant
+from power_lab.structure.candidates import CONSTANT_TORQUE, best_shapes, candidates
+from power_lab.structure.floors import beyond_physics
+from power_lab.structure.shapes import instant
 
 Floats = NDArray[np.float64]
 

@@ -16,13 +16,13 @@ from power_estimator.model import PowerModel
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
-from power_lab.diagnose.words import in_words
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
 from power_lab.discover.found import Discovery, Found, check_bounds
 from power_lab.discover.selection import KEEPS
 from power_lab.discover.transfer import OtherRecording, Transfer
 from power_lab.recordings import Loaded, base_power
+from power_lab.structure.words import in_words
 
 Floats = NDArray[np.float64]
 Show = Callable[[str], None]

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from power_estimator.effects.fit.folds import FOLDS
 
 from power_lab.discover.grammar import PRIMITIVES, Primitive
-from power_lab.discover.problem import DriveProblem
-from power_lab.discover.shapes import LearnedShape
+from power_lab.structure.problem import DriveProblem
+from power_lab.structure.shapes import LearnedShape
 
 Floats = NDArray[np.float64]
 _LEAST_LEFT = 1e-4  # of a column's square, after the base's columns are projected out

@@ -4,11 +4,11 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from power_lab.discover.drivers import Family
 from power_lab.discover.formula import Formula, Place
 from power_lab.discover.grammar import PRIMITIVES
 from power_lab.discover.search import Expression
-from power_lab.discover.shapes import LearnedShape
+from power_lab.structure.drivers import Family
+from power_lab.structure.shapes import LearnedShape
 
 KEEPS = 0.9
 """Share of the shape's gain that a formula must keep to be called one."""

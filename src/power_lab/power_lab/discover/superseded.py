@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from power_estimator.effects.fit.design import Active, Structure
 
 from power_lab.compare.evidence import Evidence
-from power_lab.diagnose.floors import above_floor
 from power_lab.discover.found import Found, interval_of
+from power_lab.structure.floors import above_floor
 
 Floats = NDArray[np.float64]
 Examined = Callable[[Structure, Evidence], Evidence]

@@ -8,9 +8,9 @@ from wattwalk_core.pages.page import Page, escape
 
 from power_lab.discover.found import Found
 from power_lab.discover.outcome import DiscoveryOutcome
-from power_lab.discover.shapes import LearnedShape
 from power_lab.discover.transfer import Transfer
 from power_lab.report import discovery_figures, figures
+from power_lab.structure.shapes import LearnedShape
 
 Floats = NDArray[np.float64]
 

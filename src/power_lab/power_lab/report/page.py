@@ -11,11 +11,11 @@ from power_estimator.effects.signals.prepared import WHOLE, Prepared
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.compare.comparison import Comparison, by_drive, compare
-from power_lab.diagnose.candidates import CONSTANT_TORQUE
 from power_lab.diagnose.measurement_check import UNITS as TERM_UNITS
 from power_lab.diagnose.outcome import Outcome
-from power_lab.diagnose.words import in_words
 from power_lab.report import figures
+from power_lab.structure.candidates import CONSTANT_TORQUE
+from power_lab.structure.words import in_words
 
 Floats = NDArray[np.float64]
 

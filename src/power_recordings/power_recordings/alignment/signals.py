@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
-from power_recordings.alignment.ordering import longest_step
 from power_recordings.alignment.positions import is_rate, rests, unwrapped
 from power_recordings.alignment.stream import Floats, Stream, Times, held
 from power_recordings.messages.samples import DriveSamples, JointSamples, Samples
+from power_recordings.reading.ordering import longest_step
 from power_recordings.reading.reader import Recording
 
 _FEET = ('LF_FOOT', 'RF_FOOT', 'LH_FOOT', 'RH_FOOT')

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_recordings.alignment.filters import antialias, centred
-from power_recordings.alignment.ordering import longest_step
+from power_recordings.reading.ordering import longest_step
 
 Floats = NDArray[np.float32]
 Times = NDArray[np.float64]

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from power_recordings.alignment.ordering import longest_step
+from power_recordings.reading.ordering import longest_step
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
+from power_recordings.messages.batch import Batch, windows
 from power_recordings.messages.cdr import typestore
 from power_recordings.messages.cdr_layout import Layout
-from power_recordings.reading.batch import Batch, windows
 
 _MOST_LAYOUTS = 256
 

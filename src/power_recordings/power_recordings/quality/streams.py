@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from power_recordings.alignment.ordering import longest_step
+from power_recordings.reading.ordering import longest_step
 
 Floats = NDArray[np.float32]
 Stamps = NDArray[np.int64]

@@ -10,7 +10,7 @@ from wattwalk_core.files import reason
 from wattwalk_core.quoting import printable
 from wattwalk_core.yaml_file import read_yaml
 
-from power_recordings.reading.batch import Batch, Topic
+from power_recordings.messages.batch import Batch, Topic
 from power_recordings.reading.mcap_file import McapFile
 from power_recordings.reading.sqlite_file import SqliteFile
 

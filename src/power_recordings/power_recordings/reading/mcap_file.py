@@ -18,7 +18,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.files import regular_size
 from wattwalk_core.quoting import printable, quoted
 
-from power_recordings.reading.batch import LARGEST, RATIO, ROOM, Batch, Integers, Topic, windows
+from power_recordings.messages.batch import LARGEST, RATIO, ROOM, Batch, Integers, Topic, windows
 
 MAGIC = b'\x89MCAP0\r\n'
 _RECORD = struct.Struct('<BQ')

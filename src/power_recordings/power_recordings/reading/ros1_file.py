@@ -11,7 +11,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.files import regular_size
 from wattwalk_core.quoting import printable, quoted
 
-from power_recordings.reading.batch import LARGEST, RATIO, ROOM, Batch, Topic, joined
+from power_recordings.messages.batch import LARGEST, RATIO, ROOM, Batch, Topic, joined
 from power_recordings.reading.definitions import full_type
 
 _MAGIC: Final = b'#ROSBAG V2.0\n'

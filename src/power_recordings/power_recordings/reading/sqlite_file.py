@@ -12,7 +12,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.files import regular_size
 from wattwalk_core.quoting import printable
 
-from power_recordings.reading.batch import Batch, Topic, joined
+from power_recordings.messages.batch import Batch, Topic, joined
 
 _BLOCK: Final = 4096  # messages
 _LARGEST: Final = 256 << 20  # bytes of a message

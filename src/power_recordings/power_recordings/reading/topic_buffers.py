@@ -4,10 +4,10 @@ from collections import deque
 
 from wattwalk_core.errors import InputError
 
+from power_recordings.messages.batch import Topic, joined
 from power_recordings.messages.samples import Samples
 from power_recordings.messages.topic_columns import Columns
 from power_recordings.messages.topics import KINDS
-from power_recordings.reading.batch import Topic, joined
 
 _MOST = 20_000  # messages
 

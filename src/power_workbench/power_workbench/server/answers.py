@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.reducer import REDUCED_RATE
-from power_lab.diagnose.words import in_words
+from power_lab.structure.words import in_words
 from wattwalk_core.errors import InputError
 
 from power_workbench.sessions.session import WorkbenchSession

@@ -7,7 +7,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.model_file.model import EffectModel
 from power_lab.compare.comparison import open_model
-from power_lab.diagnose.words import in_words
+from power_lab.structure.words import in_words
 from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
 

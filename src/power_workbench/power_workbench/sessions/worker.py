@@ -13,8 +13,8 @@ from power_estimator.effects.model_file.yaml_file import read_model, write_model
 from power_lab.challenge.bench_run import record_on_bench, shortened
 from power_lab.compare.comparison import compare, open_model
 from power_lab.compare.fitting import extended, fitted
-from power_lab.diagnose.words import in_words
 from power_lab.recordings import Loaded, load
+from power_lab.structure.words import in_words
 from power_recordings.reading.bag_folder import find
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import read_bytes, write_whole

@@ -13,9 +13,9 @@ from wattwalk_core.quoting import printable
 from wattwalk_core.yaml_file import read_text
 
 from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress
+from power_recordings.messages.batch import Batch, Topic, windows
 from power_recordings.messages.cdr_layout import Layout
 from power_recordings.reading import bag_folder
-from power_recordings.reading.batch import Batch, Topic, windows
 from power_recordings.reading.definitions import fields_of, full_type, own_fields
 from power_recordings.reading.ros1_file import Ros1File
 

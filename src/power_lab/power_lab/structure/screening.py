@@ -11,8 +11,8 @@ from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.folds import FOLDS
 from power_estimator.effects.signals.prepared import Prepared
 
-from power_lab.discover.drivers import Factor, Family, driver_values, factor_values
-from power_lab.discover.problem import DriveProblem, price
+from power_lab.structure.drivers import Factor, Family, driver_values, factor_values
+from power_lab.structure.problem import DriveProblem, price
 
 Floats = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.folds import FOLDS
 from power_estimator.effects.signals.prepared import Prepared
 
-from power_lab.discover.drivers import Family, driver_values, factor_values
-from power_lab.discover.problem import DriveProblem, Moments, price
+from power_lab.structure.drivers import Family, driver_values, factor_values
+from power_lab.structure.problem import DriveProblem, Moments, price
 
 Floats = NDArray[np.float64]
 

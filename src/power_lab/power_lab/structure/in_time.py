@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from power_estimator.effects import Effect, Excitation, Signals, Term
 from power_estimator.effects.fit.folds import FOLDS
 
-from power_lab.discover.problem import DriveProblem
+from power_lab.structure.problem import DriveProblem
 
 Floats = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Signals, smooth_sign
 
-from power_lab.discover.memory import after_rest, by_stretch, lagged, play
+from power_lab.structure.memory import after_rest, by_stretch, lagged, play
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""Residual structure: what diagnosis and discovery examine it with."""
