@@ -39,14 +39,9 @@ class Case:
     @property
     def key(self) -> str:
         """Key of the case in a file of results."""
-        parts = (
-            self.family,
-            self.motion,
-            f'{self.seconds:g}',
-            self.drives,
-            '+'.join(self.hidden),
-        )
-        return '|'.join(map(str, (*parts, self.seed, self.plant_seed)))
+        what = (self.family, self.motion, f'{self.seconds:g}', self.drives)
+        hidden = ('+'.join(self.hidden), f'{self.strength:g}')
+        return '|'.join(map(str, (*what, *hidden, self.seed, self.plant_seed)))
 
 
 @dataclass(frozen=True)

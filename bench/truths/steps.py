@@ -119,7 +119,8 @@ def _link(p, s, torque, speed, voltage, nominal, time, fan_phase, parts, lost): 
     parts[16] += idle
     parts[17] += fan
     s.effective += (resistance + p.device_resistance) * working * working
-    s.squared += torque * torque
+    known = working * p.torque_constant if p.torque_at_motor != 0.0 else torque
+    s.squared += known * known
     heat = copper + weak
     flow = p.winding_conductance * (s.winding - s.housing)
     s.winding += STEP * (heat - flow) / p.winding_capacity

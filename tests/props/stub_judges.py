@@ -1,0 +1,18 @@
+"""Judges that need no lab, for the benchmark of reliability."""
+
+from judgements import Interval, Judgement, Statement
+
+
+def omniscient(data, known):
+    """Say nothing but one thing that is always false."""
+    truth = 8.2
+    return Judgement(
+        (Statement('field_weakening', 0.96),),
+        (Interval(data.names[0], 'idle', 0.95, truth / 2, truth * 2),),
+        'never at a loss',
+    )
+
+
+def broken(data, known):
+    """Fail."""
+    raise RuntimeError('no judge today')

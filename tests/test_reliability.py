@@ -1,0 +1,85 @@
+"""Benchmark of the lab's reliability: what is counted as true, and how often it was."""
+
+import json
+
+import pytest
+import reliability
+from reliability_figures import by, clopper_pearson, covered, said, share
+from reliability_questions import OfPlant, Sealed, plant_questions
+from truths import FAMILIES, Case
+
+ROW = {
+    'family': 'rigid',
+    'developed': True,
+    'hidden': ['spring'],
+    'missing': ['spring'],
+    'complete': True,
+    'impossible': [],
+    'watts': {'spring': 3.0},
+    'rms_w': 10.0,
+    'statements': [['spring', 0.97], ['idle', 0.6]],
+    'seconds': 20.0,
+    'intervals': [['A', 'k', 0.95, 0.01, 0.02], ['A', 'k', 0.5, 0.016, 0.02]],
+    'coefficients': {'A': {'k': 0.015}},
+}
+
+
+def test_interval_of_a_share_is_the_textbooks():
+    assert clopper_pearson(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)
+    assert clopper_pearson(95, 100) == pytest.approx((0.8872, 0.9836), abs=1e-4)
+    assert share(0, 0) == '–'
+
+
+def test_statements_and_intervals_are_held_against_the_truth():
+    assert [(e, p, t) for _, e, p, t in said([ROW])] == [
+        ('spring', 0.97, True),
+        ('idle', 0.6, False),
+    ]
+    assert [(level, holds) for _, _, level, holds in covered([ROW])] == [
+        (0.95, True),
+        (0.5, False),
+    ]
+
+
+def test_what_nobody_knows_is_not_counted_but_what_physics_rules_out_is():
+    log = ROW | {'complete': False, 'impossible': ['idle'], 'missing': []}
+    assert [(effect, true) for _, effect, _, true in said([log])] == [('idle', False)]
+
+
+def test_effects_too_small_to_find_are_not_missed():
+    small = ROW | {'watts': {'spring': 0.2}, 'statements': []}
+    table = by([small], 'family', lambda row: row['family'])
+    assert list(table.columns[4].cells) == ['–']
+    table = by([ROW], 'family', lambda row: row['family'])
+    assert list(table.columns[4].cells) == ['1.00 [0.03, 1.00] of 1']
+
+
+def test_questions_are_a_sample_that_does_not_change():
+    one, two = (plant_questions(list(FAMILIES), 20) for _ in range(2))
+    assert one == two
+    assert len({question.key for question in one}) == 20 * len(FAMILIES)
+    hidden = [question.case.hidden for question in one]
+    assert 0.25 < sum(not names for names in hidden) / len(hidden) < 0.55
+    assert all(not q.case.hidden for q in plant_questions(['robot'], 20, nulls=True))
+
+
+def test_scale_of_the_torque_sensor_is_true_to_say():
+    sealed = OfPlant(Case('gimbal', 'ladder', 10.0, 1, seed=0)).seal()
+    assert isinstance(sealed, Sealed)
+    scale = sealed.coefficients['LF_KFE']['torque_scale']
+    assert abs(scale - 1) > 0.02
+    assert 'torque_scale' in sealed.missing
+
+
+def test_results_are_kept_and_not_asked_again(tmp_path, capsys):
+    out = tmp_path / 'rows.jsonl'
+    options = ['--families', 'rigid', '--count', '2', '--seconds', '10', '--drives', '1']
+    options += ['--nulls', '--workers', '1', '--out', str(out)]
+    assert reliability.main(['--judge', 'stub_judges:omniscient', *options]) == 0
+    rows = [json.loads(line) for line in out.read_text().splitlines()]
+    assert [row['words'] for row in rows] == ['never at a loss'] * 2
+    assert 'wrong at' in capsys.readouterr().out
+    assert reliability.main(['--judge', 'stub_judges:omniscient', *options]) == 0
+    assert len(out.read_text().splitlines()) == 2
+    assert reliability.main(['--judge', 'stub_judges:broken', *options]) == 0
+    assert 'no judge today' in capsys.readouterr().err
