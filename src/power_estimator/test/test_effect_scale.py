@@ -5,6 +5,7 @@ import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.training import fit_model, material
+from power_estimator.effects.model_file.model import FittedValue
 from power_estimator.effects.model_file.yaml_file import read_model, write_model
 from power_estimator.effects.signals.prepared import prepare
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
@@ -95,6 +96,18 @@ def test_a_coefficient_at_its_bound_is_marked_and_stays_so_in_the_file(tmp_path)
     data = replace(data, power=data.torque * data.velocity + np.float32(20.0))
     model = fitted(data, 'shaft', 'copper_loss', 'idle')
     assert model.at_bound == ('WHEEL copper_loss k (lower)',)
+    write_model(model, tmp_path / 'm.yaml')
+    assert read_model(tmp_path / 'm.yaml', CATALOGUE).at_bound == model.at_bound
+
+
+def test_an_error_of_the_measurement_at_its_bound_is_marked_too(tmp_path):
+    model = fitted(turning(20.0, 6.0, copper=0.02, idle=5.0), 'shaft', 'copper_loss', 'idle')
+    measurement = {
+        'power_gain': FittedValue(0.04, (0.03, 0.04), 'upper'),
+        'current_offset': FittedValue(0.0, (-0.01, 0.01)),
+    }
+    model = replace(model, groups=(replace(model.groups[0], measurement=measurement),))
+    assert model.at_bound == ('WHEEL power_gain (upper)',)
     write_model(model, tmp_path / 'm.yaml')
     assert read_model(tmp_path / 'm.yaml', CATALOGUE).at_bound == model.at_bound
 

@@ -1,10 +1,16 @@
 """The lab on recordings that others made: slow meters, whole robots, real drives."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.model_file.model import FittedValue
+from power_estimator.effects.model_file.yaml_file import read_model
 from power_lab.commands import compare, diagnose, fit
+from power_lab.commands.options import console
+from power_lab.report.tables import print_model
 from power_recordings.commands import import_logs
 from real_logs import HOPPER, REAL
 
@@ -184,6 +190,34 @@ def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_men
     assert 'power grows by 1e+03 W with each W of torque × speed' in error
     assert 'in the map: current: {unit: mA}' in error
     assert fit.main([*arguments, '--anyway']) == 0
+
+
+def test_fit_tells_the_power_balance_before_any_physics_and_errors_of_the_measurement(
+    tmp_path, capsys
+):
+    bag = recording(tmp_path, DRIVE.replace('unit: W', 'unit: W, scale: 1.15'))
+    model, found = tmp_path / 'm.yaml', tmp_path / 'f.json'
+    effects = ['--effects', 'shaft,copper_loss,idle']
+    assert fit.main([str(bag), *effects, '-o', str(model), '--json', str(found)]) == 0
+    out = capsys.readouterr().out
+    content = json.loads(found.read_text())
+    balance = content['power_balance']['J0']
+    assert balance['slope'] == pytest.approx(1.15, rel=0.02)
+    assert 0.5 < balance['share'] < 1.0
+    assert 0 < out.index('power balance of J0: 1.1') < out.index('active effects')
+    assert f'{balance["share"]:.0%} of the variance' in out
+    gain = content['measurement']['J0']['power_gain']
+    assert gain['value'] == pytest.approx(0.15, abs=0.01)
+    errors = out.split('errors of the measurement')[1].splitlines()
+    assert f'{gain["value"]:.3g}' in next(line for line in errors if 'power_gain' in line)
+
+    fitted_model = read_model(model, builtin_catalogue())
+    (group, *others), bound = fitted_model.groups, FittedValue(0.04, (0.03, 0.04), 'upper')
+    group = replace(group, measurement={**group.measurement, 'power_gain': bound})
+    print_model(console(), replace(fitted_model, groups=(group, *others)))
+    out = capsys.readouterr().out
+    assert '0.04*' in next(line for line in out.splitlines() if 'power_gain' in line)
+    assert 'J0 power_gain (upper)' in out
 
 
 def test_a_robot_that_generates_is_no_robot_of_wrong_sign(tmp_path):

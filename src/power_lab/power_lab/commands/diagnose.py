@@ -48,6 +48,7 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_lab.compare.comparison import open_model
     from power_lab.diagnose.outcome import diagnose
     from power_lab.recordings import load
+    from power_lab.report.balance import balance_lines, power_balances
     from power_lab.report.tables import print_outcome
 
     model = open_model(options.model, catalogue)
@@ -58,6 +59,8 @@ def main(args: Sequence[str] | None = None) -> int:
         show('diagnosing')
         outcome = diagnose(loaded, model, options.model, catalogue, options.seed)
         content = outcome.json()
+    for line in balance_lines(loaded.data, power_balances(loaded.data)):
+        print(line)
     print_outcome(common.console(), outcome)
     with together():
         if options.json is not None:

@@ -1,6 +1,7 @@
 """`ros2 run power_lab fit`: coefficients of named effects from recordings."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from wattwalk_core.command import command
@@ -40,6 +41,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     from power_lab.compare.fitting import fitted
     from power_lab.recordings import load
+    from power_lab.report.balance import balance_lines, balances_json, power_balances
     from power_lab.report.tables import notes, print_model
 
     with progress('reading and fitting'):
@@ -55,11 +57,26 @@ def main(args: Sequence[str] | None = None) -> int:
         )
     (entry,) = model.history
     rmse = entry['rmse_w']
-    content = {'model': str(options.output), **entry, 'at_bound': list(model.at_bound)}
+    balances = power_balances(loaded.data)
+    content = {
+        'model': str(options.output),
+        **entry,
+        'at_bound': list(model.at_bound),
+        'measurement': {
+            group.type.name: {
+                name: {**asdict(value), 'at_bound': value.at_bound or None}
+                for name, value in group.measurement.items()
+            }
+            for group in model.groups
+        },
+        'power_balance': balances_json(balances),
+    }
     with together():
         write_model(model, options.output)
         if options.json is not None:
             write_json(options.json, content)
+    for line in balance_lines(loaded.data, balances):
+        print(line)
     print_model(common.console(), model)
     for note in notes(own.prepared):
         print(note)

@@ -1,10 +1,12 @@
 """Results as tables on a terminal."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.training import LEAST_SECONDS
-from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.model_file.model import EffectModel, FittedValue
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.sizing import UNKNOWN_CONSTANT
 from rich import box
@@ -16,6 +18,7 @@ from power_lab.diagnose.outcome import Outcome
 _SHOWN = 8
 _ABREAST = 4  # drives whose values fit beside each other
 _AT_BOUND = '* at the bound that the catalogue sets, not at a value that the recording gives'
+_FittedRow = tuple[str, str, list[FittedValue]]  # label, unit, values by group
 _VERDICT_STYLE = {
     'named': 'bold green',
     'ambiguous': 'bold yellow',
@@ -25,35 +28,55 @@ _VERDICT_STYLE = {
 
 
 def print_model(console: Console, model: EffectModel) -> None:
-    """Coefficients with intervals."""
+    """Coefficients and errors of the measurement with intervals."""
     console.print(f'active effects: {", ".join(model.effects)}')
     if model.base:
         console.print(f'on top of {model.base}')
-    table = _table(f'{model.name}: coefficients with 95 % intervals')
-    table.add_column('effect')
-    table.add_column('unit')
-    long = len(model.groups) > _ABREAST
-    for name in ('drive', 'value') if long else [group.type.name for group in model.groups]:
-        table.add_column(name, justify='left' if name == 'drive' else 'right')
-    for active in model.structure.free:
-        for index, term in enumerate(active.effect.terms):
-            cells = []
-            for group in model.groups:
-                value = group.coefficients[active.name][index]
-                low, high = value.interval
-                mark = _mark(value.at_bound)
-                cells.append(f'{value.value:.3g}{mark}\n({low:.3g} … {high:.3g})')
-            shape = ', '.join(f'{k} {v:g}' for k, v in active.shape)
-            label = f'{active.name} {term.symbol}' + (f' [{shape}]' if shape else '')
-            if not long:
-                table.add_row(label, term.unit, *cells)
-                continue
-            for place, (group, cell) in enumerate(zip(model.groups, cells, strict=True)):
-                head = ('', '') if place else (label, term.unit)
-                table.add_row(*head, group.type.name, cell.replace('\n', ' '))
-    console.print(table)
+    coefficients = [
+        (
+            f'{active.name} {term.symbol}' + (f' [{shape}]' if shape else ''),
+            term.unit,
+            [group.coefficients[active.name][index] for group in model.groups],
+        )
+        for active in model.structure.free
+        for shape in (', '.join(f'{k} {v:g}' for k, v in active.shape),)
+        for index, term in enumerate(active.effect.terms)
+    ]
+    errors = [
+        (
+            name,
+            builtin_catalogue()[name].terms[0].unit,
+            [group.measurement[name] for group in model.groups],
+        )
+        for name in (model.groups[0].measurement if model.groups else ())
+    ]
+    groups = [group.type.name for group in model.groups]
+    console.print(_fitted_table(f'{model.name}: coefficients', 'effect', coefficients, groups))
+    if errors:
+        console.print(_fitted_table('errors of the measurement', 'error', errors, groups))
     if model.at_bound:
         console.print(f'{_AT_BOUND}: {", ".join(model.at_bound)}')
+
+
+def _fitted_table(
+    title: str, head: str, rows: Sequence[_FittedRow], groups: Sequence[str]
+) -> Table:
+    table = _table(f'{title} with 95 % intervals')
+    long = len(groups) > _ABREAST
+    for name in (head, 'unit', *(('drive', 'value') if long else groups)):
+        table.add_column(name, justify='left' if name in (head, 'unit', 'drive') else 'right')
+    for label, unit, values in rows:
+        cells = [
+            '{:.3g}{}\n({:.3g} … {:.3g})'.format(one.value, _mark(one.at_bound), *one.interval)
+            for one in values
+        ]
+        if not long:
+            table.add_row(label, unit, *cells)
+            continue
+        for place, (group, cell) in enumerate(zip(groups, cells, strict=True)):
+            heads = ('', '') if place else (label, unit)
+            table.add_row(*heads, group, cell.replace('\n', ' '))
+    return table
 
 
 def notes(prepared: Prepared) -> list[str]:

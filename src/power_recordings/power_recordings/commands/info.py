@@ -66,7 +66,7 @@ def print_quality(checked: 'Checked') -> None:
             f'jitter ±{100 * timing.jitter:.1f} %{gaps}'
         )
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in ('drive', 'torque', 'updates', 'dP/d(τω)', 'ω/(dq/dt)'):
+    for head in ('drive', 'torque', 'updates', 'dP/d(τω)', 'of var P', 'ω/(dq/dt)'):
         table.add_column(head, justify='left' if head in ('drive', 'torque') else 'right')
     torque = f'torque {" or ".join(dict.fromkeys(_torque_units(card, quality.drives)))}'
     for head in (torque, 'speed rad/s', 'power W', 'τ–ω seen'):
@@ -78,6 +78,7 @@ def print_quality(checked: 'Checked') -> None:
             ' '.join((quality.torque_at.get(name, ''), card.torque_unit.get(name, ''))).strip(),
             _figure(drive.updates_hz, '{:.0f} Hz'),
             _figure(drive.power_slope, '{:.2f}'),
+            _figure(drive.power_share, '{:.0%}'),
             _figure(drive.velocity_slope, '{:.2f}'),
             *(f'{_figure(a, "{:.3g}")}…{_figure(b, "{:.3g}")}' for a, b in ranges),
             f'{100 * drive.cells:.0f} %',
@@ -88,6 +89,8 @@ def print_quality(checked: 'Checked') -> None:
             f'  robot = {line.slope:.2f} × sum of its drives {line.offset:+.1f} W '
             f'(R² {line.r2:.2f})'
         )
+    if quality.robot is not None:
+        console.print(f'  power of the robot: {quality.robot}')
     if card.derived_velocity:
         drives = _plain(', '.join(card.derived_velocity))
         console.print(f'  note: velocity is the rate of the position, not measured: {drives}')

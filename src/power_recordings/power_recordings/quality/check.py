@@ -29,7 +29,6 @@ _FROZEN = 1.0  # s
 _MOST = {'voltage': 1000.0, 'current': 1000.0}
 _SLOPE = (0.8, 1.25)
 _LEAST_CORRELATION = 0.7
-_LEAST_EXPLAINED = 0.2  # of the power, by torque and speed
 _GENERATES = 0.5  # of the power that flows out, by the joints: then nothing is wrong with its sign
 _LEAST_DRAWN = 0.1  # of the power, by the torque
 
@@ -40,6 +39,7 @@ class DriveQuality:
 
     updates_hz: float
     power_slope: float
+    power_share: float  # of the variance of power, what only torque × speed explains
     velocity_slope: float
     torque_range: tuple[float, float]  # N·m, 1st and 99th percentile
     velocity_range: tuple[float, float]  # rad/s
@@ -73,6 +73,7 @@ class Quality:
     torque_at: Mapping[str, str]
     findings: tuple[Finding, ...]
     supply: SupplyLine | None = None  # robot's power over the sum of its drives'
+    robot: physics.PowerBalance | None = None  # where it alone was metered
     lost: Mapping[str, SampleLoss] = field(default_factory=dict)  # of topics with a sequence
 
     def content(self) -> dict[str, Any]:
@@ -82,7 +83,7 @@ class Quality:
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
         """Make it from what `content` returned; KeyError or TypeError for anything else."""
-        line = content['supply']
+        line, robot = content['supply'], content['robot']
         return cls(
             seconds=content['seconds'],
             topics={name: Timing(**own) for name, own in content['topics'].items()},
@@ -90,6 +91,7 @@ class Quality:
             torque_at=content['torque_at'],
             findings=tuple(Finding(**own) for own in content['findings']),
             supply=None if line is None else SupplyLine(**line),
+            robot=None if robot is None else physics.PowerBalance(**robot),
             lost={name: SampleLoss(**own) for name, own in content['lost'].items()},
         )
 
@@ -107,7 +109,7 @@ def check_recording(recording: Recording) -> Quality:
     counts = {name: timing.samples for name, timing in topics.items()}
     checker = _Checker(recording)
     drives = {name: checker.drive(name) for name in checker.names}
-    line = checker.supply()
+    line, robot = checker.supply(), checker.robot()
     return Quality(
         recording.duration,
         topics,
@@ -119,6 +121,7 @@ def check_recording(recording: Recording) -> Quality:
             *checker.findings,
         ),
         line,
+        robot,
         lost,
     )
 
@@ -158,7 +161,7 @@ class _Checker:
         rate, power = self._electrics(name, time, velocity)
         slope = self._velocity(name, time, position, velocity)
         known = rate >= LEAST_UPDATES
-        power_slope = self._power(name, power, torque, velocity) if known else np.nan
+        balance = self._power(name, power, torque, velocity) if known else None
         cells, quadrants = physics.coverage(torque, velocity)
         if np.isfinite(torque).any() and np.isfinite(velocity).any() and cells < 0.15:
             self._find(
@@ -166,7 +169,8 @@ class _Checker:
             )
         return DriveQuality(
             rate,
-            power_slope,
+            np.nan if balance is None else balance.slope,
+            np.nan if balance is None else balance.share,
             slope,
             _range(torque),
             _range(velocity),
@@ -278,9 +282,7 @@ class _Checker:
         power: NDArray[np.float64],
         torque: NDArray[np.float64],
         velocity: NDArray[np.float64],
-    ) -> float:
-        if not len(power):
-            return np.nan
+    ) -> physics.PowerBalance | None:
         share = physics.explained(power, torque, velocity)
         if share is not None and share < _LEAST_DRAWN:
             self._find(
@@ -293,16 +295,17 @@ class _Checker:
                 'has it',
                 'torque: {from: …, unit: A, at: motor}',
             )
-        found = physics.power_slope(power, torque, velocity)
-        if found is None:
-            return np.nan
-        slope, error, r2 = found
-        current = self._recording.card.torque_unit.get(name) == 'A'
-        if current or r2 < _LEAST_EXPLAINED or 0.6 - 2 * error < slope < 1.6 + 2 * error:
-            return slope
-        if not any(f.drive == name and f.code == 'velocity_units' for f in self.findings):
-            self.findings.append(power_finding(name, slope))
-        return slope
+        balance = physics.power_balance(power, torque, velocity)
+        if self._recording.card.torque_unit.get(name) != 'A':
+            self._balance(name, balance)
+        return balance
+
+    def _balance(self, name: str, balance: physics.PowerBalance | None) -> None:
+        found = None if balance is None else power_finding(name, balance)
+        if found and not any(
+            f.drive == name and f.code == 'velocity_units' for f in self.findings
+        ):
+            self.findings.append(found)
 
     @property
     def _worked(self) -> float:
@@ -337,6 +340,22 @@ class _Checker:
                 f'{LEAST_UPDATES:.0f} (with --slow, energy over windows is judged)',
             )
         return self._line(supply)
+
+    def robot(self) -> physics.PowerBalance | None:
+        """Set the power of a robot whose drives have no meter against their motion."""
+        joints = self._joints
+        if self._electric is not None or joints is None or not self._recording.has('supply'):
+            return None
+        supply = self._recording.supply()
+        units = self._recording.card.torque_unit
+        if min(len(supply), len(joints)) < _FEWEST or 'A' in units.values():
+            return None
+        power = _at(supply.stamp_ns, supply.power, joints.stamp_ns)
+        motion = (joints.effort.astype(float), joints.velocity.astype(float))
+        balance = physics.power_balance(power, *motion)
+        if balance is not None and 'supply_sign' not in [f.code for f in self.findings]:
+            self._balance('', balance)
+        return balance
 
     def _line(self, supply: SupplySamples) -> SupplyLine | None:
         if self._electric is None or len(self._electric.names) < len(self.names):

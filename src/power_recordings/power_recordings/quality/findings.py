@@ -6,6 +6,8 @@ from typing import Final, Literal
 
 import numpy as np
 
+from power_recordings.quality.physics import PowerBalance
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -24,7 +26,10 @@ class Finding:
 
 
 _TOLERANCE: Final = 0.12
-_SCALES: Final = (0.2, 5.0)  # of a slope that a wrong constant may make; beyond, a unit is wrong
+_USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
+_DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
+_HINTED: Final = 0.02  # the same, from which a slope of the wrong sign is told
+_LEAST_EXPLAINED: Final = 0.2  # of the power, by torque and speed
 _TURN: Final = 2 * np.pi
 
 # What a velocity that is so many times the rate of the position is, and the line that mends it.
@@ -57,6 +62,9 @@ _OF_POWER: Final[Mapping[float, tuple[str, str]]] = {
     1e6: ('current is in mA and voltage in mV', 'current: {unit: mA}, voltage: {unit: mV}'),
 }
 
+# Slopes of power that are nearer to 1 than to rpm or turns per second: losses, or a torque scale.
+_SCALES: Final = (np.sqrt(_TURN / 60), np.sqrt(_TURN))
+
 
 def velocity_finding(drive: str, slope: float) -> Finding:
     """Return what is amiss where velocity is `slope` times the rate of the position."""
@@ -72,20 +80,39 @@ def velocity_finding(drive: str, slope: float) -> Finding:
     return Finding('velocity_units', 'error', drive, text, mend)
 
 
-def power_finding(drive: str, slope: float) -> Finding:
-    """Return what is amiss where power grows by `slope` W with each W of torque × speed."""
-    meaning, mend = _meaning(abs(slope), _OF_POWER)
-    if slope < 0:
+def power_finding(drive: str, balance: PowerBalance) -> Finding | None:
+    """Return what is amiss with the slope or the size of power, None where nothing is."""
+    slope, margin = balance.slope, 2 * balance.error
+    decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED
+    if decided and slope < -margin:
         text = f'power falls by {-slope:.3g} W with each W of torque × speed: a sign is wrong'
-        mend = 'torque: {scale: -1}'
-    else:
-        text = f'power grows by {slope:.3g} W with each W of torque × speed'
-        text += f': {meaning}?' if meaning else ', not by about 1: scale, or a gear between?'
-        if not mend and _SCALES[0] < slope < _SCALES[1]:
-            mend = f'torque: {{scale: {slope:.4g}}}'
-        elif not mend:
-            text += ' Two units at once? Check those of torque, speed, voltage and current.'
-    return Finding('power_units', 'error', drive, text, mend)
+        return Finding('power_units', 'error', drive, text, 'torque: {scale: -1}')
+    if balance.impossible and not (decided and _meaning(slope, _OF_POWER)[0]):
+        text = (
+            f'torque × speed is {balance.shaft:.3g} W (rms) where {balance.power:.3g} W were '
+            'metered: units of torque and speed?'
+        )
+        return Finding('power_units', 'error', drive, text)
+    if slope < -2 * margin and balance.share > _HINTED:
+        text = f'power falls with torque × speed, {balance}: is a sign wrong?'
+        return Finding('power_slope', 'warning', drive, text)
+    if not decided or _USUAL[0] - margin < slope < _USUAL[1] + margin:
+        return None
+    meaning, mend = _meaning(slope, _OF_POWER)
+    text = f'power grows by {slope:.3g} W with each W of torque × speed'
+    if meaning:
+        return Finding('power_units', 'error', drive, f'{text}: {meaning}?', mend)
+    if _SCALES[0] < slope < _SCALES[1]:
+        text += (
+            f', which stands for {balance.share:.0%} of its variance: losses that grow with load '
+            'and speed, or a torque that is scaled'
+        )
+        return Finding('power_slope', 'warning', drive, text)
+    text += (
+        ', not by about 1: a gear between, or two units at once? Check those of torque, speed, '
+        'voltage and current.'
+    )
+    return Finding('power_units', 'error', drive, text)
 
 
 def _meaning(slope: float, known: Mapping[float, tuple[str, str]]) -> tuple[str, str]:

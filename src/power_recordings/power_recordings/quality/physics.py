@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _ENOUGH = 50  # samples
+_IMPOSSIBLE = 10.0  # times the metered power: no smoothing of a meter, no gear and no loss
 
 
 @dataclass(frozen=True)
@@ -40,38 +41,69 @@ def velocity_slope(time: Floats, position: Floats, velocity: Floats) -> Slope | 
     return _slope(rate[whole], mean[whole])
 
 
-def power_slope(
-    power: Floats, torque: Floats, velocity: Floats
-) -> tuple[float, float, float] | None:
+@dataclass(frozen=True)
+class PowerBalance:
     """
-    Return the slope a of P = a·τω + b·τ² + c·|ω| + d, its standard error, and R².
+    Slope a of P = a·τω + b·τ² + c·|ω| + d, W per W, with its standard error and R² of the whole.
 
-    Near 1 where the signals are in SI units and of one sign. None where the power does not tell:
-    too few samples, or mechanical power that explains less than a third of it.
+    a is near 1 where units and signs are right. share: of the variance of P, what only τω
+    explains. shaft, power: root mean squares of τω and P, W.
     """
-    good = np.isfinite(power) & np.isfinite(torque) & np.isfinite(velocity)
+
+    slope: float
+    error: float
+    share: float
+    r2: float
+    shaft: float
+    power: float
+
+    def __str__(self) -> str:
+        return (
+            f'{self.slope:.3g} ± {2 * self.error:.2g} W per W of torque × speed, which stands for '
+            f'{self.share:.0%} of the variance'
+        )
+
+    @property
+    def impossible(self) -> bool:
+        """True where far more comes out of the shaft than any meter or loss could hide."""
+        return self.shaft > _IMPOSSIBLE * self.power
+
+
+def power_balance(power: Floats, torque: Floats, velocity: Floats) -> PowerBalance | None:
+    """
+    Return the balance of a drive's power [N], or of a robot's with its drives' motion [N, D].
+
+    None for too few samples.
+    """
+    if len(power) < 10 * _ENOUGH:
+        return None
+    torque, velocity = (each.reshape(len(power), -1) for each in (torque, velocity))
+    good = np.isfinite(power) & np.isfinite(torque + velocity).all(axis=1)
     power, torque, velocity = power[good], torque[good], velocity[good]
     if len(power) < 10 * _ENOUGH:
         return None
-    design = np.stack(
-        [torque * velocity, torque**2, np.abs(velocity), np.ones_like(power)], axis=1
-    )
+    spread = max(float(np.var(power)), 1e-12)
+    terms = (torque * velocity, torque**2, np.abs(velocity))
+    design = np.stack([*(term.sum(axis=1) for term in terms), np.ones_like(power)], axis=1)
+    shaft = float(np.sqrt(np.mean(design[:, 0] ** 2)))
     scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
-    found, *_ = np.linalg.lstsq(design / scale, power, rcond=1e-10)
-    residual = power - design / scale @ found
-    spread = float(np.var(power))
-    if spread <= 0:
-        return None
-    r2 = 1 - float(np.var(residual)) / spread
-    shaft = design[:, 0] / scale[0]
-    others = np.delete(design / scale, 0, axis=1)
-    own, *_ = np.linalg.lstsq(others, shaft, rcond=1e-10)
-    own_part = shaft - others @ own
-    free = float(np.var(own_part))
-    if free < 1e-4 * float(np.var(shaft)) or float(np.var(found[0] * own_part)) < 0.3 * spread:
-        return None
-    error = float(np.sqrt(np.var(residual) / max(free, 1e-12) / len(power) * 20)) / scale[0]
-    return float(found[0] / scale[0]), error, r2
+    design = design / scale
+    found, *_ = np.linalg.lstsq(design, power, rcond=1e-10)
+    remainder = float(np.var(power - design @ found))
+    others = design[:, 1:]
+    common, *_ = np.linalg.lstsq(others, design[:, 0], rcond=1e-10)
+    free = float(np.var(design[:, 0] - others @ common))
+    if free < 1e-4 * float(np.var(design[:, 0])):
+        free = 0.0  # τω goes with the other terms
+    error = float(np.sqrt(remainder / max(free, 1e-12) / len(power) * 20)) / scale[0]
+    return PowerBalance(
+        float(found[0] / scale[0]),
+        error,
+        float(found[0]) ** 2 * free / spread,
+        1 - remainder / spread,
+        shaft,
+        float(np.sqrt(np.mean(power**2))),
+    )
 
 
 def explained(power: Floats, torque: Floats, velocity: Floats) -> float | None:

@@ -162,16 +162,15 @@ class EffectModel:
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """Coefficients that stand at a bound, as `MOTOR_A copper_loss k (lower)`."""
-        return tuple(
-            f'{group.type.name} {active.name} {term.symbol} ({value.at_bound})'
-            for group in self.groups
-            for active in self.structure.free
-            for term, value in zip(
-                active.effect.terms, group.coefficients[active.name], strict=True
-            )
-            if value.at_bound
-        )
+        """Values at a bound: `MOTOR_A copper_loss k (lower)`, `MOTOR_A power_gain (upper)`."""
+        found: list[tuple[str, FittedValue]] = []
+        for group in self.groups:
+            kind = group.type.name
+            for active in self.structure.free:
+                values = zip(active.effect.terms, group.coefficients[active.name], strict=True)
+                found += [(f'{kind} {active.name} {term.symbol}', own) for term, own in values]
+            found += [(f'{kind} {name}', own) for name, own in group.measurement.items()]
+        return tuple(f'{name} ({own.at_bound})' for name, own in found if own.at_bound)
 
     def renamed(self, name: str) -> 'EffectModel':
         """Return the model under another name."""

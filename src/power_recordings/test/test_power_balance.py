@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+from power_recordings.commands.info import print_quality
+from power_recordings.index.kept_quality import Checked
+from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
+from power_recordings.quality.check import check_recording
+from power_recordings.quality.physics import power_balance
+from power_recordings.quality.refusal import refuse_wrong_units
+from power_recordings.reading.reader import Recording
+from wattwalk_core.errors import InputError
+
+TIME = np.arange(0, 60.0, 0.01)
+STAMPS = (TIME * 1e9).astype(np.int64)
+TORQUE = 15.0 * np.sin(1.3 * TIME) + 3.0 * np.sin(5.1 * TIME)
+SPEED = 2.0 * np.cos(3.0 * TIME)
+
+
+def lossy_leg(copper=0.12):
+    """Power of a leg whose gear rubs: 12 % of load, 1.5 N·m, and 2.5 N·m·s/rad."""
+    friction = (0.12 * np.abs(TORQUE) + 1.5) * np.sign(SPEED) + 2.5 * SPEED
+    motor = TORQUE + friction
+    return motor * SPEED + copper * motor**2 + 8.0
+
+
+def recording(power, torque=1.0, speed=1.0, whole=False):
+    def column(values):
+        return np.asarray(values, np.float32)[:, None]
+
+    motion = (column(np.cumsum(speed * SPEED) * 0.01), column(speed * SPEED))
+    joints = JointSamples(STAMPS, ('KNEE',), *motion, column(torque * TORQUE))
+    size = len(TIME)
+    if whole:
+        supply = SupplySamples(STAMPS, np.full(size, 48.0, np.float32), -np.float32(power / 48.0))
+        return Recording.in_memory('log', {'joint_states': joints, 'supply': supply})
+    index = np.arange(size, dtype=np.uint64)
+    unknown = np.full((size, 1), np.nan, np.float32)
+    flags = np.zeros((size, 1), np.uint8)
+    electric = (column(np.full(size, 48.0)), column(power / 48.0))
+    drives = DriveSamples(STAMPS, ('KNEE',), index, index, *electric, unknown, flags)
+    return Recording.in_memory('log', {'joint_states': joints, 'drive_supply': drives})
+
+
+def test_a_sound_leg_with_a_lossy_gear_is_warned_of_and_not_refused():
+    leg = recording(lossy_leg())
+    found = check_recording(leg)
+    balance = power_balance(lossy_leg(), TORQUE, SPEED)
+    assert balance.slope - 2 * balance.error > 1.6
+    assert balance.share > 0.3
+    assert [f.severity for f in found.findings if f.code.startswith('power')] == ['warning']
+    refuse_wrong_units(leg)
+    (text,) = [f.text for f in found.findings if f.code == 'power_slope']
+    assert f'power grows by {balance.slope:.3g} W with each W of torque × speed' in text
+    assert f'{balance.share:.0%} of its variance' in text
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'words'),
+    [
+        ({'torque': -1.0}, 'a sign is wrong'),
+        ({'torque': 1e3}, 'torque'),  # N·mm
+        ({'torque': 1 / 9}, 'a gear between'),
+        ({'speed': 180 / np.pi}, 'speed'),
+        ({'speed': 60 / (2 * np.pi)}, 'torque, speed'),
+        ({'speed': 1 / (2 * np.pi)}, 'two units at once'),
+    ],
+    ids=['sign', 'N·mm', 'gear', 'deg/s', 'rpm', 'rev/s'],
+)
+def test_units_and_signs_are_refused_on_a_lossy_leg_too(wrong, words):
+    with pytest.raises(InputError, match=words):
+        refuse_wrong_units(recording(lossy_leg(), **wrong))
+
+
+def test_milliamperes_of_a_lossy_leg_are_refused():
+    small = 0.1 * 1e3 * lossy_leg()  # no current beyond what a drive can draw
+    with pytest.raises(InputError, match='power grows by'):
+        refuse_wrong_units(recording(small, torque=0.1**0.5, speed=0.1**0.5))
+
+
+@pytest.mark.parametrize('whole', [False, True], ids=['drive', 'robot'])
+def test_a_shaft_that_gives_a_hundred_times_what_is_metered_is_refused(whole):
+    noise = 300.0 + np.random.default_rng(0).normal(0.0, 30.0, len(TIME))
+    with pytest.raises(InputError, match=r'torque × speed is 1.54e\+04 W \(rms\) where 301 W'):
+        refuse_wrong_units(recording(noise, torque=1e3, whole=whole))
+
+
+def test_slope_and_share_of_the_variance_are_printed_also_where_they_decide_nothing(capsys):
+    heat = 0.5 * TORQUE**2 + 8.0
+    loud = np.random.default_rng(0).normal(0.0, 30.0, len(TIME))
+    leg = recording(heat + loud)
+    quality = check_recording(leg)
+    drive = quality.drives['KNEE']
+    assert abs(drive.power_slope) < 0.2
+    assert drive.power_share < 0.01
+    print_quality(Checked.of(leg))
+    assert '–' not in next(
+        line for line in capsys.readouterr().out.splitlines() if line.strip().startswith('KNEE')
+    )
+
+
+def test_a_robot_without_meters_at_its_drives_has_a_balance_too(capsys):
+    robot = recording(TORQUE * SPEED + 0.05 * TORQUE**2 + 8.0, whole=True)
+    print_quality(Checked.of(robot))
+    assert 'power of the robot: 1 ± ' in capsys.readouterr().out
+    with pytest.raises(InputError, match='a sign is wrong'):
+        refuse_wrong_units(recording(TORQUE * SPEED + 0.05 * TORQUE**2 + 8.0, -1.0, whole=True))
