@@ -98,9 +98,9 @@ def test_where_nothing_is_missing_it_says_what_could_hide_and_how_to_see_it(bag,
     hidden = {row['name']: row['could_hide_w'] for row in told['candidates']}
     assert all(watts >= 0.0 for watts in hidden.values())
     most = max(hidden, key=lambda name: hidden[name])
-    if hidden[most] > 1.0:
-        assert most in told['next_recording']['reason']
-        assert f'({hidden[most]:.1f} W)' in told['sentence']
+    assert hidden[most] > 1.0
+    assert most in told['next_recording']['reason']
+    assert f'({hidden[most]:.1f} W)' in told['sentence']
     assert told['next_recording']['segments']
 
 
