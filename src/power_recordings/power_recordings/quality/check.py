@@ -73,7 +73,7 @@ class Quality:
     torque_at: Mapping[str, str]
     findings: tuple[Finding, ...]
     supply: SupplyLine | None = None  # robot's power over the sum of its drives'
-    robot: physics.PowerBalance | None = None  # where it alone was metered
+    robot: physics.ShaftBalance | None = None  # where it alone was metered
     lost: Mapping[str, SampleLoss] = field(default_factory=dict)  # of topics with a sequence
 
     def content(self) -> dict[str, Any]:
@@ -91,7 +91,7 @@ class Quality:
             torque_at=content['torque_at'],
             findings=tuple(Finding(**own) for own in content['findings']),
             supply=None if line is None else SupplyLine(**line),
-            robot=None if robot is None else physics.PowerBalance(**robot),
+            robot=None if robot is None else physics.ShaftBalance(**robot),
             lost={name: SampleLoss(**own) for name, own in content['lost'].items()},
         )
 
@@ -282,7 +282,7 @@ class _Checker:
         power: NDArray[np.float64],
         torque: NDArray[np.float64],
         velocity: NDArray[np.float64],
-    ) -> physics.PowerBalance | None:
+    ) -> physics.ShaftBalance | None:
         share = physics.explained(power, torque, velocity)
         if share is not None and share < _LEAST_DRAWN:
             self._find(
@@ -300,7 +300,7 @@ class _Checker:
             self._balance(name, balance)
         return balance
 
-    def _balance(self, name: str, balance: physics.PowerBalance | None) -> None:
+    def _balance(self, name: str, balance: physics.ShaftBalance | None) -> None:
         found = None if balance is None else power_finding(name, balance)
         if found and not any(
             f.drive == name and f.code == 'velocity_units' for f in self.findings
@@ -341,7 +341,7 @@ class _Checker:
             )
         return self._line(supply)
 
-    def robot(self) -> physics.PowerBalance | None:
+    def robot(self) -> physics.ShaftBalance | None:
         """Set the power of a robot whose drives have no meter against their motion."""
         joints = self._joints
         if self._electric is not None or joints is None or not self._recording.has('supply'):

@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from power_recordings.quality.physics import PowerBalance
+from power_recordings.quality.physics import ShaftBalance
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def velocity_finding(drive: str, slope: float) -> Finding:
     return Finding('velocity_units', 'error', drive, text, mend)
 
 
-def power_finding(drive: str, balance: PowerBalance) -> Finding | None:
+def power_finding(drive: str, balance: ShaftBalance) -> Finding | None:
     """Return what is amiss with the slope or the size of power, None where nothing is."""
     slope, margin = balance.slope, 2 * balance.error
     decided = balance.share > _DECIDED and balance.r2 > _LEAST_EXPLAINED

@@ -42,7 +42,7 @@ def velocity_slope(time: Floats, position: Floats, velocity: Floats) -> Slope | 
 
 
 @dataclass(frozen=True)
-class PowerBalance:
+class ShaftBalance:
     """
     Slope a of P = a·τω + b·τ² + c·|ω| + d, W per W, with its standard error and R² of the whole.
 
@@ -69,7 +69,7 @@ class PowerBalance:
         return self.shaft > _IMPOSSIBLE * self.power
 
 
-def power_balance(power: Floats, torque: Floats, velocity: Floats) -> PowerBalance | None:
+def power_balance(power: Floats, torque: Floats, velocity: Floats) -> ShaftBalance | None:
     """
     Return the balance of a drive's power [N], or of a robot's with its drives' motion [N, D].
 
@@ -96,7 +96,7 @@ def power_balance(power: Floats, torque: Floats, velocity: Floats) -> PowerBalan
     if free < 1e-4 * float(np.var(design[:, 0])):
         free = 0.0  # τω goes with the other terms
     error = float(np.sqrt(remainder / max(free, 1e-12) / len(power) * 20)) / scale[0]
-    return PowerBalance(
+    return ShaftBalance(
         float(found[0] / scale[0]),
         error,
         float(found[0]) ** 2 * free / spread,
