@@ -12,7 +12,6 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from power_estimator.effects import ModelDiscrepancy
 from power_estimator.effects.fit import candidate_screener
 from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened, Trial
 from power_estimator.effects.fit.design import Active, Structure
@@ -51,10 +50,7 @@ class Memory:
 
 def active_key(active: Active) -> Hashable:
     """Identity of an effect in its shape; discrepancies are made anew for each fit."""
-    effect = active.effect
-    if isinstance(effect, ModelDiscrepancy):
-        return '~', id(effect.of), tuple(effect.shape), active.shape
-    return id(effect), active.shape
+    return active.effect.departs_from or id(active.effect), active.shape
 
 
 def structure_key(structure: Structure) -> Key:

@@ -1,10 +1,14 @@
+import pickle
 import textwrap
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_estimator.effects import Signals, builtin_catalogue, load_catalogue
+from power_estimator.effects import Effect, Signals, Term, builtin_catalogue, load_catalogue
 from power_estimator.effects.catalogue import regressors_of
 from power_estimator.effects.fit.design import Active, Structure, evaluate
+from power_estimator.effects.fit.per_recording import per_recording
+from power_estimator.effects.fit.whole_robot import drive_share, shared_by_size
 from power_estimator.effects.signals.scale import DriveScale
 from wattwalk_core.errors import InputError
 
@@ -131,6 +135,12 @@ def test_the_measured_temperature_counts_only_where_it_moved():
     assert effect.usable(signals(), time_constant=20.0)
 
 
+def test_an_effect_of_a_whole_robot_rests_on_what_it_rests_on_in_a_drive():
+    heating = shared_by_size(CATALOGUE['winding_heating'], signals())
+    assert heating.rests_on == ('copper_loss',)
+    assert heating.near == CATALOGUE['winding_heating'].near
+
+
 def write(tmp_path, body):
     path = tmp_path / 'mine.py'
     path.write_text(textwrap.dedent(body))
@@ -152,12 +162,87 @@ GOOD = """
     """
 
 
+DATA = """
+    from dataclasses import replace
+
+    import numpy as np
+    from power_estimator.effects import Effect, Term
+    from power_estimator.effects.library.friction import VISCOUS_FRICTION
+
+    FAN = Effect(
+        name='fan',
+        physics='a fan that turns with the joint',
+        formula='f·|w|³',
+        terms=(Term('f', 'W·s³/rad³', 0.0, 10.0),),
+        regressors=lambda signals, **shape: np.abs(signals.velocity)[..., None] ** 3,
+    )
+    GREASE = replace(VISCOUS_FRICTION, name='grease')
+    """
+
+
 def test_an_effect_derived_from_another_says_itself_that_it_needs_its_own_drive_alone():
-    class Neighbours(type(CATALOGUE['viscous_friction'])):
+    class Alone(Effect):
+        name = physics = formula = 'alone'
+        terms = (Term('c', 'W'),)
+        per_drive = True
+
+        def regressors(self, signals, **shape):
+            return np.ones((*signals.torque.shape, 1))
+
+    class Neighbours(Alone):
         """Looks at other drives than the effect that it derives from."""
 
-    assert type(CATALOGUE['viscous_friction']).per_drive
-    assert not Neighbours.per_drive
+    assert Alone().per_drive
+    assert not Neighbours().per_drive
+
+
+def test_a_class_states_an_effect_by_its_attributes_and_methods():
+    class Rub(Effect):
+        name = physics = formula = 'rub'
+        terms = (Term('c', 'N·m'),)
+        acts_on = 'torque'
+        needs_joint_torque = True
+        shapes = ({'order': 1.0}, {'order': 2.0})
+
+        def regressors(self, signals, *, order=1.0, **_):
+            return signals.velocity[..., None] ** order
+
+        def usable(self, signals, **shape):
+            return super().usable(signals) and shape['order'] < 2.0
+
+        def factors(self, scale):
+            return 3.0 * super().factors(scale)
+
+    rub, given = Rub(), signals(velocity=2.0)
+    assert type(rub) is Effect
+    assert rub.regressors(given, order=3.0)[0, 0, 0] == 8.0
+    assert [rub.usable(given, **shape) for shape in rub.shapes] == [True, False]
+    assert not rub.usable(replace(given, at_motor=np.ones(1, dtype=bool)), order=1.0)
+    assert rub.factors(given.scale).tolist() == [[3.0]]
+
+
+def test_a_user_states_effects_as_data_or_as_changes_of_shipped_ones(tmp_path):
+    catalogue = load_catalogue([write(tmp_path, DATA)])
+    assert set(catalogue) - set(CATALOGUE) == {'fan', 'grease'}
+    assert regressors_of(catalogue['fan'], signals(velocity=2.0), {})[0, 0, 0] == 8.0
+    assert catalogue['grease'].near == CATALOGUE['viscous_friction'].near
+
+
+@pytest.mark.parametrize('form', ['class', 'data'])
+def test_effects_reach_other_processes_without_their_functions(tmp_path, form):
+    path = write(tmp_path, GOOD if form == 'class' else DATA)
+    given = signals(velocity=2.0)
+    share = np.array([[3.0]])
+    for effect in (load_catalogue([path])['fan'], CATALOGUE['viscous_friction']):
+        for variant in (effect, drive_share(effect, 'own', share), per_recording(effect, 1)):
+            again = pickle.loads(pickle.dumps(variant))
+            assert again == variant
+            assert np.array_equal(again.regressors(given), variant.regressors(given))
+
+
+def test_an_effect_that_no_file_defines_stays_in_its_process():
+    with pytest.raises(TypeError, match="'lone' is in no catalogue"):
+        pickle.dumps(replace(CATALOGUE['idle'], name='lone'))
 
 
 def test_a_user_adds_an_effect_by_one_file(tmp_path):
@@ -175,7 +260,7 @@ def test_a_user_adds_an_effect_by_one_file(tmp_path):
         (('def regressors', 'def other'), 'no method regressors'),
         (('Effect, Term', 'Effect, Trem'), 'ImportError'),
         (("Term('f', 'W·s³/rad³', 0.0, 10.0)", "Term('f', '', 0.0, 10.0)"), 'Term(symbol, unit'),
-        (('class Fan(Effect)', 'class Fan'), 'defines no class'),
+        (('class Fan(Effect)', 'class Fan'), 'defines no Effect'),
         (('import numpy as np', 'import numpy as np ('), 'SyntaxError'),
         (('import numpy as np', 'raise SystemExit(0)'), 'SystemExit'),
         (("name = 'fan'", "name = 'f\x1b[31m'"), 'name is letters, digits'),

@@ -7,7 +7,6 @@ from power_estimator.effects.fit.by_drive import ByDriveBuilder
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.threads import for_each
-from power_estimator.effects.library.winding_heating import WindingHeating
 from power_estimator.effects.signals.pieces import pieces
 from power_estimator.effects.signals.prepared import prepare
 from power_recordings.alignment.dataset import AlignedDataset
@@ -118,7 +117,7 @@ def test_a_recording_that_is_short_enough_is_used_whole():
 def test_the_winding_remembers_what_lies_between_the_pieces():
     whole = recorded()
     some = pieces(whole, 40.0)
-    heating = WindingHeating()
+    heating = CATALOGUE['winding_heating']
     before = heating.regressors(whole.signals, time_constant=20.0)
     after = heating.regressors(some.signals, time_constant=20.0)
     assert after == pytest.approx(before[some.part.samples])

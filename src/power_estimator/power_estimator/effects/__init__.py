@@ -1,4 +1,4 @@
-"""Physical effects in the electrical power of a joint drive, one class each."""
+"""Physical effects in the electrical power of a joint drive, by name."""
 
 from power_estimator.effects.catalogue import (
     Catalogue,
@@ -6,14 +6,12 @@ from power_estimator.effects.catalogue import (
     load_catalogue,
 )
 from power_estimator.effects.effect import Effect, Excitation, Shape, Term, smooth_sign
-from power_estimator.effects.library.model_discrepancy import ModelDiscrepancy
 from power_estimator.effects.signals.state import Signals
 
 __all__ = [
     'Catalogue',
     'Effect',
     'Excitation',
-    'ModelDiscrepancy',
     'Shape',
     'Signals',
     'Term',

@@ -1,70 +1,55 @@
 """Catalogue of effects: those shipped and those of users' files."""
 
+import copyreg
 import inspect
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
 from wattwalk_core.yaml_file import read_text
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Shape, Term
-from power_estimator.effects.library.cogging import Cogging
-from power_estimator.effects.library.copper_loss import CopperLoss
-from power_estimator.effects.library.coulomb_friction import CoulombFriction
-from power_estimator.effects.library.field_weakening import FieldWeakening
-from power_estimator.effects.library.idle import Idle
-from power_estimator.effects.library.inverter_loss import InverterLoss
-from power_estimator.effects.library.iron_loss import IronLoss
-from power_estimator.effects.library.line_resistance import LineResistance
-from power_estimator.effects.library.load_friction import LoadFriction
-from power_estimator.effects.library.measurement import (
-    CurrentOffset,
-    OffsetDrift,
-    PowerGain,
-    TimeOffset,
-    TorqueBias,
-    TorqueNonlinearity,
-    VelocityLag,
+from power_estimator.effects.effect import Effect, Floats, Shape, Term
+from power_estimator.effects.library import (
+    bus,
+    friction,
+    iron_and_inverter,
+    mechanics,
+    sensors,
+    winding,
 )
-from power_estimator.effects.library.regeneration_efficiency import RegenerationEfficiency
-from power_estimator.effects.library.regeneration_limit import RegenerationLimit
-from power_estimator.effects.library.rotor_inertia import RotorInertia
-from power_estimator.effects.library.shaft import Shaft
-from power_estimator.effects.library.spring import Spring
-from power_estimator.effects.library.stribeck_friction import StribeckFriction
-from power_estimator.effects.library.viscous_friction import ViscousFriction
-from power_estimator.effects.library.winding_heating import WindingHeating
 from power_estimator.effects.signals.state import Signals
 
-_BUILTIN: tuple[type[Effect], ...] = (
-    Shaft,
-    CopperLoss,
-    WindingHeating,
-    ViscousFriction,
-    CoulombFriction,
-    StribeckFriction,
-    LoadFriction,
-    IronLoss,
-    InverterLoss,
-    Idle,
-    RegenerationEfficiency,
-    RegenerationLimit,
-    FieldWeakening,
-    RotorInertia,
-    Spring,
-    Cogging,
-    LineResistance,
-    PowerGain,
-    CurrentOffset,
-    TorqueBias,
-    TorqueNonlinearity,
-    VelocityLag,
-    OffsetDrift,
-    TimeOffset,
+_BUILTIN = (
+    mechanics.SHAFT,
+    winding.COPPER_LOSS,
+    winding.WINDING_HEATING,
+    friction.VISCOUS_FRICTION,
+    friction.COULOMB_FRICTION,
+    friction.STRIBECK_FRICTION,
+    friction.LOAD_FRICTION,
+    iron_and_inverter.IRON_LOSS,
+    iron_and_inverter.INVERTER_LOSS,
+    bus.IDLE,
+    bus.REGENERATION_EFFICIENCY,
+    bus.REGENERATION_LIMIT,
+    iron_and_inverter.FIELD_WEAKENING,
+    mechanics.ROTOR_INERTIA,
+    mechanics.SPRING,
+    friction.COGGING,
+    bus.LINE_RESISTANCE,
+    sensors.POWER_GAIN,
+    sensors.CURRENT_OFFSET,
+    sensors.TORQUE_BIAS,
+    sensors.TORQUE_BEND,
+    sensors.VELOCITY_LAG,
+    sensors.OFFSET_DRIFT,
+    sensors.TIME_OFFSET,
 )
 
 
@@ -85,7 +70,7 @@ class Catalogue(Mapping[str, Effect]):
         return len(self._effects)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Travel as the names of files: a user's classes are in no module of others."""
+        """Travel as the names of files: a user's effects are in no module of others."""
         files = dict.fromkeys(path.absolute() for path in self.origins.values())
         return load_catalogue, (tuple(files),)
 
@@ -109,7 +94,7 @@ class Catalogue(Mapping[str, Effect]):
 
 def builtin_catalogue() -> Catalogue:
     """Return the shipped effects."""
-    return Catalogue([effect() for effect in _BUILTIN])
+    return Catalogue(_BUILTIN)
 
 
 def load_catalogue(paths: Sequence[Path] = ()) -> Catalogue:
@@ -119,7 +104,7 @@ def load_catalogue(paths: Sequence[Path] = ()) -> Catalogue:
     The files are run: name only files that you trust. InputError if a file cannot be read or
     run, defines no effect, redefines a name, or defines one that is incomplete.
     """
-    effects = [effect() for effect in _BUILTIN]
+    effects = list(_BUILTIN)
     origins: dict[str, Path] = {}
     for path in paths:
         for effect in _effects_in(path):
@@ -165,16 +150,19 @@ def _all_finite(values: Floats) -> bool:
 
 def _effects_in(path: Path) -> list[Effect]:
     module = _run(path)
-    classes = [
+    forms = [
         value
         for value in vars(module).values()
-        if inspect.isclass(value)
-        and issubclass(value, Effect)
-        and value.__module__ == module.__name__
+        if (isinstance(value, Effect) and not any(value is known for known in _BUILTIN))
+        or (
+            inspect.isclass(value)
+            and issubclass(value, Effect)
+            and value.__module__ == module.__name__
+        )
     ]
-    if not classes:
-        raise InputError(f'{path}: defines no class derived from Effect')
-    return [_checked(kind, path) for kind in classes]
+    if not forms:
+        raise InputError(f'{path}: defines no Effect(…) and no class derived from Effect')
+    return [_checked(form, path) for form in forms]
 
 
 def _run(path: Path) -> ModuleType:
@@ -188,31 +176,52 @@ def _run(path: Path) -> ModuleType:
     return module
 
 
-def _checked(kind: type[Effect], path: Path) -> Effect:
-    where = f'{path}: class {kind.__name__}'
+def _checked(form: Any, path: Path) -> Effect:
+    """Return an effect, or that which a class states, complete and known to come from the file."""
+    is_class = inspect.isclass(form)
+    where = f'{path}: ' + (f'class {form.__name__}' if is_class else f'effect {form.name!r}')
     try:
-        _check_attributes(kind, where)
-        return kind()
+        _check_fields(form, where)
+        effect: Effect = form() if is_class else form
     except InputError:
         raise
     except Exception as error:  # a user's class may hold anything
         raise InputError(f'{where}: {type(error).__name__}: {error}') from error
+    return replace(effect, made=(_from_file, (path.absolute(), effect.name)))
 
 
-def _check_attributes(kind: type[Effect], where: str) -> None:
-    for attribute in ('name', 'physics', 'formula', 'terms'):
-        if not getattr(kind, attribute, None):
-            raise InputError(f'{where} has no {attribute!r}')
-    if not isinstance(kind.name, str) or not re.fullmatch(r'\w{1,64}', kind.name):
-        raise InputError(f'{where}: name is letters, digits and "_", not {quoted(kind.name)}')
-    if inspect.isabstract(kind):
+def _check_fields(form: Any, where: str) -> None:
+    for field in ('name', 'physics', 'formula', 'terms'):
+        if not getattr(form, field, None):
+            raise InputError(f'{where} has no {field!r}')
+    if not isinstance(form.name, str) or not re.fullmatch(r'\w{1,64}', form.name):
+        raise InputError(f'{where}: name is letters, digits and "_", not {quoted(form.name)}')
+    if not callable(getattr(form, 'regressors', None)):
         raise InputError(f'{where} has no method regressors(self, signals, **shape)')
-    if not getattr(kind, 'excitation', None):
-        kind.excitation = Excitation('not given by its author')
-    for term in kind.terms:
+    for term in form.terms:
         if not isinstance(term, Term) or not term.unit or not term.lower <= term.upper:
             raise InputError(
                 f'{where}: terms are Term(symbol, unit, lower, upper); got {quoted(term)}'
             )
-    if kind.acts_on not in ('power', 'torque', 'speed'):
-        raise InputError(f"{where}: acts_on is 'power', 'torque' or 'speed', not {kind.acts_on!r}")
+    if form.acts_on not in ('power', 'torque', 'speed'):
+        raise InputError(f"{where}: acts_on is 'power', 'torque' or 'speed', not {form.acts_on!r}")
+    if form.discrepancy_limit and form.discrepancy is None:
+        raise InputError(f'{where} has a discrepancy_limit but no discrepancy')
+
+
+def _shipped(name: str) -> Effect:
+    return builtin_catalogue()[name]
+
+
+def _from_file(path: Path, name: str) -> Effect:
+    return load_catalogue([path])[name]
+
+
+def _travelling(effect: Effect) -> tuple[Callable[..., Effect], tuple[object, ...]]:
+    """An effect travels to other processes as what makes it there, not as its functions."""
+    if effect.made is None and effect not in _BUILTIN:
+        raise TypeError(f'effect {effect.name!r} is in no catalogue: no other process can make it')
+    return effect.made or (_shipped, (effect.name,))
+
+
+copyreg.pickle(Effect, _travelling)

@@ -1,9 +1,8 @@
-"""Interface of a physical effect."""
+"""Specification of a physical effect."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar, Literal
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +48,8 @@ class Excitation:
     supply: tuple[float, ...] = ()  # V, bus voltages to repeat the motion at
 
 
-class Effect(ABC):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Effect:
     """
     A physical effect with coefficients that are linear in the power once its shape is fixed.
 
@@ -59,82 +59,118 @@ class Effect(ABC):
     friction f that is f·w + 2·k·torque·f + k·f². One that acts on 'speed' gives extra speed of the
     motor in rad/s per unit coefficient.
 
-    To make an effect of your own, derive from this class in a file, give the attributes
-    without a default and `regressors`, and name the file with --effects-path.
+    To make an effect of your own, put one into a file and name the file with --effects-path:
+    `Effect(name=…, physics=…, formula=…, terms=…, regressors=…)`, or a class derived from Effect
+    that states these as attributes and methods. Calling such a class gives the Effect that it
+    states, with its `usable`, `factors` and `shapes_of` as `recorded`, `sizes` and `scaled`.
     """
 
-    name: ClassVar[str]
-    physics: ClassVar[str]
-    formula: ClassVar[str]
-    terms: ClassVar[tuple[Term, ...]]
-    excitation: ClassVar[Excitation]
-    acts_on: ClassVar[Literal['power', 'torque', 'speed']] = 'power'
-    kind: ClassVar[Literal['physics', 'measurement', 'discrepancy']] = 'physics'
-    needs_joint_torque: ClassVar[bool] = False
+    name: str
+    physics: str
+    formula: str
+    terms: tuple[Term, ...]
+    regressors: Callable[..., Floats]
+    """(signals, **shape) → [T, D, n] for n terms: W, N·m or rad/s per unit, by acts_on."""
+    excitation: Excitation = Excitation('not given by its author')
+    acts_on: Literal['power', 'torque', 'speed'] = 'power'
+    kind: Literal['physics', 'measurement', 'discrepancy'] = 'physics'
+    needs_joint_torque: bool = False
     """The torque of the motor contains the effect already."""
-    ties: ClassVar[tuple[str, ...]] = ()  # effects that no recording can tell from it
-    near: ClassVar[tuple[str, ...]] = ()  # effects that only its excitation tells from it
-    rests_on: ClassVar[tuple[str, ...]] = ()  # effects that it changes: it cannot stand for them
-    shapes: ClassVar[tuple[Shape, ...]] = ({},)
-    fixed: ClassVar[float | None] = None  # a coefficient that physics fixes
-    follows: ClassVar[frozenset[str]] = frozenset()  # estimates it uses: motor_torque, drawn
-    per_drive: ClassVar[bool] = False
+    ties: tuple[str, ...] = ()  # effects that no recording can tell from it
+    near: tuple[str, ...] = ()  # effects that only its excitation tells from it
+    rests_on: tuple[str, ...] = ()  # effects that it changes: it cannot stand for them
+    shapes: tuple[Shape, ...] = ({},)
+    fixed: float | None = None  # a coefficient that physics fixes
+    follows: frozenset[str] = frozenset()  # estimates it uses: motor_torque, drawn
+    per_drive: bool = False
     """
     Each drive's regressors come from its own signals alone. Fits then go drive by drive, several
     at once, with Signals of one drive.
     """
-    remembers: ClassVar[bool] = False
+    remembers: bool = False
     """
     The regressors follow what was seconds before (heat, backlash, rest) from each gap on, so
     that a recording must not be cut into pieces.
     """
+    torque_slope: Callable[[Signals, Floats], Floats | None] | None = None
+    """(signals, coefficients) → derivative of its power by the motor's torque, W/(N·m) [T, D]."""
+    drawn_slope: Callable[..., Floats | None] | None = None
+    """(signals, coefficients, **shape) → derivative by the power drawn without it [T, D]."""
+    discrepancy: Callable[..., Floats] | None = None
+    """
+    (signals, **shape) → typical departure of real drives from the formula, [T, D] in the
+    regressors' unit. A diagnosis fits it beside every active effect before it names another.
+    """
+    discrepancy_limit: float = 0.0
+    """Largest departure from the formula, as a share of the first coefficient."""
+    recorded: Callable[..., bool] | None = None
+    """(signals, **shape) → whether the signals that the shape needs were recorded."""
+    sizes: Callable[[DriveScale], Floats] | None = None
+    """Scale → factors [D, n] of the bounds, where they do not follow from the terms' units."""
+    scaled: Callable[[DriveScale], tuple[Shape, ...]] | None = None
+    """Scale → shapes to be tried, where they depend on the drives."""
+    departs_from: str = ''  # the effect whose departure a discrepancy is
+    per_recording: bool = False  # a coefficient for each recording
+    made: tuple[Callable[..., 'Effect'], tuple[Any, ...]] | None = None
+    """Function and arguments that make it again in another process; None for those shipped."""
 
-    def __init_subclass__(cls) -> None:
-        """Let each class say `per_drive` itself: an override may look at other drives."""
-        super().__init_subclass__()
-        cls.per_drive = bool(vars(cls).get('per_drive', False))
+    def __new__(cls, *_: object, **__: object) -> 'Effect':  # type: ignore[misc]
+        """Make an effect, of a derived class the one that it states."""
+        return object.__new__(cls) if cls is Effect else _stated_by(cls)
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self.name == getattr(other, 'name', None)
+        if not isinstance(other, Effect):
+            return NotImplemented
+        return self.name == other.name and self.terms == other.terms
 
     def __hash__(self) -> int:
         return hash(self.name)
 
-    @abstractmethod
-    def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """Return [T, D, n] for the n terms: W, N·m or rad/s per unit coefficient, by acts_on."""
-
-    def torque_slope(self, signals: Signals, coefficients: Floats) -> Floats | None:
-        """Derivative of this effect's power by the motor's torque, W/(N·m) [T, D]."""
-        return None
-
-    def drawn_slope(self, signals: Signals, coefficients: Floats, **shape: float) -> Floats | None:
-        """Derivative of this effect's power by the power drawn without it [T, D]."""
-        return None
-
-    discrepancy_limit: ClassVar[float] = 0.0
-    """Largest departure from the formula, as a share of the first coefficient."""
-
-    def discrepancy(self, signals: Signals, **shape: float) -> Floats | None:
-        """
-        Typical departure of real drives from the formula, [T, D] in the regressors' unit.
-
-        A diagnosis fits it beside every active effect before it names a further effect.
-        """
-        return None
-
     def usable(self, signals: Signals, **shape: float) -> bool:
         """Return whether the signals that this shape needs were recorded."""
-        return not (self.needs_joint_torque and signals.at_motor.all())
+        if self.needs_joint_torque and signals.at_motor.all():
+            return False
+        return self.recorded is None or self.recorded(signals, **shape)
 
     def factors(self, scale: DriveScale) -> Floats:
         """Factor [D, n] by which the bounds of each term differ from the reference drive's."""
-        of_sensor = self.kind == 'measurement'
-        return np.stack([scale.factor(t.unit, of_sensor=of_sensor) for t in self.terms], axis=-1)
+        if self.sizes is not None:
+            return self.sizes(scale)
+        return factors_by_unit(self.terms, scale, self.kind == 'measurement')
 
     def shapes_of(self, scale: DriveScale) -> tuple[Shape, ...]:
         """Return the shapes to be tried for drives of this scale."""
-        return self.shapes
+        return self.shapes if self.scaled is None else self.scaled(scale)
+
+
+_METHODS = {'usable': 'recorded', 'factors': 'sizes', 'shapes_of': 'scaled'}
+
+
+def _stated_by(form: type[Effect]) -> Effect:
+    """Return the effect that a class states; `per_drive` counts only in the class itself."""
+    own: Any = object.__new__(form)
+    stated = {f.name: getattr(own, f.name) for f in fields(Effect) if hasattr(own, f.name)}
+    for method, field in _METHODS.items():
+        if getattr(form, method) is not getattr(Effect, method):
+            stated[field] = getattr(own, method)
+    return Effect(**stated | {'per_drive': vars(form).get('per_drive', False)})
+
+
+def factors_by_unit(terms: Sequence[Term], scale: DriveScale, of_sensor: bool = False) -> Floats:
+    """Return the factors [D, n] that the units of terms have in drives of a scale."""
+    return np.stack([scale.factor(t.unit, of_sensor=of_sensor) for t in terms], axis=-1)
+
+
+def in_proportion(
+    shapes: tuple[Shape, ...], size: Callable[[DriveScale], Floats]
+) -> Callable[[DriveScale], tuple[Shape, ...]]:
+    """Return what scales shapes by a size [D] of the drives, once for each size there is."""
+
+    def scaled(scale: DriveScale) -> tuple[Shape, ...]:
+        factors = sorted(set(size(scale).tolist()))
+        return tuple({k: v * f for k, v in shape.items()} for f in factors for shape in shapes)
+
+    return scaled
 
 
 def log_speed(velocity: Floats) -> Floats:

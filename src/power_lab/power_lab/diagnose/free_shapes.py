@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects import Effect, Excitation, Signals, Term
+from power_estimator.effects import Effect, Signals, Term
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fitter
 
 from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.structure.drivers import Family, driver_values, factor_values, families
-from power_lab.structure.in_time import Course, InTime, in_time
+from power_lab.structure.in_time import InTime, course_effect, in_time
 from power_lab.structure.problem import problems
 from power_lab.structure.screening import DriverGain, DriverScreen
 from power_lab.structure.shapes import hats, spread
@@ -39,69 +39,67 @@ class Remainder:
     shape: Effect | None  # to be fitted beside effects; None where they depend on the same
 
 
-class FreeShape(Effect):
-    """Function of a quantity with a value at each of its nodes, for fits beside it."""
+def free_shape(name: str, places: Mapping[str, tuple[Family, Floats]]) -> Effect:
+    """
+    Function of a quantity with a value at each of its nodes, for fits beside it.
 
-    kind = 'measurement'
-    physics = 'a shape that no effect of the catalogue has'
-    formula = 's(z)'
-    excitation = Excitation('none')
+    places: family and nodes by drive.
+    """
+    family = next(iter(places.values()))[0]
+    count = max(len(nodes) for _, nodes in places.values())
+    unit, prior = 'N·m' if family.acts_on == 'torque' else 'W', _PRIOR[family.acts_on]
 
-    def __init__(self, name: str, places: Mapping[str, tuple[Family, Floats]]) -> None:
-        """places: family and nodes by drive."""
-        self.name = name  # type: ignore[misc]
-        self.places = places
-        family = next(iter(places.values()))[0]
-        self.acts_on = family.acts_on  # type: ignore[assignment,misc]
-        self.per_drive = not any(f.driver.other for f, _ in places.values())  # type: ignore[misc]
-        if 'drawn' in family.driver.code:
-            self.follows = frozenset({'drawn'})  # type: ignore[misc]
-        count = max(len(nodes) for _, nodes in places.values())
-        unit, prior = 'N·m' if family.acts_on == 'torque' else 'W', _PRIOR[family.acts_on]
-        self.terms = tuple(  # type: ignore[misc]
-            Term(f's{i}', unit, -_LIMIT, _LIMIT, prior=prior) for i in range(count)
-        )
-
-    def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """Return one hat of each node times the factor of the family."""
-        out = np.zeros((*signals.torque.shape, len(self.terms)))
+    def regressors(signals: Signals, **_: float) -> Floats:
+        """One hat of each node times the factor of the family."""
+        out = np.zeros((*signals.torque.shape, count))
         rows = np.arange(len(out))
         for column, drive in enumerate(signals.names):
-            if drive not in self.places:
+            if drive not in places:
                 continue
-            family, nodes = self.places[drive]
+            family, nodes = places[drive]
             left, over = hats(driver_values(family.driver, signals, column), nodes)
             weight = factor_values(family.factor, signals, column)
             out[rows, column, left] = (1.0 - over) * weight
             out[rows, column, left + 1] = over * weight
         return out
 
+    return Effect(
+        name=name,
+        physics='a shape that no effect of the catalogue has',
+        formula='s(z)',
+        terms=tuple(Term(f's{i}', unit, -_LIMIT, _LIMIT, prior=prior) for i in range(count)),
+        regressors=regressors,
+        kind='measurement',
+        acts_on=family.acts_on,
+        follows=frozenset({'drawn'}) if 'drawn' in family.driver.code else frozenset(),
+        per_drive=not any(own.driver.other for own, _ in places.values()),
+    )
 
-class OtherPower(Effect):
-    """Shares of the power of other drives, for fits beside it."""
 
-    kind = 'measurement'
-    physics = 'power of other drives in the reading of a meter'
-    formula = 'c·(power of another drive)'
-    excitation = Excitation('none')
-    follows = frozenset({'drawn'})
+def other_power(name: str, others: Mapping[str, Sequence[str]]) -> Effect:
+    """
+    Shares of the power of other drives, for fits beside it.
 
-    def __init__(self, name: str, others: Mapping[str, Sequence[str]]) -> None:
-        """others: by drive, those whose power its meter may show."""
-        self.name = name  # type: ignore[misc]
-        self.others = others
-        count = max(len(names) for names in others.values())
-        self.terms = tuple(  # type: ignore[misc]
-            Term(f'c{i}', '1', -1.0, 1.0, prior=0.3) for i in range(count)
-        )
+    others: by drive, those whose power its meter may show.
+    """
+    count = max(len(names) for names in others.values())
 
-    def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """Return the estimated power of each of the others."""
-        out = np.zeros((*signals.torque.shape, len(self.terms)))
+    def regressors(signals: Signals, **_: float) -> Floats:
+        out = np.zeros((*signals.torque.shape, count))
         for column, drive in enumerate(signals.names):
-            for term, other in enumerate(self.others.get(drive, ())):
+            for term, other in enumerate(others.get(drive, ())):
                 out[:, column, term] = signals.drawn[:, signals.names.index(other)]
         return out
+
+    return Effect(
+        name=name,
+        physics='power of other drives in the reading of a meter',
+        formula='c·(power of another drive)',
+        terms=tuple(Term(f'c{i}', '1', -1.0, 1.0, prior=0.3) for i in range(count)),
+        regressors=regressors,
+        kind='measurement',
+        follows=frozenset({'drawn'}),
+    )
 
 
 def remainder(
@@ -140,7 +138,7 @@ def remainder(
         for drive, course in courses.items():
             gain[drive] = course.gain
         places = {prepared.names[d]: (c.period, c.knots) for d, c in courses.items()}
-        return Remainder(gain, 'time', _in_time(courses), Course(name, places))
+        return Remainder(gain, 'time', _in_time(courses), course_effect(name, places))
     for drive, one in of_state.items():
         gain[drive] = one.gain
     kind = next(iter(of_state.values())).family.kind
@@ -152,13 +150,11 @@ def _sum(found: Mapping[int, DriverGain] | Mapping[int, InTime]) -> float:
     return sum(one.gain for one in found.values())
 
 
-def _shape(
-    name: str, found: Mapping[int, DriverGain], point: Linearisation
-) -> FreeShape | OtherPower | None:
+def _shape(name: str, found: Mapping[int, DriverGain], point: Linearisation) -> Effect | None:
     signals = point.signals
     names = signals.names
     if next(iter(found.values())).family.driver.name == 'power_of':
-        return OtherPower(name, {names[d]: [o for o in names if o != names[d]] for d in found})
+        return other_power(name, {names[d]: [o for o in names if o != names[d]] for d in found})
     places = {}
     for drive, one in found.items():
         driver = one.family.driver
@@ -166,7 +162,7 @@ def _shape(
         nodes = spread(driver_values(driver, signals, drive), count)
         if nodes is not None:
             places[names[drive]] = (one.family, nodes)
-    return FreeShape(name, places) if places else None
+    return free_shape(name, places) if places else None
 
 
 def _in_time(courses: Mapping[int, InTime]) -> tuple[str, ...]:

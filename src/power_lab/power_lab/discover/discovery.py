@@ -24,7 +24,7 @@ from power_lab.discover.superseded import without_superseded
 from power_lab.discover.words import effect_name, excitation, in_short, look_alikes
 from power_lab.structure.drivers import driver_values, families
 from power_lab.structure.floors import above_floor, floors, unseen
-from power_lab.structure.in_time import Course, InTime, in_time
+from power_lab.structure.in_time import InTime, course_effect, in_time
 from power_lab.structure.problem import DriveProblem, problems
 from power_lab.structure.screening import DriverGain, DriverScreen, chance, promising
 from power_lab.structure.shapes import LearnedShape, learn
@@ -247,7 +247,8 @@ class Discoverer:
         number, free = 2, name
         while free in taken:
             free, number = f'{name}_{number}', number + 1
-        effect = Course(free, {names[d]: (one.period, one.knots) for d, one in courses.items()})
+        places = {names[d]: (one.period, one.knots) for d, one in courses.items()}
+        effect = course_effect(free, places)
         after = self._examined(self.structure.plus(Active.of(effect)), best)
         gain = best.mean_mse - after.mean_mse
         return Found(

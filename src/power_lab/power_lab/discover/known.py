@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
-from power_estimator.effects.effect import Effect
 from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import Linearisation
@@ -136,18 +135,13 @@ def _alike(values: Floats, fit: Fit, drive: int) -> list[str]:
         places += [
             place
             for other in structure.free
-            if _parent(other.effect) == active.name
+            if other.effect.departs_from == active.name
             for place in structure.columns_of(other.name)
         ]
         columns = fit.design.columns[:, drive, places]
         if _share(values, columns) >= _SAME:
             out.append(active.name)
     return out
-
-
-def _parent(effect: Effect) -> str:
-    of = getattr(effect, 'of', None)
-    return '' if of is None else str(of.name)
 
 
 def _share(values: Floats, columns: Floats) -> float:

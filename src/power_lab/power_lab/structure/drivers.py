@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ class Family:
 
     driver: Driver
     factor: Factor
-    acts_on: str
+    acts_on: Literal['torque', 'power']
 
     @property
     def kind(self) -> str:
@@ -114,7 +115,7 @@ def families(signals: Signals, drive: int) -> Iterator[Family]:
     yield from _of_others(signals, drive)
 
 
-def _family(driver: Driver, acts_on: str, factor: str = 'one') -> Family:
+def _family(driver: Driver, acts_on: Literal['torque', 'power'], factor: str = 'one') -> Family:
     return Family(driver, FACTORS[factor], acts_on)
 
 

@@ -1,10 +1,11 @@
 """Structure that lives in time alone: cycles, drift and steps of no known cause."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects import Effect, Excitation, Signals, Term
+from power_estimator.effects import Effect, Signals, Term
 from power_estimator.effects.fit.folds import FOLDS
 
 from power_lab.structure.problem import DriveProblem
@@ -29,29 +30,27 @@ class InTime:
     amplitude: float  # W, largest less smallest
 
 
-class Course(Effect):
+def course_effect(name: str, courses: Mapping[str, tuple[float, int]]) -> Effect:
     """Power that follows the time of the recording alone; for fits beside it, never for a file."""
+    count = max(_width(period, knots) for period, knots in courses.values())
 
-    kind = 'measurement'
-    physics = 'a course in time that the state of the drives does not explain'
-    formula = 's(t)'
-    per_drive = True
-    excitation = Excitation('none')
-
-    def __init__(self, name: str, courses: dict[str, tuple[float, int]]) -> None:
-        self.name = name  # type: ignore[misc]
-        self.courses = courses
-        count = max(_width(period, knots) for period, knots in courses.values())
-        self.terms = tuple(Term(f's{i}', 'W', -1e3, 1e3) for i in range(count))  # type: ignore[misc]
-
-    def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """Return harmonics of the period, or the spline of the drift."""
-        out = np.zeros((*signals.torque.shape, len(self.terms)))
+    def regressors(signals: Signals, **_: float) -> Floats:
+        out = np.zeros((*signals.torque.shape, count))
         for column, drive in enumerate(signals.names):
-            if drive in self.courses:
-                own = course(signals.time, signals.recording, *self.courses[drive])
+            if drive in courses:
+                own = course(signals.time, signals.recording, *courses[drive])
                 out[:, column, : own.shape[1]] = own
         return out
+
+    return Effect(
+        name=name,
+        physics='a course in time that the state of the drives does not explain',
+        formula='s(t)',
+        terms=tuple(Term(f's{i}', 'W', -1e3, 1e3) for i in range(count)),
+        regressors=regressors,
+        kind='measurement',
+        per_drive=True,
+    )
 
 
 def _width(period: float, knots: int) -> int:

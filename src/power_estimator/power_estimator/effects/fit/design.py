@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from power_estimator.effects import Effect, ModelDiscrepancy, Shape, Signals
+from power_estimator.effects import Effect, Shape, Signals, Term
 from power_estimator.effects.catalogue import regressors_of
 from power_estimator.effects.signals.prepared import rate_of
 from power_estimator.effects.signals.scale import DriveScale
@@ -33,9 +33,8 @@ class Active:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Name and shape, of a discrepancy those of its effect too."""
-        of = self.effect.shape if isinstance(self.effect, ModelDiscrepancy) else ()
-        return (self.effect.name, self.shape, of)
+        """Name and shape."""
+        return (self.effect.name, self.shape)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -45,6 +44,26 @@ class Active:
     def columns(self, signals: Signals) -> Floats:
         """Return the regressors [T, D, n], checked."""
         return regressors_of(self.effect, signals, self.parameters)
+
+
+def discrepancy_of(effect: Effect) -> Effect | None:
+    """Return the departure of real drives from an effect's formula, None where none is known."""
+    values = effect.discrepancy
+    if values is None or effect.kind != 'physics' or effect.discrepancy_limit <= 0.0:
+        return None
+    return Effect(
+        name=f'{effect.name}~',
+        physics='the effect as real drives have it, not quite the formula',
+        formula='see the effect',
+        terms=(Term('share', '1', -10.0, 10.0),),
+        regressors=lambda signals, **shape: values(signals, **shape)[..., None],
+        kind='discrepancy',
+        acts_on=effect.acts_on,
+        follows=effect.follows,
+        per_drive=effect.per_drive,
+        discrepancy_limit=effect.discrepancy_limit,
+        departs_from=effect.name,
+    )
 
 
 @dataclass(frozen=True)
@@ -86,9 +105,9 @@ class Structure:
         lower = np.array([term.lower for term in terms]) * factors
         upper = np.array([term.upper for term in terms]) * factors
         for active in self.free:
-            if isinstance(active.effect, ModelDiscrepancy):
+            if active.effect.kind == 'discrepancy':
                 column = self.columns_of(active.name)[0]
-                parents = self.columns_of(active.effect.of.name)
+                parents = self.columns_of(active.effect.departs_from)
                 size = np.abs(coefficients[:, parents]).sum(axis=1) if parents else 0.0
                 upper[:, column] = active.effect.discrepancy_limit * size
                 lower[:, column] = -upper[:, column]
@@ -122,14 +141,14 @@ class Structure:
 
     def with_discrepancies(self) -> 'Structure':
         """Return the structure with the discrepancy of every effect that has one."""
-        discrepancies = [
-            Active(ModelDiscrepancy(active.effect, active.parameters))
-            for active in self.actives
-            if active.effect.kind == 'physics'
-            and active.effect.discrepancy_limit > 0
-            and f'{active.name}~' not in self.names
-        ]
-        return self.plus(*discrepancies)
+        found = [(active, discrepancy_of(active.effect)) for active in self.actives]
+        return self.plus(
+            *(
+                replace(active, effect=effect)
+                for active, effect in found
+                if effect is not None and effect.name not in self.names
+            )
+        )
 
     def columns_of(self, name: str) -> list[int]:
         """Columns that belong to the effect."""
@@ -205,7 +224,8 @@ def estimates(
     if base is not None:
         cost += 2.0 * base.copper * signals.motor_torque
     for active, own in parts:
-        slope = active.effect.torque_slope(signals, own[None]) if own.any() else None
+        by_torque = active.effect.torque_slope if own.any() else None
+        slope = by_torque and by_torque(signals, own[None])
         if slope is not None:
             cost += slope
     signals = replace(signals, torque_cost=cost)

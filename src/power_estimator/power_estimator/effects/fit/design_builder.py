@@ -69,7 +69,8 @@ class DesignBuilder:
             if 'drawn' not in active.effect.follows or not own.any():
                 continue
             power += weighted(active.columns(signals), own)
-            slope = active.effect.drawn_slope(signals, own[None], **active.parameters)
+            by_drawn = active.effect.drawn_slope
+            slope = by_drawn and by_drawn(signals, own[None], **active.parameters)
             if slope is not None:
                 passed = (1.0 if passed is None else passed) + slope
         return Linearisation(structure, coefficients, signals, power, passed)

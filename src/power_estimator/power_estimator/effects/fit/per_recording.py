@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from power_estimator.effects import Effect, Shape, Signals
+from power_estimator.effects import Effect, Signals
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import SHIFT_STEP
-from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
 
@@ -23,41 +22,22 @@ _LEAST_BLOCKS = 20  # s, of a recording whose delay can be told
 _LEAST_DELAY = 0.0015  # s: what delays of recordings differ by for no reason
 
 
-class PerRecording(Effect):
+def per_recording(of: Effect, recordings: int) -> Effect:
     """A term of the measurement with a coefficient of its own in each recording."""
-
-    kind = 'measurement'
-
-    def __init__(self, of: Effect, recordings: int) -> None:
-        self.of, self.recordings = of, recordings
-        self.name = of.name  # type: ignore[misc]
-        self.physics, self.formula = of.physics, of.formula  # type: ignore[misc]
-        self.acts_on, self.follows = of.acts_on, of.follows  # type: ignore[misc]
-        self.per_drive = of.per_drive  # type: ignore[misc]
-        self.excitation, self.near = of.excitation, of.near  # type: ignore[misc]
-        self.terms = tuple(  # type: ignore[misc]
-            replace(of.terms[0], symbol=f'{of.terms[0].symbol}{number + 1}')
-            for number in range(recordings)
-        )
-
-    def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """Return the term's own regressor in the column of the recording, 0 in the others."""
-        return self.of.regressors(signals, **shape) * self._within(signals)
-
-    def _within(self, signals: Signals) -> Floats:
-        """1 in the column of the recording, 0 in the others [T, 1, R]."""
-        return (signals.recording[:, None, None] == np.arange(self.recordings)).astype(np.float64)
-
-    def factors(self, scale: DriveScale) -> Floats:
-        """As the term's."""
-        return np.repeat(self.of.factors(scale), self.recordings, axis=1)
-
-    def shapes_of(self, scale: DriveScale) -> tuple[Shape, ...]:
-        """As the term's."""
-        return self.of.shapes_of(scale)
+    term = of.terms[0]
+    return replace(
+        of,
+        terms=tuple(replace(term, symbol=f'{term.symbol}{n + 1}') for n in range(recordings)),
+        regressors=lambda signals, **shape: (
+            of.regressors(signals, **shape) * _within(signals, recordings)
+        ),
+        sizes=lambda scale: np.repeat(of.factors(scale), recordings, axis=1),
+        per_recording=True,
+        made=(per_recording, (of, recordings)),
+    )
 
 
-class GainPerRecording(PerRecording):
+def gain_per_recording(of: Effect, recordings: int) -> Effect:
     """
     A gain error of the meter in each recording, on all of its power.
 
@@ -65,18 +45,22 @@ class GainPerRecording(PerRecording):
     common losses cannot.
     """
 
-    def __init__(self, of: Effect, recordings: int) -> None:
-        super().__init__(of, recordings)
-        self.formula = 'g·P'  # type: ignore[misc]
-        self.follows = frozenset({'drawn'})  # type: ignore[misc]
+    def slope(signals: Signals, coefficients: Floats, **_: float) -> Floats:
+        return np.asarray((coefficients * _within(signals, recordings)).sum(axis=2))
 
-    def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """Return the estimated power in the column of the recording, 0 in the others."""
-        return signals.drawn[..., None] * self._within(signals)
+    return replace(
+        per_recording(of, recordings),
+        formula='g·P',
+        follows=frozenset({'drawn'}),
+        regressors=lambda signals, **_: signals.drawn[..., None] * _within(signals, recordings),
+        drawn_slope=slope,
+        made=(gain_per_recording, (of, recordings)),
+    )
 
-    def drawn_slope(self, signals: Signals, coefficients: Floats, **shape: float) -> Floats:
-        """Return the gain of the recording."""
-        return np.asarray((coefficients * self._within(signals)).sum(axis=2))
+
+def _within(signals: Signals, recordings: int) -> Floats:
+    """1 in the column of the recording, 0 in the others [T, 1, R]."""
+    return (signals.recording[:, None, None] == np.arange(recordings)).astype(np.float64)
 
 
 def own_terms(terms: Sequence[Active], recordings: int) -> tuple[Active, ...]:
@@ -84,8 +68,8 @@ def own_terms(terms: Sequence[Active], recordings: int) -> tuple[Active, ...]:
     if not 1 < recordings <= MOST_RECORDINGS:
         return tuple(terms)
 
-    def own(effect: Effect) -> PerRecording:
-        made = GainPerRecording if effect.name == 'power_gain' else PerRecording
+    def own(effect: Effect) -> Effect:
+        made = gain_per_recording if effect.name == 'power_gain' else per_recording
         return made(effect, recordings)
 
     return tuple(Active.of(own(term.effect)) if term.name in OWN_TERMS else term for term in terms)
@@ -93,7 +77,7 @@ def own_terms(terms: Sequence[Active], recordings: int) -> tuple[Active, ...]:
 
 def has_own_terms(structure: Structure) -> bool:
     """Return whether recordings have coefficients of their own."""
-    return any(isinstance(active.effect, PerRecording) for active in structure.actives)
+    return any(active.effect.per_recording for active in structure.actives)
 
 
 def own_delays(

@@ -153,7 +153,7 @@ def _groups(
 
         coefficients = {}
         for active in chosen.free:
-            share = share_of(fit.structure, active.name, first, signals.names).tolist()
+            share = share_of(active.effect, prepared, first).tolist()
             coefficients[active.name] = tuple(
                 value(column_of(fit.structure, active.name, signals.names[first], term), factor)
                 for term, factor in enumerate(share)

@@ -6,65 +6,49 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from power_estimator.effects import Effect, Shape, Signals
+from power_estimator.effects import Effect, Signals
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder, Linearisation
-from power_estimator.effects.signals.scale import DriveScale
+from power_estimator.effects.signals.prepared import Prepared
 
 Floats = NDArray[np.float64]
 COMMON = frozenset({'idle', 'regeneration_limit', 'line_resistance'})
 """Effects of the robot's supply as a whole: drives cannot be told apart by them."""
 
 
-class DriveShare(Effect):
-    """An effect as some of the drives of a robot have it, seen in the robot's power."""
+def drive_share(of: Effect, name: str, share: Floats) -> Effect:
+    """
+    The effect as some of the drives of a robot have it, seen in the robot's power.
 
-    def __init__(self, of: Effect, name: str, share: Floats) -> None:
-        """Share [D, n]: by what each drive's regressors count; 0 for none."""
-        self._of, self.share = of, share
-        self.name = name  # type: ignore[misc]
-        self.physics, self.formula = of.physics, of.formula  # type: ignore[misc]
-        self.terms, self.acts_on, self.kind = of.terms, of.acts_on, of.kind  # type: ignore[misc]
-        self.follows, self.shapes = of.follows, of.shapes  # type: ignore[misc]
-        self.near, self.ties, self.excitation = of.near, of.ties, of.excitation  # type: ignore[misc]
-        self.needs_joint_torque = of.needs_joint_torque  # type: ignore[misc]
-        self.discrepancy_limit = of.discrepancy_limit  # type: ignore[misc]
+    Share [D, n]: by what each drive's regressors count; 0 for none. The drives' sizes are in it.
+    """
+    torque_slope, drawn_slope, discrepancy = of.torque_slope, of.drawn_slope, of.discrepancy
+    return replace(
+        of,
+        name=name,
+        per_drive=False,
+        regressors=lambda signals, **shape: np.asarray(of.regressors(signals, **shape)) * share,
+        torque_slope=torque_slope and (lambda signals, own: torque_slope(signals, own * share)),
+        drawn_slope=drawn_slope
+        and (lambda signals, own, **shape: drawn_slope(signals, own * share, **shape)),
+        discrepancy=discrepancy
+        and (lambda signals, **shape: discrepancy(signals, **shape) * share[:, 0]),
+        sizes=lambda scale: np.ones((len(scale.torque), len(of.terms))),
+        scaled=None,
+        made=(drive_share, (of, name, share)),
+    )
 
-    def regressors(self, signals: Signals, **shape: float) -> Floats:
-        """Return the effect's regressors by the drives' shares."""
-        return np.asarray(self._of.regressors(signals, **shape)) * self.share
 
-    def torque_slope(self, signals: Signals, coefficients: Floats) -> Floats | None:
-        """That of the effect at each drive's share."""
-        return self._of.torque_slope(signals, coefficients * self.share)
-
-    def drawn_slope(self, signals: Signals, coefficients: Floats, **shape: float) -> Floats | None:
-        """That of the effect at each drive's share."""
-        return self._of.drawn_slope(signals, coefficients * self.share, **shape)
-
-    def discrepancy(self, signals: Signals, **shape: float) -> Floats | None:
-        """Return the effect's discrepancy by the drives' shares of the first coefficient."""
-        found = self._of.discrepancy(signals, **shape)
-        return None if found is None else found * self.share[:, 0]
-
-    def usable(self, signals: Signals, **shape: float) -> bool:
-        """Return whether the effect is usable."""
-        return self._of.usable(signals, **shape)
-
-    def factors(self, scale: DriveScale) -> Floats:
-        """1: the shares have the drives' sizes in them."""
-        return np.ones((len(scale.torque), len(self.terms)))
-
-    def shapes_of(self, scale: DriveScale) -> tuple[Shape, ...]:
-        """Return the effect's shapes for one scale."""
-        return self.shapes
+def has_one_share(effect: Effect) -> bool:
+    """Return whether a robot has one coefficient of the effect, whatever its drives are."""
+    return effect.kind != 'physics' or effect.fixed is not None or effect.name in COMMON
 
 
 def shared_by_size(effect: Effect, signals: Signals) -> Effect:
     """The effect with one coefficient for all drives, in proportion to their sizes."""
-    if effect.kind != 'physics' or effect.fixed is not None or effect.name in COMMON:
+    if has_one_share(effect):
         return effect
-    return DriveShare(effect, effect.name, effect.factors(signals.scale))
+    return drive_share(effect, effect.name, effect.factors(signals.scale))
 
 
 def expanded(actives: Sequence[Active], signals: Signals) -> tuple[Active, ...]:
@@ -86,7 +70,7 @@ def expanded(actives: Sequence[Active], signals: Signals) -> tuple[Active, ...]:
             share = np.zeros_like(factors)
             share[drive] = factors[drive]
             found.append(
-                replace(active, effect=DriveShare(effect, f'{effect.name}@{name}', share))
+                replace(active, effect=drive_share(effect, f'{effect.name}@{name}', share))
             )
     return tuple(found)
 
@@ -97,14 +81,11 @@ def column_of(structure: Structure, effect: str, drive: str, term: int) -> int:
     return columns[term]
 
 
-def share_of(structure: Structure, effect: str, drive: int, names: Sequence[str]) -> Floats:
+def share_of(effect: Effect, prepared: Prepared, drive: int) -> Floats:
     """Factors [n] from the fitted coefficients of an effect to those of a drive."""
-    for active in structure.free:
-        if active.name in (effect, f'{effect}@{names[drive]}'):
-            if isinstance(active.effect, DriveShare):
-                return active.effect.share[drive]
-            return np.ones(len(active.effect.terms))
-    raise KeyError(effect)
+    if not prepared.whole or has_one_share(effect):
+        return np.ones(len(effect.terms))
+    return effect.factors(prepared.signals.scale)[drive]
 
 
 class WholeBuilder(DesignBuilder):

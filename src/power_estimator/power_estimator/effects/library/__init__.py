@@ -1,1 +1,1 @@
-"""Shipped physical effects, one class per file."""
+"""Shipped physical effects, by kind."""

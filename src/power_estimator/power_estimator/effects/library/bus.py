@@ -1,0 +1,120 @@
+"""Power on the supply line: electronics, cables, and what braking drives return."""
+
+import numpy as np
+
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.signals.scale import VOLTAGE
+from power_estimator.effects.signals.state import Signals
+
+
+def _drawn_current(signals: Signals, **_: float) -> Floats:
+    """Current at the drive's input squared."""
+    return np.square(signals.drawn / np.maximum(signals.voltage, 1.0))[..., None]
+
+
+def _sag(signals: Signals, coefficients: Floats, **_: float) -> Floats:
+    """Twice the resistance times current over voltage."""
+    return 2.0 * coefficients[..., 0] * signals.drawn / np.square(signals.voltage)
+
+
+def _flow(signals: Signals, bridge: float = 0.0) -> Floats:
+    return signals.drawn - bridge * signals.electronics
+
+
+def _returned(signals: Signals, *, bridge: float = 0.0, **_: float) -> Floats:
+    """The power that would flow back through the bridge, or into the drive's input."""
+    return np.maximum(0.0, -_flow(signals, bridge))[..., None]
+
+
+def _lost_share(signals: Signals, coefficients: Floats, **shape: float) -> Floats:
+    """Minus the lost share while power flows back."""
+    return np.where(_flow(signals, **shape) < 0.0, -coefficients[..., 0], 0.0)
+
+
+def _shares(signals: Signals) -> tuple[Floats, Floats, Floats]:
+    """What each drive returns, the sum of that, and the net power that the bus blocks, W."""
+    returned = np.maximum(0.0, -signals.drawn)
+    blocked = np.maximum(0.0, -signals.drawn.sum(axis=1, keepdims=True))
+    return returned, np.maximum(returned.sum(axis=1, keepdims=True), 1e-9), blocked
+
+
+def _blocked(signals: Signals, **_: float) -> Floats:
+    """The drive's share of the power that is blocked."""
+    returned, total, blocked = _shares(signals)
+    return (returned / total * blocked)[..., None]
+
+
+def _blocked_share(signals: Signals, coefficients: Floats, **_: float) -> Floats:
+    """Minus the blocked share while power flows back."""
+    _returned, total, blocked = _shares(signals)
+    return np.where(signals.drawn < 0.0, -coefficients[..., 0] * (blocked / total), 0.0)
+
+
+IDLE = Effect(
+    name='idle',
+    physics='electronics draw power whether the drive moves or not',
+    formula='P0',
+    terms=(Term('P0', 'W', 0.0, 500.0),),
+    regressors=lambda signals, **_: np.ones_like(signals.torque)[..., None],
+    # Electronics that draw a constant current rather than a constant power.
+    discrepancy=lambda signals, **_: signals.voltage / VOLTAGE - 1.0,
+    discrepancy_limit=1.0,
+    per_drive=True,
+    near=('current_offset',),
+    excitation=Excitation(
+        'rest without load, at two bus voltages',
+        mode='torque',
+        speeds=(0.0,),
+        seconds=20.0,
+        supply=(44.0, 52.0),
+    ),
+)
+LINE_RESISTANCE = Effect(
+    name='line_resistance',
+    physics='the current drawn heats the cable between the meter and the drive',
+    formula='Rl·(P/V)²',
+    terms=(Term('Rl', 'ohm', 0.0, 5.0),),
+    regressors=_drawn_current,
+    drawn_slope=_sag,
+    follows=frozenset({'drawn'}),
+    per_drive=True,
+    near=('copper_loss',),
+    excitation=Excitation(
+        'high power at high speed, and the same current at standstill, at two bus voltages',
+        speeds=(0.0, 4.0, -4.0),
+        loads=(-40.0, 40.0),
+        supply=(44.0, 52.0),
+    ),
+)
+REGENERATION_EFFICIENCY = Effect(
+    name='regeneration_efficiency',
+    physics='of the power that a braking drive returns only the part eta arrives at the bus',
+    formula='(1 − eta)·max(0, −P); with bridge = 1, P without the electronics',
+    terms=(Term('1 − eta', '1', 0.0, 1.0, attained=True),),
+    regressors=_returned,
+    drawn_slope=_lost_share,
+    follows=frozenset({'drawn'}),
+    per_drive=True,
+    shapes=({'bridge': 0.0}, {'bridge': 1.0}),
+    near=('regeneration_limit', 'load_friction'),
+    excitation=Excitation(
+        'back-driving at three loads and two speeds while other drives draw',
+        speeds=(2.0, 4.0, -2.0, -4.0),
+        loads=(-30.0, -15.0, 15.0, 30.0),
+    ),
+)
+REGENERATION_LIMIT = Effect(
+    name='regeneration_limit',
+    physics='the supply takes nothing back: what the drives return together is burnt',
+    formula='b·(share of the drive)·max(0, −sum of P over the bus)',
+    terms=(Term('b', '1', 0.0, 1.0, attained=True),),
+    regressors=_blocked,
+    drawn_slope=_blocked_share,
+    follows=frozenset({'drawn'}),
+    near=('regeneration_efficiency',),
+    excitation=Excitation(
+        'back-driving one drive with the others at rest, then with the others drawing',
+        speeds=(3.0, -3.0),
+        loads=(-30.0, 30.0),
+    ),
+)

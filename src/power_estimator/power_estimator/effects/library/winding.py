@@ -1,0 +1,112 @@
+"""Heat in the winding, and what it does to the resistance."""
+
+import numpy as np
+
+from power_estimator.effects.effect import Effect, Excitation, Floats, Term, share_of_top
+from power_estimator.effects.signals.state import Signals
+
+REFERENCE = 25.0
+"""°C at which the copper loss has its nominal coefficient."""
+
+COPPER = 0.0039
+"""Relative growth of copper's resistance per kelvin."""
+
+
+def _saturation(signals: Signals, **_: float) -> Floats:
+    """A torque constant that saturates under load."""
+    return np.square(signals.motor_torque) * np.square(share_of_top(signals.motor_torque))
+
+
+def _heating(signals: Signals, *, time_constant: float = 0.0, **_: float) -> Floats:
+    """Copper loss per unit coefficient times the winding's rise in temperature."""
+    squared = np.square(signals.motor_torque)
+    if time_constant <= 0.0:
+        rise = np.nan_to_num(signals.temperature - REFERENCE)
+        return np.stack([squared * COPPER * rise, np.zeros_like(squared)], axis=-1)
+    rise, remaining = _thermal_state(signals, time_constant)
+    return np.stack([squared * COPPER * rise, squared * COPPER * remaining], axis=-1)
+
+
+def _temperature_moved(signals: Signals, *, time_constant: float = 0.0, **_: float) -> bool:
+    """Return whether this shape's temperature was recorded and changed."""
+    if time_constant > 0.0:
+        return True
+    seen = np.isfinite(signals.temperature)
+    return bool(seen.all() and np.ptp(signals.temperature, axis=0).max() > 1.0)
+
+
+def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floats]:
+    """
+    First-order response to the torque squared, and the decay of the initial state [T, D].
+
+    Gaps inside a recording count as time without load; a new recording starts anew.
+    """
+    from scipy.signal import lfilter
+
+    of = signals if signals.past is None else signals.past
+    rise = np.zeros_like(of.torque)
+    remaining = np.zeros_like(of.torque)
+    decay = np.exp(-1.0 / (signals.rate * time_constant))
+    heat = np.square(of.torque)
+    state = np.zeros(of.torque.shape[1])
+    begin, previous, last = 0.0, -1, 0.0
+    for part in of.stretches():
+        recording = int(of.recording[part.start])
+        start = float(of.time[part.start])
+        if recording != previous:
+            state, begin = np.zeros_like(state), start
+        else:
+            state = state * np.exp(-max(0.0, start - last) / time_constant)
+        rise[part], _ = lfilter(
+            [1.0 - decay], [1.0, -decay], heat[part], axis=0, zi=(decay * state)[None]
+        )
+        remaining[part] = np.exp(-(of.time[part] - begin) / time_constant)[:, None]
+        state, previous, last = rise[part.stop - 1], recording, float(of.time[part.stop - 1])
+    if signals.past is not None:
+        return rise[signals.past.rows], remaining[signals.past.rows]
+    return rise, remaining
+
+
+COPPER_LOSS = Effect(
+    name='copper_loss',
+    physics='the current that makes the torque heats the winding and whatever is in line with it',
+    formula='k·motor_torque², motor_torque = torque + friction + J·acceleration',
+    terms=(Term('k', 'W/(N·m)²', 0.0, 1.0),),
+    regressors=lambda signals, **_: np.square(signals.motor_torque)[..., None],
+    torque_slope=lambda signals, k: 2.0 * k[..., 0] * signals.motor_torque,
+    discrepancy=_saturation,
+    discrepancy_limit=0.12,
+    follows=frozenset({'motor_torque'}),
+    per_drive=True,
+    ties=('inverter_resistance',),
+    near=('line_resistance', 'winding_heating'),
+    excitation=Excitation(
+        'static loads at standstill',
+        mode='torque',
+        speeds=(0.0,),
+        loads=(-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0),
+    ),
+)
+WINDING_HEATING = Effect(
+    name='winding_heating',
+    physics='a warm winding has more resistance: +0.39 % copper loss per kelvin',
+    formula="c·motor_torque²·0.0039·dT; dT measured, or time_constant·dT' = torque² − dT",
+    terms=(Term('c', 'W/((N·m)²·K)'), Term('c0', 'W/(N·m)²')),
+    regressors=_heating,
+    recorded=_temperature_moved,
+    follows=frozenset({'motor_torque'}),
+    per_drive=True,
+    shapes=tuple(
+        {'time_constant': seconds}
+        for seconds in (0.0, 8.0, 20.0, 50.0, 120.0, 300.0, 700.0, 1500.0)
+    ),
+    near=('copper_loss',),
+    rests_on=('copper_loss',),
+    excitation=Excitation(
+        'a hot soak longer than three thermal time constants, then cooling under light load',
+        mode='torque',
+        speeds=(0.0,),
+        loads=(30.0, 5.0),
+        seconds=900.0,
+    ),
+)
