@@ -34,6 +34,7 @@ CHANNELS = {
 def alone(name, strength=1.0):
     plant = Plant.load('ideal')
     others = {'spring': {'rotor_inertia': True}, 'field_weakening': {'copper_loss': True}}
+    others['torque_loop'] = {'rotor_inertia': True, 'spring': True}
     return plant.with_effects(**others.get(name, {}), **{name: strength})
 
 

@@ -17,6 +17,7 @@ from sim_bridge.plant.parameters import Plant
 
 Floats = NDArray[np.float64]
 REFERENCE_TEMPERATURE: Final = 25.0  # °C at which resistances are given
+_DIODE: Final = 0.9  # V, through which the current flows while both switches are open
 _IDLE_CONSTANT_CURRENT: Final = 0.3  # share of the idle draw that grows with the voltage
 
 
@@ -46,6 +47,8 @@ class Circuit:
         self._weakening = effects.field_weakening.scale
         root = np.sqrt(self._weakening) if self._weakening else 1.0
         self._inverter = effects.inverter_loss.scale
+        self._magnet = p['magnet_coefficient'] * effects.magnet_heating.scale
+        dead = 2.0 * p['dead_time'] * effects.dead_time.scale
         self._nominal = plant.supply.voltage
         efficiency = effects.regeneration_efficiency.scale
         self._table = np.array(
@@ -62,7 +65,7 @@ class Circuit:
                 p['reactance'],
                 p['reactance'] / root,
                 p['weakening_current'] * root,
-                p['device_drop'],
+                p['device_drop'] + dead * _DIODE,
                 p['device_resistance'],
                 p['switching_share'],
                 np.clip((1.0 - p['regeneration_efficiency']) * efficiency, 0.0, 1.0),
@@ -80,6 +83,12 @@ class Circuit:
         resistance: Floats = self._p['resistance'] * self._copper * warm
         return resistance
 
+    def constant(self) -> Floats:
+        """Return the torque constants at the temperature of the magnets, N·m/A [D]."""
+        warm = self._magnet * (self.temperature.housing - REFERENCE_TEMPERATURE)
+        constant: Floats = self._p['torque_constant'] * (1.0 - warm)
+        return constant
+
     def solve(
         self, motor: Floats, speed: Floats, drag: Floats, voltage: float, time: Floats
     ) -> Flow:
@@ -92,6 +101,7 @@ class Circuit:
         """
         level = (1.0 - _IDLE_CONSTANT_CURRENT) + _IDLE_CONSTANT_CURRENT * voltage / self._nominal
         flow = np.empty((9, *motor.shape))
+        self._table[1] = self.constant()
         circuit_steps(
             self._table,
             self.resistance(),

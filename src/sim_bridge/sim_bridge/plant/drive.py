@@ -116,6 +116,8 @@ class Drives:
         cogging = p['cogging'] * effects.cogging.scale
         rows = (droop, p['torque_limit'], cogging, p['cogging_order'], self.inertia)
         self._table = np.array((*rows, self.stiffness, self.damping))
+        self._loop, steps = _torque_loop(plant, p, self.inertia, self.stiffness, step)
+        self._delayed, self._count = np.zeros((len(names), 1 + steps)), 0
         self._held = np.zeros((5, len(names)))
         self._kp, self._kd, self._feed, self._ceiling, self._floor = self._held
         self.rotor = np.zeros(len(names))
@@ -132,6 +134,7 @@ class Drives:
         """Reset the rotors to rest at joint angles, rad [D]."""
         self.rotor[:] = position
         self.rotor_velocity[:] = 0.0
+        self._delayed[:] = 0.0
 
     def hold(self, command: JointCommand) -> None:
         """Hold a command from the next step on; NaN in it damps that drive."""
@@ -176,4 +179,24 @@ class Drives:
             self._signals,
             self._step,
             out,
+            self._loop,
+            self._delayed,
+            self._count,
         )
+        self._count += 1
+
+
+def _torque_loop(
+    plant: Plant, p: dict[str, Floats], inertia: Floats, stiffness: Floats, step: float
+) -> tuple[Floats, int]:
+    """Return the table of the torque loops, and the steps that they remember; 0 without loops."""
+    effects = plant.effects
+    natural = 2.0 * np.pi * p['loop_bandwidth']
+    gain = np.maximum(natural * natural * inertia / stiffness - 1.0, 0.0)
+    damping = 2.0 * p['loop_damping'] * np.sqrt((1.0 + gain) * stiffness * inertia)
+    delay = np.rint(p['loop_delay'] * effects.torque_loop.scale / step)
+    follows = 1.0 - np.exp(-2.0 * np.pi * p['current_bandwidth'] * step)
+    ripple = p['torque_ripple'] * effects.torque_ripple.scale
+    dead = p['dead_torque'] * effects.dead_time.scale
+    table = np.array((gain, damping, follows, delay, ripple, p['ripple_order'], dead))
+    return table, int(delay.max()) + 1 if effects.torque_loop.enabled else 0

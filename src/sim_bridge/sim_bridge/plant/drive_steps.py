@@ -15,6 +15,9 @@ FRICTION: Final = (
 """Rows of the table of friction [11, D]."""
 DRIVE: Final = ('droop', 'limit', 'cogging', 'order', 'inertia', 'stiffness', 'damping')
 """Rows of the table of drives [7, D]."""
+LOOP: Final = ('gain', 'damping', 'follows', 'delay', 'ripple', 'ripple_order', 'dead')
+"""Rows of the table of torque loops [7, D]."""
+_RAMP: Final = 0.02  # of the torque limit, over which the inverter's dead time turns its sign
 HELD: Final = ('kp', 'kd', 'feed', 'ceiling', 'floor')
 """Rows of what is held until the next command or reading of the bus voltage [5, D]."""
 
@@ -39,7 +42,7 @@ def friction_torque(
 
 @compiled(
     'void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[::1], f8[::1], i8,'
-    ' f8[:, :, ::1], f8, f8[::1])'
+    ' f8[:, :, ::1], f8, f8[::1], f8[:, ::1], f8[:, ::1], i8)'
 )
 def drive_step(
     friction: Floats,
@@ -53,6 +56,9 @@ def drive_step(
     trace: Floats,
     step: float,
     out: Floats,
+    loop: Floats,
+    delayed: Floats,
+    count: int,
 ) -> None:
     """
     Write the torque on D joints for the next step, N·m [D], to out and row to trace [6, B, D].
@@ -61,14 +67,29 @@ def drive_step(
     and velocity (rad/s) are the joints'. step: s, by which rotors behind springs turn; 0 where
     they are rigidly coupled to the joints.
     """
-    elastic = step > 0.0
+    elastic, steps = step > 0.0, delayed.shape[1] - 1
     motor, drag, output = trace[2, row], trace[3, row], trace[5, row]
     for d in range(len(out)):
         speed = rotor_velocity[d] if elastic else velocity[d]
         droop = drive[0, d] * speed
         torque = held[2, d] - held[0, d] * position[d] - held[1, d] * speed
         torque = max(min(torque, held[3, d] - droop), held[4, d] - droop)
-        motor[d] = max(min(torque, drive[1, d]), -drive[1, d])
+        torque = max(min(torque, drive[1, d]), -drive[1, d])
+        if steps > 0:
+            turning = rotor_velocity[d] - velocity[d]
+            twist = drive[5, d] * (rotor[d] - position[d]) + drive[6, d] * turning
+            asked = torque + loop[0, d] * (torque - twist) - loop[1, d] * turning
+            asked = max(min(asked, held[3, d] - droop), held[4, d] - droop)
+            delayed[d, 1 + count % steps] = max(min(asked, drive[1, d]), -drive[1, d])
+            late = delayed[d, 1 + (count - int(loop[3, d])) % steps]
+            delayed[d, 0] += loop[2, d] * (late - delayed[d, 0])
+            torque = delayed[d, 0]
+        if loop[4, d] != 0.0:
+            angle = rotor[d] if elastic else position[d]
+            torque *= 1.0 + loop[4, d] * sin(loop[5, d] * angle)
+        if loop[6, d] != 0.0:
+            torque -= loop[6, d] * tanh(torque / (_RAMP * drive[1, d]))
+        motor[d] = torque
         trace[0, row, d] = rotor[d] if elastic else position[d]
         trace[1, row, d] = speed
     friction_torque(friction, trace[0, row], trace[1, row], motor, drag)

@@ -31,7 +31,11 @@ class Effects:
     Effects by the names of power_estimator's catalogue, plus three unmodelled effects.
 
     Unmodelled: `position_rub` (friction at certain angles), `fan` (power drawn over time, whatever
-    the joint does) and `cross_talk` (a neighbour's current in a drive's reading).
+    the joint does) and `cross_talk` (a neighbour's current in a drive's reading). Of real drives
+    and off unless a plant has them on: `torque_loop` (closed on the spring's deflection),
+    `torque_ripple`, `dead_time` (of the inverter), `magnet_heating` (the torque constant falls),
+    `battery` (a source with internal resistance), and of the instruments `encoder_eccentricity`,
+    `torque_hysteresis` and `meter_filter` (a slow meter).
     """
 
     copper_loss: SimulatedEffect = _ON
@@ -53,10 +57,22 @@ class Effects:
     position_rub: SimulatedEffect = _OFF
     fan: SimulatedEffect = _OFF
     cross_talk: SimulatedEffect = _OFF
+    torque_loop: SimulatedEffect = _OFF
+    torque_ripple: SimulatedEffect = _OFF
+    dead_time: SimulatedEffect = _OFF
+    magnet_heating: SimulatedEffect = _OFF
+    battery: SimulatedEffect = _OFF
+    encoder_eccentricity: SimulatedEffect = _OFF
+    torque_hysteresis: SimulatedEffect = _OFF
+    meter_filter: SimulatedEffect = _OFF
 
     def __post_init__(self) -> None:
         if self.spring.enabled and not self.rotor_inertia.scale:
             raise InputError('effects: spring is on without rotor_inertia; switch both on')
+        if self.torque_loop.enabled and not self.spring.enabled:
+            raise InputError(
+                'effects: torque_loop is on without spring, whose deflection it reads'
+            )
 
     def __iter__(self) -> Iterator[tuple[str, SimulatedEffect]]:
         for entry in fields(self):

@@ -64,6 +64,15 @@ class DriveParameters:
     cogging_order: Annotated[float, Quantity(1.0, 1e4, '', 'periods per turn')] = 300.0
     spring_stiffness: Annotated[float, Quantity(50.0, 1e4, 'N·m/rad', 'gear to joint')] = 400.0
     spring_damping: Annotated[float, Quantity(0.0, 20.0, 'N·m·s/rad', 'beside the spring')] = 2.5
+    loop_bandwidth: Annotated[float, Quantity(5.0, 120.0, 'Hz', 'of the torque loop')] = 50.0
+    loop_damping: Annotated[float, Quantity(0.1, 3.0, '', 'of critical')] = 0.8
+    loop_delay: Annotated[float, Quantity(0.0, 0.004, 's', 'of the torque loop')] = 0.0005
+    current_bandwidth: Annotated[float, Quantity(50.0, 5e3, 'Hz', 'of the current loop')] = 800.0
+    torque_ripple: Annotated[float, Quantity(0.0, 0.2, '', 'share of the torque')] = 0.015
+    ripple_order: Annotated[float, Quantity(1.0, 1e5, '', 'periods per turn')] = 2100.0
+    dead_time: Annotated[float, Quantity(0.0, 0.1, '', 'time × frequency')] = 0.02
+    dead_torque: Annotated[float, Quantity(0.0, 20.0, 'N·m', 'lost around no current')] = 0.6
+    magnet_coefficient: Annotated[float, Quantity(0.0, 0.01, '1/K', 'torque constant')] = 0.001
     rub: Annotated[float, Quantity(0.0, 20.0, 'N·m', 'at its worst angle')] = 4.0
     rub_angle: Annotated[float, Quantity(-10.0, 10.0, 'rad', 'of the worst angle')] = 0.9
     rub_width: Annotated[float, Quantity(0.01, 3.0, 'rad')] = 0.15
@@ -77,6 +86,7 @@ class SupplyParameters:
 
     voltage: Annotated[float, Quantity(5.0, 800.0, 'V', 'of the supply without load')] = 48.0
     resistance: Annotated[float, Quantity(0.0, 5.0, 'ohm', 'supply to power board')] = 0.05
+    battery_resistance: Annotated[float, Quantity(0.0, 5.0, 'ohm', 'of the battery')] = 0.1
     capacitance: Annotated[float, Quantity(1e-4, 1.0, 'F', 'of the bus')] = 0.012
     chopper_rise: Annotated[float, Quantity(0.5, 100.0, 'V', 'chopper above supply')] = 4.0
     electronics: Annotated[float, Quantity(0.0, 2e3, 'W', 'computers and sensors, mean')] = 192.0
@@ -101,6 +111,7 @@ class MeterParameters:
     current_offset: Annotated[float, Quantity(-5.0, 5.0, 'A')] = 0.0
     delay: Annotated[float, Quantity(0.25e-3, 20e-3, 's', 'beside the filter')] = 0.4e-3
     bandwidth: Annotated[float, Quantity(5.0, 900.0, 'Hz', 'first-order filter')] = 450.0
+    slow_bandwidth: Annotated[float, Quantity(1.0, 900.0, 'Hz', 'of a slow meter')] = 20.0
     cross_talk: Annotated[float, Quantity(-0.5, 0.5, '', 'of the neighbour')] = 0.05
     clock_offset: Annotated[float, Quantity(0.0, 1e5, 's', 'at the start')] = 0.0
     clock_drift: Annotated[float, Quantity(-500.0, 500.0, 'ppm', 'of the device clock')] = 18.0
@@ -117,6 +128,8 @@ class SensorParameters:
     torque_bias: Annotated[float, Quantity(-10.0, 10.0, 'N·m')] = 0.0
     torque_gain_error: Annotated[float, Quantity(-0.2, 0.2)] = 0.0
     torque_bend: Annotated[float, Quantity(-0.2, 0.2, '', 'gain error at full torque')] = 0.0
+    torque_hysteresis: Annotated[float, Quantity(0.0, 10.0, 'N·m', 'half width')] = 0.5
+    eccentricity: Annotated[float, Quantity(0.0, 0.1, 'rad', 'of the encoder')] = 2e-3
     temperature_noise: Annotated[float, Quantity(0.0, 10.0, 'K', 'standard deviation')] = 0.1
     ambient: Annotated[float, Quantity(-40.0, 60.0, '°C', 'air around the drives')] = 25.0
     initial_rise: Annotated[float, Quantity(0.0, 100.0, 'K', 'drives, at the start')] = 8.0

@@ -42,7 +42,8 @@ class Bus:
         line = plant.effects.line_resistance.scale
         supply = plant.supply
         self._source = supply.voltage
-        self._resistance = max(supply.resistance * line, _LEAST_RESISTANCE)
+        inside = supply.battery_resistance * plant.effects.battery.scale
+        self._resistance = max(supply.resistance * line + inside, _LEAST_RESISTANCE)
         self._capacity = supply.capacitance / step
         self._ceiling = supply.voltage + supply.chopper_rise
         self._blocked = min(plant.effects.regeneration_limit.scale, 1.0)

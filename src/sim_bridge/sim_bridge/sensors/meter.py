@@ -112,7 +112,8 @@ class Meter:
         if drives > 1:
             self._mix += cross * np.roll(np.eye(drives), 1, axis=0)
         start = np.append(np.zeros(drives), plant.supply.voltage)
-        self._filter = LowPass(meter.bandwidth, start)
+        slow = plant.effects.meter_filter.scale
+        self._filter = LowPass(meter.slow_bandwidth / slow if slow else meter.bandwidth, start)
         self._delay = FractionalDelay(meter.delay / STEP - 0.5, start)
         self._random = random
 

@@ -19,6 +19,7 @@ SUPPLY_PERIOD: Final = 20  # steps: 100 Hz
 _NOTHING = np.zeros(0)
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 _IMU_BANDWIDTH: Final = 150.0  # Hz
+_REVERSAL: Final = 4.0  # half widths of torque over which hysteresis turns round
 _ACCELERATION_NOISE, _RATE_NOISE, _FORCE_NOISE = 0.03, 0.003, 1.0  # m/s², rad/s, N
 
 
@@ -47,6 +48,9 @@ class JointSensors:
         self._bias = parameters['torque_bias']
         self._limit = parameters['torque_limit']
         self._filter = LowPass(plant.sensors.velocity_bandwidth, np.zeros_like(self._bias))
+        self._eccentricity = plant.sensors.eccentricity * plant.effects.encoder_eccentricity.scale
+        self._hysteresis = plant.sensors.torque_hysteresis * plant.effects.torque_hysteresis.scale
+        self._slip, self._load = np.zeros_like(self._bias), np.zeros_like(self._bias)
         self._random = random
 
     def read(self, block: PlantBlock) -> JointReadings:
@@ -55,14 +59,27 @@ class JointSensors:
         steps, rows = due_steps(block, JOINT_PERIOD)
         noise = self._random.standard_normal((len(rows), 3, len(self._bias)))
         speed = self._filter(block.velocity)[rows]
-        torque = block.torque[rows]
+        torque, position = block.torque[rows], block.position[rows]
+        if self._eccentricity:
+            speed = speed * (1.0 + self._eccentricity * np.cos(position))
+            position = position + self._eccentricity * np.sin(position)
+        late = self._lag_behind(torque) if self._hysteresis else 0.0
         bend = 1.0 + sensors.torque_gain_error + sensors.torque_bend * np.abs(torque) / self._limit
         return JointReadings(
             step=steps,
-            position=block.position[rows] + sensors.position_noise * noise[:, 0],
+            position=position + sensors.position_noise * noise[:, 0],
             velocity=speed + sensors.velocity_noise * noise[:, 1],
-            torque=torque * bend + self._bias + sensors.torque_noise * noise[:, 2],
+            torque=torque * bend + late + self._bias + sensors.torque_noise * noise[:, 2],
         )
+
+    def _lag_behind(self, torque: Floats) -> Floats:
+        """Return what hysteresis adds to torques [N, D], half its width once they have turned."""
+        added, reach = np.empty_like(torque), _REVERSAL * self._hysteresis
+        for row, load in enumerate(torque):
+            self._slip = np.clip(self._slip + (load - self._load) / reach, -1.0, 1.0)
+            self._load = load
+            added[row] = self._hysteresis * self._slip
+        return added
 
 
 @dataclass(frozen=True)
