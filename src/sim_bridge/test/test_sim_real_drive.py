@@ -1,4 +1,4 @@
-"""What real drives have beside the usual effects: off unless a plant has it on."""
+"""Effects that real drives have beside the usual ones: off unless a plant has them on."""
 
 from dataclasses import replace
 
