@@ -16,7 +16,7 @@ from power_estimator.effects.fit import candidate_screener
 from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened, Trial
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
-from power_lab.compare.evidence import Evidence, Examiner
+from power_estimator.judge.evidence import Evidence, Examiner
 from power_lab.diagnose import confidence_set as statistics
 from power_lab.diagnose import diagnosis as procedure
 from power_lab.diagnose import residual_structure

@@ -2,20 +2,28 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
 
 from power_estimator.effects.catalogue import Catalogue, builtin_catalogue
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import PROXIES, Proxy
 
+PLAIN: Final = 'plain'
+_EFFECTS: Final = ('shaft', 'copper_loss', 'idle')
+
 
 def load_model(spec: str, catalogue: Catalogue | None = None) -> PowerModel:
     """
     Find a power model: `ppn:FILE_OR_RUN`, a proxy (`torque_squared`) or a `*.yaml` of effects.
+
+    `plain` is mechanical power, a loss by torque² and a constant draw, not fitted yet.
 
     catalogue: the effects that a file may name, by default those that are shipped. InputError
     names what is missing or wrong.
@@ -27,6 +35,9 @@ def load_model(spec: str, catalogue: Catalogue | None = None) -> PowerModel:
         return PowerPredictionNetwork.load(Path(rest))
     if spec in PROXIES:
         return Proxy(spec)
+    if spec == PLAIN:
+        known = builtin_catalogue()
+        return EffectModel(PLAIN, Structure(tuple(Active.of(known[name]) for name in _EFFECTS)))
     if spec.endswith(('.yaml', '.yml')):
         model = read_model(Path(spec), catalogue or builtin_catalogue())
         return replace(model, base_model=load_base(model.base)) if model.base else model

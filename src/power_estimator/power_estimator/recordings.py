@@ -116,29 +116,3 @@ def describe(path: Path) -> TrainingRecording:
     if 'drives' in content:
         content['drives'] = list(content['drives'])
     return TrainingRecording(path.resolve().name, digest.hexdigest(), content)
-
-
-def held_out(
-    data: AlignedDataset,
-    recordings: Sequence[TrainingRecording],
-    known: Sequence[TrainingRecording],
-    drive_type: str,
-) -> NDArray[np.bool_]:
-    """
-    Return the rows [T] on which a network of that drive type may be evaluated.
-
-    These are all rows of a recording that it was not trained on, else the recording's test part.
-    """
-    by_hash = {r.sha256: r for r in known}
-    allowed = np.ones(len(data.time), bool)
-    for index, recording in enumerate(recordings):
-        before = by_hash.get(recording.sha256)
-        if before is None or drive_type not in before.held_out:
-            continue
-        rows = data.recording == index
-        spans = before.held_out[drive_type]
-        inside = np.zeros(len(data.time), bool)
-        for start, stop in spans:
-            inside |= (data.time >= start - 1e-6) & (data.time <= stop + 1e-6)
-        allowed &= ~rows | inside
-    return allowed

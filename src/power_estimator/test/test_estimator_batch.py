@@ -8,10 +8,10 @@ from power_estimator.drive_types import infer_types
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.training import fit_model, material
-from power_estimator.evaluation.scores import block_means
 from power_estimator.network.features import features
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy
+from power_estimator.scores import block_means
 from wattwalk_core.errors import InputError
 
 DRIVES = ('LF_HAA', 'RF_HFE', 'RF_HAA')

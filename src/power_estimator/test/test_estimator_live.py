@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from power_estimator.evaluation.scores import block_means
 from power_estimator.live.estimator import CausalSampler, LiveConfig, LiveEstimator, Status
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy
+from power_estimator.scores import block_means
 from wattwalk_core.errors import InputError
 
 START = 1_700_000_000_000_000_000

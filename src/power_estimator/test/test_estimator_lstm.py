@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from power_estimator.evaluation.scores import block_means, r2
 from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.features import Scaling, features
 from power_estimator.network.lstm import LstmBank, Weights
 from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.scores import block_means, r2
 from power_estimator.training.trainer import PowerLstm
 from wattwalk_core.errors import InputError
 

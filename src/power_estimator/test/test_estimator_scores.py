@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from power_estimator.evaluation.scores import block_means, energy_error, r2, rmse, score
+from power_estimator.scores import block_means, energy_error, r2, rmse, score
 
 
 def test_r2_is_one_for_a_perfect_estimate_and_zero_for_the_mean():

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from power_estimator.drive_types import infer_types
 from power_estimator.evaluation.comparison import table
-from power_estimator.evaluation.scores import r2
 from power_estimator.network.checkpoint import NetworkConfig
 from power_estimator.network.features import features
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import PROXIES
+from power_estimator.scores import r2
 from power_estimator.training.cross_validation import CrossValidation
 from power_estimator.training.protocol import Part, Protocol
 from power_estimator.training.run_folder import NetworkRunFolder

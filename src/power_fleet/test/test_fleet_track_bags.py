@@ -6,10 +6,10 @@ import shutil
 import numpy as np
 import pytest
 from aligned_bag import write
+from power_estimator.judge.recordings import load
 from power_fleet.commands import track as track_command
 from power_fleet.track import reading
 from power_lab.commands import fit as fit_command
-from power_lab.recordings import load
 from truth_circuit import Truth, record
 
 KNOWN = ('copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')

@@ -170,7 +170,7 @@ def test_a_whole_robots_power_is_no_choice_of_its_drives_and_takes_a_base(tmp_pa
     assert 'only the whole robot was metered' in capsys.readouterr().err
     from power_estimator.effects import builtin_catalogue
     from power_estimator.effects.fit.training import Active, fit_model, material
-    from power_lab.recordings import load
+    from power_estimator.judge.recordings import load
 
     data, catalogue = load([bag]).data, builtin_catalogue()
     own = material(data, base=np.zeros_like(data.torque), catalogue=catalogue)

@@ -9,6 +9,7 @@ import textwrap
 import numpy as np
 import pytest
 import yaml
+from power_estimator.judge.recordings import load
 from power_lab.challenge.challenge import (
     HIDDEN,
     SEALED,
@@ -26,7 +27,6 @@ from power_lab.commands import diagnose as diagnose_command
 from power_lab.commands import execute as execute_command
 from power_lab.commands import fit as fit_command
 from power_lab.commands import to_plant as to_plant_command
-from power_lab.recordings import load
 from power_recordings.card import Card
 from sim_bridge.offline.run import run_offline
 from sim_bridge.plant.parameters import Plant

@@ -10,6 +10,8 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import write_model
+from power_estimator.judge.held_out import base_power
+from power_estimator.judge.recordings import load
 from power_estimator.network.checkpoint import (
     Checkpoint,
     Network,
@@ -20,7 +22,6 @@ from power_estimator.network.features import Scaling
 from power_estimator.network.lstm import Weights
 from power_lab.compare.comparison import compare
 from power_lab.diagnose.outcome import diagnose
-from power_lab.recordings import base_power, load
 from wattwalk_core.errors import InputError
 
 CATALOGUE = builtin_catalogue()

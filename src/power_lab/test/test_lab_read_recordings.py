@@ -6,9 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from power_estimator.judge.read_recordings import (
+    JudgedDrives,
+    ReadAgain,
+    read_here,
+    read_on_workers,
+)
+from power_estimator.judge.recordings import load
 from power_lab.commands import compare
-from power_lab.read_recordings import JudgedDrives, ReadAgain, read_here, read_on_workers
-from power_lab.recordings import load
 from power_recordings.commands import import_logs
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine

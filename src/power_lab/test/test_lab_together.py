@@ -8,10 +8,10 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.per_recording import in_step
 from power_estimator.effects.fit.training import material
+from power_estimator.judge.together import together
 from power_lab.diagnose.diagnosis import Diagnoser
 from power_lab.diagnose.measurement_check import check_measurement
 from power_lab.diagnose.next_recording import separating_motion
-from power_lab.diagnose.together import together
 from truth_circuit import Faults, Truth, record
 
 CATALOGUE = builtin_catalogue()

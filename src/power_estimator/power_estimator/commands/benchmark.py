@@ -26,11 +26,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     with progress('reading, aligning and estimating'):
         found = benchmark.run(options.bags, options.models, options.drives)
-    title = f'{found.seconds:.0f} s ' + (
-        'held out when the network was trained'
-        if found.held_out
-        else 'of recordings no model was trained on'
-    )
+    title = f'{found.seconds:.0f} s held out ({"; ".join(found.held_out)})'
     print_scores(found.table, title)
     with together():
         if options.json:
@@ -47,8 +43,8 @@ def main(args: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser(
         'power_estimator benchmark',
-        'Compare power models on recordings: R², errors in W and in energy. Networks '
-        'are evaluated on what they were not trained on. Proxies are ' + ', '.join(PROXIES) + '.',
+        'Compare power models on recordings: R², errors in W and in energy, all on samples that '
+        'they were not fitted to. Proxies are ' + ', '.join(PROXIES) + '.',
         'example: ros2 run power_estimator benchmark bags/walk --models ppn:runs/first '
         'torque_squared mechanical_power --json benchmark.json',
     )
@@ -59,7 +55,7 @@ def _parser() -> argparse.ArgumentParser:
         nargs='+',
         required=True,
         metavar='MODEL',
-        help='ppn:RUN, model.yaml, proxy, plain (shaft + copper loss + idle, fitted), or recorded '
+        help='ppn:RUN, model.yaml, proxy, plain (shaft + copper loss + idle), or recorded '
         '(the live estimate in the recording)',
     )
     add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')

@@ -32,9 +32,9 @@ def main(args: Sequence[str] | None = None) -> int:
     from rich.console import Console
 
     from power_estimator import recordings
-    from power_estimator.evaluation.comparison import table
     from power_estimator.evaluation.cost import policy_step_cost
-    from power_estimator.evaluation.tables import TrainingBars
+    from power_estimator.evaluation.tables import TrainingBars, table
+    from power_estimator.judge.recordings import load
     from power_estimator.network.ppn import PowerPredictionNetwork
     from power_estimator.training.distillation import (
         STUDENT,
@@ -67,7 +67,7 @@ def main(args: Sequence[str] | None = None) -> int:
     with progress.status('testing on held-out data'):
         checkpoint = distillation.checkpoint(trainers, str(options.teacher))
         folder.save_model(0, checkpoint)
-        found = distillation.test(checkpoint)
+        found = distillation.test(checkpoint, load(given.paths, options.drives, anyway=True))
         student = PowerPredictionNetwork(checkpoint, STUDENT)
         drives = [n for n in given.data.names if any(t.matches(n) for t in validation.types)]
         cost = {
@@ -100,7 +100,8 @@ def _print(
     sizes: Mapping[str, int],
     drives: int,
 ) -> None:
-    kinds, parts = list(found.imitation), (found.smoothed, found.live)
+    kinds = list(found.imitation)
+    parts = [{one.name: one for one in part} for part in (found.smoothed, found.live)]
     robots = list(next(iter(cost.values())))
     columns = (
         *('network', 'units'),

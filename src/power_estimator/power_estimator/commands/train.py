@@ -42,8 +42,9 @@ def main(args: Sequence[str] | None = None) -> int:
     from power_estimator import recordings
     from power_estimator.drive_types import infer_types, parse_types
     from power_estimator.evaluation import figure
-    from power_estimator.evaluation.comparison import table
-    from power_estimator.evaluation.tables import TrainingBars, print_scores
+    from power_estimator.evaluation.tables import TrainingBars, print_scores, table
+    from power_estimator.judge.judge import Judge
+    from power_estimator.judge.recordings import load
     from power_estimator.training.cross_validation import CrossValidation
     from power_estimator.training.on_workers import train_on_workers
 
@@ -89,12 +90,13 @@ def main(args: Sequence[str] | None = None) -> int:
         else:
             trainers = train_on_workers(engine, given, validation, folder, show)
     with progress.status('testing on held-out data'):
+        judge = Judge(load(options.bags, options.drives, anyway=True))
         tests, pictures = [], []
         for fold in range(protocol.folds):
             checkpoint = validation.checkpoint(fold, trainers)
             folder.save_model(fold, checkpoint)
-            scores, traces = validation.test(fold, checkpoint)
-            tests.append(scores)
+            judged, traces = validation.test(fold, checkpoint, judge)
+            tests.append(judged)
             pictures.append(traces)
         result = table(tests)
         title = f'held-out data, {len(tests)} fold{"s" if len(tests) > 1 else ""}'

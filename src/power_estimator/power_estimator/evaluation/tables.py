@@ -1,20 +1,71 @@
 """Tables and progress on the terminal."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
+from statistics import fmean, pstdev
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
 from wattwalk_core.console import output, print_table
+
+from power_estimator.judge.result import JudgedModel
+from power_estimator.scores import Score
 
 if TYPE_CHECKING:
     from power_estimator.training.trainer import Trainer
 
 
 WIDTH = 140  # of tables where stdout is no terminal
+
+
+def table(folds: Sequence[Sequence[JudgedModel]]) -> dict[str, Any]:
+    """
+    Average over folds in the form of the benchmark's JSON.
+
+    {`models`: [{`name`, `held_out`, `drives` {name: {`r2`, `r2_std`, `rmse_w`, …}}, `types`,
+    `total`, `supply`}]}. `r2_std` is the spread between folds, of one fold that over stretches.
+    """
+    common = [name for name in (m.name for m in folds[0]) if all(_named(f, name) for f in folds)]
+    models = []
+    for name in common:
+        of = [judged for fold in folds for judged in _named(fold, name)]
+        models.append(
+            {
+                'name': name,
+                'held_out': of[0].held_out,
+                'drives': _each([judged.drives for judged in of]),
+                'types': _each([judged.types for judged in of]),
+                'total': _mean([judged.total for judged in of if judged.total]),
+                'supply': _mean([judged.supply.score for judged in of if judged.supply]),
+            }
+        )
+    return {'models': models}
+
+
+def _named(fold: Sequence[JudgedModel], name: str) -> list[JudgedModel]:
+    return [judged for judged in fold if judged.name == name]
+
+
+def _each(folds: Sequence[Mapping[str, Score]]) -> dict[str, Any]:
+    keys = dict.fromkeys(key for fold in folds for key in fold)
+    return {key: _mean([fold[key] for fold in folds if key in fold]) for key in keys}
+
+
+def _mean(scores: Sequence[Score]) -> dict[str, float | None] | None:
+    scores = [score for score in scores if score.samples]
+    if not scores:
+        return None
+    rows = [asdict(score) for score in scores]
+    mean = Score(**{key: fmean(float(row[key]) for row in rows) for key in rows[0]})
+    r2s = [score.r2 for score in scores]
+    if len(r2s) > 1:
+        mean = replace(mean, r2_std=pstdev(r2s) if np.isfinite(r2s).all() else float('nan'))
+    return mean.json()
 
 
 def print_scores(table: Mapping[str, Any], title: str) -> None:

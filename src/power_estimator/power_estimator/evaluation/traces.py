@@ -1,16 +1,16 @@
 """Stretch of held-out data for the figure after Fig. 3."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from power_estimator.evaluation.comparison import RATE, PowerComparison
-from power_estimator.evaluation.whole_robot import WholeRobot
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.result import JudgedModel
 
-Floats = NDArray[np.float32]
+Floats = NDArray[np.float64]
 SHOWN = ('torque_squared', 'mechanical_power', 'acceleration_squared')
 LONGEST = 4.0  # s
 
@@ -32,53 +32,53 @@ class Traces:
     robot_r2: float = float('nan')  # over all held-out data
 
 
-def traces(
-    comparison: PowerComparison,
-    r2: Mapping[str, float],
-    robot: WholeRobot | None = None,
-    model: str = 'ppn',
-) -> Traces:
+def traces(judge: Judge, judged: Sequence[JudgedModel]) -> Traces:
     """
-    Choose the drive whose power varies most, in the longest stretch.
+    Choose the drive whose power varies most, in the longest stretch; the first model is shown.
 
     Among stretches of about the same length it is the one in which that drive varies most; at most
     4 s of it are shown.
     """
-    spread = np.nan_to_num(np.nanstd(comparison.measured, axis=0))
-    column = int(np.argmax(spread))
-    rows = _stretch(comparison.segment, comparison.measured[:, column])
-    drive = comparison.names[column]
+    model = judged[0]
+    measured = np.where(model.rows, model.measured, np.nan)
+    column = int(np.argmax(np.nan_to_num(np.nanstd(measured, axis=0))))
+    rows = _stretch(judge.prepared.reducer.stretches(), measured[:, column])
+    drive = judge.prepared.names[column]
     found = Traces(
-        time=comparison.time[rows],
+        time=judge.prepared.time[rows],
         drive=drive,
-        measured=comparison.measured[rows, column],
-        estimated=comparison.estimated[model][rows, column],
-        r2=r2.get(drive, float('nan')),
+        measured=measured[rows, column],
+        estimated=model.estimated[rows, column],
+        r2=model.drives[drive].r2,
         proxies={
-            name: comparison.estimated[name][rows, column]
-            for name in SHOWN
-            if name in comparison.estimated
+            other.name: other.estimated[rows, column] for other in judged if other.name in SHOWN
         },
     )
-    if robot is None or model not in robot.estimated:
+    if model.supply is None:
         return found
-    return Traces(
-        **{
-            **vars(found),
-            'supply': robot.supply[rows],
-            'robot': robot.estimated[model][rows],
-            'electronics': robot.electronics[model],
-            'drives': robot.drives,
-            'robot_r2': robot.scores()[model].r2,
-        }
+    return replace(
+        found,
+        supply=model.supply.measured[rows],
+        robot=model.supply.estimated[rows],
+        electronics=model.supply.electronics,
+        drives=model.supply.drives,
+        robot_r2=model.supply.score.r2,
     )
 
 
-def _stretch(segment: NDArray[np.intp], power: Floats) -> slice:
-    edges = np.flatnonzero(np.diff(segment)) + 1
-    borders = [0, *edges.tolist(), len(segment)]
-    stretches = [slice(a, b) for a, b in pairwise(borders)]
-    longest = max(s.stop - s.start for s in stretches)
-    long = [s for s in stretches if s.stop - s.start >= 0.9 * longest]
-    best = max(long, key=lambda s: float(np.nan_to_num(np.nanstd(power[s]))))
-    return slice(best.start, min(best.stop, best.start + round(LONGEST * RATE)))
+def _stretch(gap_free: Sequence[slice], power: Floats) -> slice:
+    runs = [
+        slice(within.start + start, within.start + stop)
+        for within in gap_free
+        for start, stop in known_runs(power[within])
+    ]
+    longest = max(run.stop - run.start for run in runs)
+    long = [run for run in runs if run.stop - run.start >= 0.9 * longest]
+    best = max(long, key=lambda run: float(np.std(power[run])))
+    return slice(best.start, min(best.stop, best.start + round(LONGEST * REDUCED_RATE)))
+
+
+def known_runs(values: Floats) -> list[tuple[int, int]]:
+    """Begin and end of each run of values [N] that are not NaN."""
+    edges = np.flatnonzero(np.diff(np.r_[False, np.isfinite(values), False].astype(np.int8)))
+    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]

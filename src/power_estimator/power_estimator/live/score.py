@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from power_estimator.evaluation.scores import r2
+from power_estimator.scores import r2
 
 
 class LiveScore:

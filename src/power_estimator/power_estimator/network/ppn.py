@@ -9,12 +9,12 @@ from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import assign, owners
-from power_estimator.evaluation.scores import block_means
 from power_estimator.model import Needs
 from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.features import FEATURES, features
 from power_estimator.network.lstm import LstmBank
 from power_estimator.network.out_of_distribution import Guard
+from power_estimator.scores import block_means
 
 Floats = NDArray[np.float32]
 

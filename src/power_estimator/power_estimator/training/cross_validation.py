@@ -4,7 +4,6 @@ import threading
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib.metadata import version
@@ -16,19 +15,11 @@ from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign
-from power_estimator.evaluation.baseline_model import BaselineModel
-from power_estimator.evaluation.comparison import (
-    Evaluation,
-    PowerComparison,
-    compare,
-    evaluate,
-    merge,
-    rows_of,
-)
-from power_estimator.evaluation.coverage import with_coverage
 from power_estimator.evaluation.traces import Traces, traces
-from power_estimator.evaluation.whole_robot import whole_robot
 from power_estimator.input_checks import check_complete, check_units
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.result import JudgedModel
+from power_estimator.loader import PLAIN, load_model
 from power_estimator.model import PowerModel
 from power_estimator.network.checkpoint import (
     Checkpoint,
@@ -40,8 +31,9 @@ from power_estimator.network.features import features
 from power_estimator.network.intervals import Intervals
 from power_estimator.network.out_of_distribution import OutOfDistributionScore
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.proxies import PROXIES, Proxy
-from power_estimator.training.protocol import Part, Protocol, runs
+from power_estimator.proxies import PROXIES
+from power_estimator.scores import block_means
+from power_estimator.training.protocol import Part, Protocol, rows_of, runs
 from power_estimator.training.run_folder import NetworkRunFolder
 from power_estimator.training.trainer import Tracks, Trainer
 from power_estimator.training.trainer_config import TrainerConfig
@@ -229,55 +221,30 @@ class CrossValidation:
             self.config, tuple(networks), recordings, about, version('power_estimator')
         )
 
-    def test(self, fold: int, checkpoint: Checkpoint) -> tuple[dict[str, Evaluation], Traces]:
+    def test(
+        self, fold: int, checkpoint: Checkpoint, judge: Judge
+    ) -> tuple[tuple[JudgedModel, ...], Traces]:
         """
-        Score the networks, all proxies and the baseline model on the fold's test part.
+        Judge the networks, all proxies and the plain model on the fold's test part.
 
-        Returns evaluations by model and the traces for a figure.
+        judge: of the recordings that were trained on. Returns the models, the network first, and
+        the traces for a figure.
         """
-        ppn = PowerPredictionNetwork(checkpoint)
-        jobs = [job for job in self.jobs if job.fold == fold]
-        labels = [self.labels(job) for job in jobs]
-        parts = []
-        for job, label in zip(jobs, labels, strict=True):
-            found = self._compare(ppn, label, self._columns[job.type.name])[0]
-            part = evaluate(found, [job.type])
-            part['ppn'] = with_coverage(part['ppn'], found, 'ppn', ppn, [job.type])
-            parts.append(part)
-        scores = merge(parts)
-        label, robot = labels[-1], None
-        columns = self._columns[jobs[-1].type.name]
-        if all(np.array_equal(label, other) for other in labels):
-            columns = sorted(c for cs in self._columns.values() for c in cs)
-        comparison, models = self._compare(ppn, label, columns)
-        totals = evaluate(comparison, self.types)
-        if len(columns) > len(self._columns[jobs[-1].type.name]) or len(jobs) == 1:
-            test, training = (rows_of(self.data, label, p) for p in (Part.TEST, Part.TRAIN))
-            robot = whole_robot(models, test, training)
-            supplies = robot.scores() if robot else {}
-            scores = {
-                m: replace(e, total=totals[m].total, supply=supplies.get(m))
-                for m, e in scores.items()
-            }
-        r2s = {d: s.r2 for d, s in scores['ppn'].drives.items()}
-        return scores, traces(comparison, r2s, robot)
-
-    def _compare(
-        self, ppn: PowerModel, labels: NDArray[np.int8], columns: Sequence[int]
-    ) -> tuple[PowerComparison, list[PowerModel]]:
-        drives = self.data.drives([self.data.names[c] for c in columns])
-        training = rows_of(drives, labels, Part.TRAIN)
-        models: list[PowerModel] = [ppn]
-        models += [Proxy(name).fit(training, self.types) for name in PROXIES]
-        with suppress(InputError):
-            models.append(BaselineModel().fit(training, self.types))
-        return compare(models, rows_of(drives, labels, Part.TEST)), models
+        models: list[PowerModel] = [PowerPredictionNetwork(checkpoint)]
+        models += [load_model(name) for name in (*PROXIES, PLAIN)]
+        judged = judge.compare(models, types=self.types, supply=True)
+        return judged, traces(judge, judged)
 
     def _intervals(self, network: Network, labels: NDArray[np.int8]) -> Intervals | None:
         ppn = PowerPredictionNetwork(Checkpoint(self.config, (network,)))
         names = [self.data.names[c] for c in self._columns[network.type.name]]
-        found = compare([ppn], rows_of(self.data.drives(names), labels, Part.VALIDATION))
-        return Intervals.fit(found.measured, found.estimated[ppn.name])
+        data = rows_of(self.data.drives(names), labels, Part.VALIDATION)
+        stretches = list(data.segments())
+        measured, estimated = (
+            block_means(power, stretches, self.config.block)
+            for power in (data.power, ppn.predict(data))
+        )
+        return Intervals.fit(measured, estimated)
 
     def _out_of_distribution(
         self, job: Job, labels: NDArray[np.int8]

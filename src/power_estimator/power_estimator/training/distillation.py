@@ -4,24 +4,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
-from power_estimator.evaluation.comparison import (
-    Evaluation,
-    PowerComparison,
-    compare,
-    evaluate,
-    merge,
-    rows_of,
-)
+from power_estimator.drive_types import assign
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded
+from power_estimator.judge.result import JudgedModel
 from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.recordings import TrainingSet, describe, held_out
+from power_estimator.recordings import TrainingSet, describe
+from power_estimator.scores import r2
 from power_estimator.training.cross_validation import CrossValidation, Job
-from power_estimator.training.protocol import Part, Protocol
+from power_estimator.training.protocol import Protocol
 from power_estimator.training.trainer import Trainer
 from power_estimator.training.trainer_config import TrainerConfig
 
@@ -32,8 +26,8 @@ TEACHER, STUDENT = 'teacher', 'student'
 class DistillationResult:
     """Scores of teacher and student on samples that neither was trained on."""
 
-    smoothed: Mapping[str, Evaluation]  # against measured power, by model
-    live: Mapping[str, Evaluation]  # the same with the features that a live node forms
+    smoothed: tuple[JudgedModel, ...]  # teacher and student against measured power
+    live: tuple[JudgedModel, ...]  # the same with the features that a live node forms
     imitation: Mapping[str, float]  # R² of the student against the teacher, by drive type
 
 
@@ -77,31 +71,22 @@ class Distillation:
         found = self.validation.checkpoint(0, trainers)
         return replace(found, training={**found.training, 'teacher': spec})
 
-    def test(self, checkpoint: Checkpoint) -> DistillationResult:
-        """Return R² of both on the test parts, with smoothed and with live features."""
+    def test(self, checkpoint: Checkpoint, recordings: Loaded) -> DistillationResult:
+        """Judge both on what neither was trained on, with smoothed and with live features."""
         student = PowerPredictionNetwork(checkpoint, STUDENT)
         teacher = PowerPredictionNetwork(self.teacher.checkpoint, TEACHER)
-        smoothed, live, imitation = [], [], {}
-        for job in self.validation.jobs:
-            found = self._compare([teacher, student], self._given.data, job)
-            smoothed.append(evaluate(found, [job.type]))
-            said = replace(found, measured=found.estimated[TEACHER])
-            imitation[job.type.name] = evaluate(said, [job.type])[STUDENT].types[job.type.name].r2
-            found = self._compare([teacher, student], self._given.as_live(), job)
-            live.append(evaluate(found, [job.type]))
-        return DistillationResult(merge(smoothed), merge(live), imitation)
-
-    def _compare(
-        self, models: Sequence[PowerPredictionNetwork], data: AlignedDataset, job: Job
-    ) -> PowerComparison:
-        names = [name for name in data.names if job.type.matches(name)]
-        return compare(models, rows_of(data.drives(names), self._unseen(job), Part.TEST))
-
-    def _unseen(self, job: Job) -> NDArray[np.int8]:
-        labels = self.validation.labels(job)
-        known = self.teacher.checkpoint.recordings
-        allowed = held_out(self._given.data, self._given.recordings, known, job.type.name)
-        return np.where(allowed, labels, Part.UNUSED).astype(np.int8)
+        types = self.validation.types
+        live = self._given.as_live().drives(recordings.data.names)
+        smoothed, as_live = (
+            Judge(given).compare([teacher, student], types=types)
+            for given in (recordings, replace(recordings, smoothed=live))
+        )
+        columns = assign(recordings.data.names, types)
+        imitation = {
+            kind: r2(*(judged.estimated[:, columns[kind]] for judged in smoothed))
+            for kind in smoothed[0].types
+        }
+        return DistillationResult(smoothed, as_live, imitation)
 
 
 def in_order_of(teacher: PowerPredictionNetwork, bags: Sequence[Path]) -> list[Path]:

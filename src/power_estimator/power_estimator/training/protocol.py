@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities
 
@@ -84,3 +85,15 @@ def runs(
     for start, stop in pairwise(edges):
         if stop - start >= max(shortest, 1) and inside[start]:
             yield slice(start, stop)
+
+
+def rows_of(
+    data: AlignedDataset, labels: NDArray[np.int8], part: Part, shortest: int = 1
+) -> AlignedDataset:
+    """Return the samples of one part; each stretch becomes a segment of its own."""
+    stretches = list(runs(labels, data.segment, part, shortest))
+    index = np.concatenate([np.arange(s.start, s.stop) for s in stretches] or [np.arange(0)])
+    chosen = data.rows(index)
+    lengths = [s.stop - s.start for s in stretches]
+    chosen.segment[:] = np.repeat(np.arange(len(stretches)), lengths)
+    return chosen

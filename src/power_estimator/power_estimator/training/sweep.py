@@ -16,15 +16,14 @@ from wattwalk_core.files import write_whole
 from wattwalk_core.yaml_file import read_text
 
 from power_estimator.drive_types import DriveType, assign
-from power_estimator.evaluation.comparison import rows_of
 from power_estimator.evaluation.cost import sample_cost
-from power_estimator.evaluation.scores import block_means, r2
 from power_estimator.network.checkpoint import Checkpoint, NetworkConfig
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.recordings import TrainingSet
+from power_estimator.scores import block_means, r2
 from power_estimator.training.cross_validation import CrossValidation, Job
 from power_estimator.training.on_workers import CODE, NetworkTask, train_network
-from power_estimator.training.protocol import Part, Protocol
+from power_estimator.training.protocol import Part, Protocol, rows_of
 from power_estimator.training.run_folder import NetworkRunFolder
 from power_estimator.training.trainer import Trainer
 from power_estimator.training.trainer_config import TrainerConfig

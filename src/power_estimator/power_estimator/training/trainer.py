@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from wattwalk_core.errors import InputError
 
-from power_estimator.evaluation import scores
+from power_estimator import scores
 from power_estimator.network.features import FEATURES, Scaling
 from power_estimator.network.lstm import Weights
 from power_estimator.training.trainer_config import TrainerConfig

@@ -23,8 +23,12 @@ Floats = NDArray[np.float64]
 KIND = 'fit'
 CODE = (
     *('power_estimator.effects', 'power_recordings.reading', 'power_recordings.messages'),
-    *('power_recordings.alignment', 'power_recordings.quality', 'power_lab.recordings'),
-    'power_lab.read_recordings',
+    *(
+        'power_recordings.alignment',
+        'power_recordings.quality',
+        'power_estimator.judge.recordings',
+    ),
+    'power_estimator.judge.read_recordings',
     *('power_fleet.track.recording_fit', 'power_fleet.track.kept_fit'),
     'power_fleet.track.reading',
 )

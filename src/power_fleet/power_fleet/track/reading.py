@@ -11,7 +11,8 @@ from pathlib import Path
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
-from power_lab.recordings import Loaded, base_power, load
+from power_estimator.judge.held_out import base_power
+from power_estimator.judge.recordings import Loaded, load
 from power_recordings.index.stamp import Stamp
 from power_recordings.index.store import DriveFigure, IndexAnswer, RecordingFacts, RecordingIndex
 from power_recordings.reading.reader import Recording

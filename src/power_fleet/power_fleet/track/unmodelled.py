@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active
+from power_estimator.judge.recordings import load
 from power_lab.diagnose.diagnosis import STRUCTURE_FLOOR, STRUCTURE_SHARE_OF_RMS
 from power_lab.diagnose.outcome import Outcome, diagnose
 from power_lab.discover.outcome import discover
-from power_lab.recordings import load
 from power_lab.structure.candidates import CONSTANT_TORQUE
 from power_lab.structure.words import in_words
 from wattwalk_core.errors import InputError

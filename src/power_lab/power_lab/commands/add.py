@@ -48,17 +48,18 @@ def main(args: Sequence[str] | None = None) -> int:
         if active.name in model.effects:
             raise InputError(f'{active.name!r} is active in {options.to} already')
 
+    from power_estimator.judge.judge import Judge
+    from power_estimator.judge.recordings import load
+
     from power_lab.compare.fitting import extended
-    from power_lab.recordings import load
     from power_lab.report.tables import print_model
 
     with progress('reading and fitting'):
         loaded = load(options.bag, options.drives, slow=options.slow, anyway=options.anyway)
         better = extended(
-            loaded,
+            Judge(loaded, catalogue),
             model,
             new,
-            catalogue,
             options.output.stem,
             per=options.per,
             seed=options.seed,

@@ -40,8 +40,9 @@ def main(args: Sequence[str] | None = None) -> int:
     catalogue = common.catalogue_of(options)
     common.check_models(options.models, catalogue)
 
+    from power_estimator.judge.recordings import load
+
     from power_lab.compare.comparison import compare
-    from power_lab.recordings import load
     from power_lab.report.page import closest, write_comparison
     from power_lab.report.tables import print_comparison
 

@@ -44,10 +44,10 @@ def main(args: Sequence[str] | None = None) -> int:
     common.check_models([options.model, *options.also], catalogue)
 
     from drive_bench.motion.joint_limits import limits_of
+    from power_estimator.judge.recordings import load
 
     from power_lab.compare.comparison import open_model
     from power_lab.diagnose.outcome import diagnose
-    from power_lab.recordings import load
     from power_lab.report.balance import balance_lines, power_balances
     from power_lab.report.tables import print_outcome
 

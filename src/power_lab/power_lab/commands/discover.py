@@ -42,9 +42,10 @@ def main(args: Sequence[str] | None = None) -> int:
     catalogue = common.catalogue_of(options)
     common.check_models([options.model], catalogue)
 
+    from power_estimator.judge.recordings import load
+
     from power_lab.compare.comparison import open_model
     from power_lab.discover.outcome import discover, split
-    from power_lab.recordings import load
     from power_lab.report.discovery_tables import print_discovery
 
     model = open_model(options.model, catalogue)

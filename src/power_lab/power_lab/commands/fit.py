@@ -38,18 +38,18 @@ def main(args: Sequence[str] | None = None) -> int:
     effects = common.parse_effects(options.effects, catalogue)
 
     from power_estimator.effects.model_file.yaml_file import write_model
+    from power_estimator.judge.judge import Judge
+    from power_estimator.judge.recordings import load
 
     from power_lab.compare.fitting import fitted
-    from power_lab.recordings import load
     from power_lab.report.balance import balance_lines, balances_json, power_balances
     from power_lab.report.tables import notes, print_model
 
     with progress('reading and fitting'):
         loaded = load(options.bags, options.drives, slow=options.slow, anyway=options.anyway)
         model, own = fitted(
-            loaded,
+            Judge(loaded, catalogue),
             effects,
-            catalogue,
             options.output.stem,
             base=options.base,
             per=options.per,
@@ -80,7 +80,7 @@ def main(args: Sequence[str] | None = None) -> int:
     print_model(common.console(), model)
     for note in notes(own.prepared):
         print(note)
-    print(f'wrote {options.output}; error in the fit: ' + _errors(rmse))
+    print(f'wrote {options.output}; held-out error: ' + _errors(rmse))
     return 0
 
 

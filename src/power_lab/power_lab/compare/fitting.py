@@ -1,56 +1,60 @@
-"""Models of effects made from loaded recordings: fitted from nothing, and with effects added."""
+"""Models of effects made from recordings: fitted from nothing, and with effects added."""
 
 from collections.abc import Sequence
 
-import numpy as np
-from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active
-from power_estimator.effects.fit.training import Material, fit_model, material
+from power_estimator.effects.fit.training import Material, fit_model
 from power_estimator.effects.model_file.model import EffectModel
-
-from power_lab.compare.addition import add_effects
-from power_lab.recordings import Loaded, base_power
-
-
-def material_of(loaded: Loaded, catalogue: Catalogue, base: str | None, per: str) -> Material:
-    """Material of recordings on a base model's power; InputError as of `material`."""
-    power = base_power(loaded, base).power if base else None
-    return material(loaded.data, per=per, base=power, catalogue=catalogue, window=loaded.window)
+from power_estimator.judge.judge import Judge
 
 
 def fitted(
-    loaded: Loaded,
+    judge: Judge,
     effects: Sequence[Active],
-    catalogue: Catalogue,
     name: str,
     *,
     base: str | None = None,
     per: str = 'type',
     seed: int = 0,
 ) -> tuple[EffectModel, Material]:
-    """A model of effects with its error in the fit as the beginning of its history."""
-    own = material_of(loaded, catalogue, base, per)
-    model, fit = fit_model(
-        name, own, effects, catalogue, base=base, fitted_on=loaded.identities, seed=seed
+    """A model of effects with its held-out error as the beginning of its history."""
+    own = judge.material(base, per)
+    model, _ = fit_model(
+        name,
+        own,
+        effects,
+        judge.catalogue,
+        base=base,
+        fitted_on=judge.recordings.identities,
+        seed=seed,
     )
-    rmse = {
-        meter: float(f'{value:.4g}')
-        for meter, value in zip(own.prepared.names, np.sqrt(fit.mse), strict=True)
+    judged = judge.score(model)
+    entry = {
+        'step': 'fit',
+        'effects': list(model.effects),
+        'recordings': [entry['name'] for entry in judge.recordings.identities],
+        'held_out': judged.held_out,
+        'rmse_w': judged.rmse,
     }
-    entry = {'step': 'fit', 'effects': list(model.effects), 'rmse_w': rmse}
     return model.with_history(entry), own
 
 
 def extended(
-    loaded: Loaded,
+    judge: Judge,
     model: EffectModel,
     new: Sequence[Active],
-    catalogue: Catalogue,
     name: str,
     *,
     per: str = 'type',
     seed: int = 0,
 ) -> EffectModel:
     """A model with effects added and all coefficients fitted anew."""
-    own = material_of(loaded, catalogue, model.base, per)
-    return add_effects(model, new, own, catalogue, name, loaded.identities, seed)
+    effects = [*model.structure.actives, *new]
+    better, _ = fitted(judge, effects, name, base=model.base, per=per, seed=seed)
+    entry = {
+        **better.history[-1],
+        'step': 'add',
+        'added': [active.name for active in new],
+        'rmse_before_w': judge.score(model).rmse,
+    }
+    return better.with_history(*model.history, entry)

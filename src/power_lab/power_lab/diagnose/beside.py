@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.fitter import Fit, Fitter
+from power_estimator.judge.evidence import Evidence, Examiner
 
-from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.diagnose.findings import Diagnosis
 from power_lab.diagnose.free_shapes import Remainder, remainder
 from power_lab.diagnose.residual_structure import ResidualStructure

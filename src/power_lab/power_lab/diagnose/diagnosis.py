@@ -10,8 +10,8 @@ from power_estimator.effects.fit.candidate_screener import CandidateScreener, Sc
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.fit.per_recording import has_own_terms
+from power_estimator.judge.evidence import Evidence, Examiner
 
-from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.diagnose.beside import beside
 from power_lab.diagnose.confidence_set import confidence_set
 from power_lab.diagnose.findings import Candidate, Diagnosis, Step, Verdict

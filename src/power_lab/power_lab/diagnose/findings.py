@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.design import Active
+from power_estimator.judge.evidence import Evidence
 
-from power_lab.compare.evidence import Evidence
 from power_lab.diagnose.free_shapes import Remainder
 from power_lab.diagnose.residual_structure import ResidualStructure
 from power_lab.structure.floors import above_floor

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from power_estimator.effects import Effect, Signals, Term
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fitter
+from power_estimator.judge.evidence import Evidence, Examiner
 
-from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.structure.drivers import Family, driver_values, factor_values, families
 from power_lab.structure.in_time import InTime, course_effect, in_time
 from power_lab.structure.problem import problems

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.effect import Effect
 from power_estimator.effects.fit.design import Active
+from power_estimator.judge.evidence import Evidence
 
-from power_lab.compare.evidence import Evidence
 from power_lab.structure.floors import above_floor, beyond_physics
 
 Floats = NDArray[np.float64]

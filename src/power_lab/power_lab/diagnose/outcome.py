@@ -10,18 +10,19 @@ from power_estimator.effects import Catalogue, Signals
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.training import LEAST_SECONDS, material
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.judge.evidence import Evidence
+from power_estimator.judge.held_out import base_power
+from power_estimator.judge.recordings import Loaded
+from power_estimator.judge.together import together
 from power_estimator.model import PowerModel
 
 from power_lab.compare.comparison import by_drive, describe_state
-from power_lab.compare.evidence import Evidence
 from power_lab.compare.regimes import Regime, worst_regimes
 from power_lab.diagnose.diagnosis import Diagnoser
 from power_lab.diagnose.findings import Candidate, Diagnosis
 from power_lab.diagnose.measurement_check import MeasurementTerm, check_measurement
 from power_lab.diagnose.next_recording import Motion, separating_motion
-from power_lab.diagnose.together import together
 from power_lab.diagnose.verdict import noise_w, remainder, sentence
-from power_lab.recordings import Loaded, base_power
 from power_lab.structure.candidates import CONSTANT_TORQUE
 from power_lab.structure.words import in_words
 

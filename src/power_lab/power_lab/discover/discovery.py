@@ -10,10 +10,10 @@ from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
+from power_estimator.judge.evidence import Evidence, Examiner
 from threadpoolctl import threadpool_limits
 from wattwalk_core.quoting import printable
 
-from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.discover.effect_file import Written
 from power_lab.discover.formula import Formula, refined
 from power_lab.discover.found import Discovery, Finalist, Found, Values, interval_of, load_effect

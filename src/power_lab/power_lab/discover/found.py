@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Effect, load_catalogue
+from power_estimator.judge.evidence import Evidence
 
-from power_lab.compare.evidence import Evidence
 from power_lab.discover.effect_file import Written, effect_source
 from power_lab.discover.formula import Formula
 from power_lab.discover.known import Named

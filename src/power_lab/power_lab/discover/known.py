@@ -11,8 +11,8 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.judge.evidence import Evidence, Examiner
 
-from power_lab.compare.evidence import Evidence, Examiner
 from power_lab.discover.formula import Formula
 from power_lab.structure.candidates import CONSTANT_TORQUE, best_shapes, candidates
 from power_lab.structure.floors import beyond_physics

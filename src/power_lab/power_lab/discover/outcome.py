@@ -12,6 +12,8 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.training import LEAST_SECONDS, Material, material
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.judge.held_out import base_power
+from power_estimator.judge.recordings import Loaded
 from power_estimator.model import PowerModel
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
@@ -21,7 +23,6 @@ from power_lab.discover.effect_file import effect_source
 from power_lab.discover.found import Discovery, Found, check_bounds
 from power_lab.discover.selection import KEEPS
 from power_lab.discover.transfer import OtherRecording, Transfer
-from power_lab.recordings import Loaded, base_power
 from power_lab.structure.words import in_words
 
 Floats = NDArray[np.float64]

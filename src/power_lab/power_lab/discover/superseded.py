@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.judge.evidence import Evidence
 
-from power_lab.compare.evidence import Evidence
 from power_lab.discover.found import Found, interval_of
 from power_lab.structure.floors import above_floor
 

@@ -5,8 +5,7 @@ from numpy.typing import NDArray
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.scale import DriveScale
-
-from power_lab.compare.evidence import Evidence
+from power_estimator.judge.evidence import Evidence
 
 Floats = NDArray[np.float64]
 

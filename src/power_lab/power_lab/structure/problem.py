@@ -11,8 +11,7 @@ from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fitter
 from power_estimator.effects.fit.folds import FOLDS, Folds
 from power_estimator.effects.signals.reducer import REDUCED_RATE
-
-from power_lab.compare.evidence import Evidence
+from power_estimator.judge.evidence import Evidence
 
 Floats = NDArray[np.float64]
 

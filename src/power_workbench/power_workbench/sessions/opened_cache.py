@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from power_lab.read_recordings import ReadAgain
-from power_lab.recordings import Loaded
+from power_estimator.judge.read_recordings import ReadAgain
+from power_estimator.judge.recordings import Loaded
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.index.stamp import Stamp
 from power_recordings.index.store import usual_path
@@ -27,8 +27,8 @@ from power_workbench.views.view import PowerView, StateWords
 FOLDER = 'workbench_cache'
 """Beside the index of recordings."""
 _CODE = (
-    *('power_recordings', 'power_estimator.effects', 'power_lab.recordings'),
-    'power_lab.read_recordings',
+    *('power_recordings', 'power_estimator.effects', 'power_estimator.judge.recordings'),
+    'power_estimator.judge.read_recordings',
     *('power_lab.compare', 'power_workbench.views.view', 'power_workbench.sessions.described'),
     'power_workbench.sessions.opened_cache',
 )

@@ -10,10 +10,11 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.training import LEAST_TO_FIT, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model, write_model
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded, load
 from power_lab.challenge.bench_run import record_on_bench, shortened
 from power_lab.compare.comparison import compare, open_model
 from power_lab.compare.fitting import extended, fitted
-from power_lab.recordings import Loaded, load
 from power_lab.structure.words import in_words
 from power_recordings.reading.bag_folder import find
 from wattwalk_core.errors import InputError
@@ -250,21 +251,22 @@ class SessionWorker:
         self, loaded: Loaded, catalogue: Catalogue, spec: str, step: SessionStep, name: str
     ) -> EffectModel:
         effects = _actives(step.effects, catalogue)
+        judge = Judge(loaded, catalogue)
         options: dict[str, Any] = {'per': step.per, 'seed': step.seed}
         if step.kind == 'fit':
             base = step.base or None
-            return fitted(loaded, effects, catalogue, name, base=base, **options)[0]
+            return fitted(judge, effects, name, base=base, **options)[0]
         model = read_model(Path(spec), catalogue)
         if step.kind == 'add':
             for effect in step.effects:
                 if effect in model.effects:
                     raise InputError(f'{effect!r} is in the model already')
-            return extended(loaded, model, effects, catalogue, name, **options)
+            return extended(judge, model, effects, name, **options)
         for effect in step.effects:
             if effect not in model.effects:
                 raise InputError(f'{effect!r} is not in the model')
         left = _actives([e for e in model.effects if e not in step.effects], catalogue)
-        less, _ = fitted(loaded, left, catalogue, name, base=model.base, **options)
+        less, _ = fitted(judge, left, name, base=model.base, **options)
         return less.with_history(*model.history, *less.history)
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_estimator.judge.recordings import Loaded
 from power_lab.compare.comparison import Comparison, describe_state
 from power_lab.compare.regimes import standstill
 from power_lab.compare.worst_stretch import worst_stretch
-from power_lab.recordings import Loaded
 
 from power_workbench.views.pyramid import Pyramid
 from power_workbench.views.stride import StridePhase, stride_phase

@@ -26,7 +26,15 @@ class Folds:
     training: Floats  # [F, B], 1 where the block may be trained on
 
     @classmethod
-    def of(cls, blocks: Blocks, *, by_recording: bool = True) -> 'Folds':
+    def of(
+        cls,
+        blocks: Blocks,
+        *,
+        by_recording: bool = True,
+        count: int = FOLDS,
+        piece: int = PIECE,
+        embargo: int = EMBARGO,
+    ) -> 'Folds':
         """
         Split by recording where there are five or more, else by pieces of 10 s in turn.
 
@@ -34,21 +42,20 @@ class Folds:
 
         Blocks without a measured drive count in no piece, so that short stretches of measurement
         far apart are in all folds.
-        An embargo of 1 s beside each tested piece keeps what is autocorrelated out of training.
+        An embargo beside each tested piece keeps what is autocorrelated out of training.
         """
         recordings = np.unique(blocks.recording)
-        count = len(blocks.starts)
-        if by_recording and len(recordings) >= FOLDS:
-            test = np.searchsorted(recordings, blocks.recording) % FOLDS
+        if by_recording and len(recordings) >= count:
+            test = np.searchsorted(recordings, blocks.recording) % count
         else:
             place = np.cumsum(blocks.valid.any(axis=1)) - 1
-            length = int(np.clip((place[-1] + 1) // (3 * FOLDS), 2, PIECE))
-            test = (np.maximum(place, 0) // length) % FOLDS
-        training = np.ones((FOLDS, count))
-        for fold in range(FOLDS):
+            length = int(np.clip((place[-1] + 1) // (3 * count), 2, piece))
+            test = (np.maximum(place, 0) // length) % count
+        training = np.ones((count, len(blocks.starts)))
+        for fold in range(count):
             tested = test == fold
             near = tested.copy()
-            for step in range(1, EMBARGO + 1):
+            for step in range(1, embargo + 1):
                 near[:-step] |= tested[step:]
                 near[step:] |= tested[:-step]
             training[fold, near] = 0.0

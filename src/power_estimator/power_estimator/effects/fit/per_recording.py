@@ -1,6 +1,6 @@
 """Errors of the measurement that differ from recording to recording of one robot."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -63,8 +63,10 @@ def _within(signals: Signals, recordings: int) -> Floats:
     return (signals.recording[:, None, None] == np.arange(recordings)).astype(np.float64)
 
 
-def own_terms(terms: Sequence[Active], recordings: int) -> tuple[Active, ...]:
-    """Terms of the measurement for several recordings: gains and offsets of each its own."""
+def own_terms(
+    terms: Sequence[Active], recordings: int, apart: Collection[str] = OWN_TERMS
+) -> tuple[Active, ...]:
+    """Terms of the measurement for several recordings: those named apart are of each its own."""
     if not 1 < recordings <= MOST_RECORDINGS:
         return tuple(terms)
 
@@ -72,7 +74,7 @@ def own_terms(terms: Sequence[Active], recordings: int) -> tuple[Active, ...]:
         made = gain_per_recording if effect.name == 'power_gain' else per_recording
         return made(effect, recordings)
 
-    return tuple(Active.of(own(term.effect)) if term.name in OWN_TERMS else term for term in terms)
+    return tuple(Active.of(own(term.effect)) if term.name in apart else term for term in terms)
 
 
 def has_own_terms(structure: Structure) -> bool:

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from power_estimator.effects.fit.blocks import modelled
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.fitter import Fit, Fitter, Normal
-from power_estimator.effects.fit.folds import FOLDS, LEAST_MSE, Folds
+from power_estimator.effects.fit.folds import LEAST_MSE, Folds
 
 Floats = NDArray[np.float64]
 
@@ -46,10 +47,12 @@ class Evidence:
 class Examiner:
     """Cross-validates structures on one set of prepared signals."""
 
-    def __init__(self, fitter: Fitter, *, by_recording: bool = True) -> None:
-        """by_recording: as in `Folds.of`."""
+    def __init__(
+        self, fitter: Fitter, *, by_recording: bool = True, folds: Folds | None = None
+    ) -> None:
+        """by_recording: as in `Folds.of`; folds: others than these."""
         self.fitter = fitter
-        self.folds = Folds.of(fitter.blocks, by_recording=by_recording)
+        self.folds = folds or Folds.of(fitter.blocks, by_recording=by_recording)
 
     def examine(self, fit: Fit, names: Sequence[str] = ()) -> Evidence:
         """Held-out errors with the fit's delay and shapes, all coefficients refitted per fold."""
@@ -75,7 +78,7 @@ class Examiner:
         fit, blocks = evidence.fit, self.fitter.blocks
         linear = self.fitter.linear(fit)
         out = np.full(linear.target.shape, np.nan)
-        for fold in range(FOLDS):
+        for fold in range(len(self.folds.training)):
             rows = blocks.rows[self.folds.test == fold].ravel()
             model = modelled(linear.design.columns[rows], evidence.coefficients[fold])
             out[rows] = linear.target[rows] - model

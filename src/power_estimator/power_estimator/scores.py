@@ -1,7 +1,7 @@
 """Scores of estimates of power: R² as the paper defines it, errors in watts and in joules."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +18,18 @@ class Score:
     bias_w: float  # mean of estimated − measured
     energy_error: float  # see energy_error()
     samples: int
+    error_j: float = float('nan')  # energy estimated less that measured
+    energy_j: float = float('nan')  # measured
+    r2_std: float = float('nan')  # spread of R² over stretches or folds
     coverage: float = float('nan')  # share of the measured in the interval, where there is one
     interval_w: float = float('nan')  # its mean width
+
+    def json(self) -> dict[str, float | None]:
+        """All of it with the digits that files keep; None for NaN."""
+        return {
+            key: float(f'{value:.8g}') if np.isfinite(value) else None
+            for key, value in asdict(self).items()
+        }
 
 
 def r2(measured: ArrayLike, estimated: ArrayLike) -> float:
@@ -63,7 +73,20 @@ def energy_error(
 def score(measured: ArrayLike, estimated: ArrayLike, rate: float) -> Score:
     """Return all scores of one estimate sampled at rate (Hz); pairs with a NaN are left out."""
     y, f = _pairs(measured, estimated)
-    return Score(r2(y, f), rmse(y, f), bias(y, f), energy_error(y, f, rate), int(y.size))
+    joules = (float((f - y).sum() / rate), float(y.sum() / rate)) if y.size else ()
+    return Score(r2(y, f), rmse(y, f), bias(y, f), energy_error(y, f, rate), int(y.size), *joules)
+
+
+def coverage(found: Score, measured: ArrayLike, low: ArrayLike, high: ArrayLike) -> Score:
+    """Add the share of the measured power that lies in intervals, and their mean width."""
+    y, a, b = (np.asarray(values, np.float64).ravel() for values in (measured, low, high))
+    known = np.isfinite(y) & np.isfinite(a)
+    if not known.any():
+        return found
+    inside = (a[known] <= y[known]) & (y[known] <= b[known])
+    return replace(
+        found, coverage=float(inside.mean()), interval_w=float((b[known] - a[known]).mean())
+    )
 
 
 def block_means(values: Floats, runs: Iterable[slice], block: int = 4) -> Floats:

@@ -1,13 +1,15 @@
 """Several recordings of one robot, judged together: own meter errors, common coefficients."""
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
-from power_estimator.effects.fit.per_recording import in_step, own_delays, own_terms
+from power_estimator.effects.fit.per_recording import OWN_TERMS, in_step, own_delays, own_terms
 from power_estimator.effects.fit.training import Material
 from power_estimator.effects.signals.prepared import Prepared
 
@@ -17,12 +19,15 @@ _LIKE_A_DELAY = ('rotor_inertia', 'spring')
 
 
 def together(
-    own: Material, structure: Structure, catalogue: Catalogue
+    own: Material,
+    structure: Structure,
+    catalogue: Catalogue,
+    apart: Collection[str] = OWN_TERMS,
 ) -> tuple[Material, tuple[Active, ...], Floats]:
     """
     Recordings in step, the terms of their measurement, and their own delays, s [R].
 
-    Gains, offsets and delays of each recording are its own.
+    Delays and the terms that are named apart are each recording's own.
     """
     prepared = own.prepared
     terms = measurement_terms(catalogue, shaft='shaft' in structure.names)
@@ -40,4 +45,4 @@ def together(
 
     delays = own_delays(prepared, whole, fitter)
     aligned = replace(own, prepared=in_step(prepared, delays))
-    return aligned, own_terms(terms, len(prepared.recordings)), delays
+    return aligned, own_terms(terms, len(prepared.recordings), apart), delays

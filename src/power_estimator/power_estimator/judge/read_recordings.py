@@ -1,15 +1,14 @@
-"""Reading of recordings as the lab judges on them: in this process, or each as a task."""
+"""Reading of recordings as models are judged on them: in this process, or each as a task."""
 
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final, overload
 
 import numpy as np
-from power_estimator.network.checkpoint import TrainingRecording
-from power_estimator.recordings import describe
 from power_recordings.alignment.align import RATES, align, load_aligned, merge
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.quality.refusal import refuse_slow, refuse_wrong_units, slowest_power
@@ -18,8 +17,11 @@ from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
+from power_estimator.network.checkpoint import TrainingRecording
+from power_estimator.recordings import describe
+
 RATE: Final = 400.0
-CODE: Final = ('power_recordings', 'power_estimator', 'power_lab')
+CODE: Final = ('power_recordings', 'power_estimator')
 _LONG: Final = 60.0  # s
 _OVERSAMPLED: Final = 1.9  # samples for each of a slow recording, so that nothing is filtered away
 
@@ -47,11 +49,16 @@ class ReadAgain(Sequence[Recording]):
 
 @dataclass(frozen=True)
 class JudgedDrives:
-    """Drives that are judged, all where none is named, and doubts that are overruled."""
+    """Drives that are judged, by name or pattern, all for none; doubts that are overruled."""
 
     drives: tuple[str, ...] = ()
     slow: bool = False
     anyway: bool = False
+
+    def of(self, recording: Recording) -> tuple[str, ...]:
+        """Names of the drives that are judged, none for all."""
+        names = recording.joint_states().names if self.drives else ()
+        return tuple(name for name in names if any(fnmatchcase(name, p) for p in self.drives))
 
 
 @dataclass(frozen=True)
@@ -217,9 +224,9 @@ def _common(names: Sequence[tuple[Path, Sequence[str]]]) -> tuple[str, ...]:
 def _doubt(recording: Recording, judged: JudgedDrives) -> str:
     try:
         if not judged.slow:
-            refuse_slow(recording, judged.drives)
+            refuse_slow(recording, judged.of(recording))
         if not judged.anyway:
-            refuse_wrong_units(recording, judged.drives)
+            refuse_wrong_units(recording, judged.of(recording))
     except InputError as error:
         return str(error)
     return ''
@@ -227,5 +234,5 @@ def _doubt(recording: Recording, judged: JudgedDrives) -> str:
 
 def _changes(recording: Recording, judged: JudgedDrives) -> float:
     with suppress(InputError):
-        return slowest_power(recording, judged.drives)[1]
+        return slowest_power(recording, judged.of(recording))[1]
     return np.nan

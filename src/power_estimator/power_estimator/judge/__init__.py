@@ -1,0 +1,1 @@
+"""Scores of power models: on which samples, held out how, and against what."""

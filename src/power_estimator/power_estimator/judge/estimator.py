@@ -1,0 +1,248 @@
+"""Estimates of power models where they were not fitted."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from wattwalk_core.errors import InputError
+
+from power_estimator.drive_types import assign, infer_types
+from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.blocks import Blocks
+from power_estimator.effects.fit.fitter import measurement_terms
+from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.fit.training import Material, material
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.signals.prepared import Prepared, prepare
+from power_estimator.judge.evidence import Examiner
+from power_estimator.judge.held_out import (
+    HeldOutPower,
+    base_power,
+    held_out_rows,
+    knows,
+    names_without_power,
+    power_on,
+)
+from power_estimator.judge.recordings import Loaded
+from power_estimator.judge.result import HeldOut
+from power_estimator.judge.settings import JudgeSettings
+from power_estimator.judge.together import together
+from power_estimator.model import PowerModel
+from power_estimator.proxies import Proxy
+
+Floats = NDArray[np.float64]
+
+CROSS_VALIDATED = 'cross-validated'
+ELSEWHERE = 'other recordings'
+_TEST_PART, _OF_BASE = 'its test part', 'test part of its base'
+
+
+_Way = Callable[['HeldOutEstimator', EffectModel], HeldOut]
+
+
+class HeldOutEstimator:
+    """Estimates of each kind of model on recordings, held out as that kind has to be."""
+
+    def __init__(self, recordings: Loaded, catalogue: Catalogue, settings: JudgeSettings) -> None:
+        self.recordings, self.catalogue, self.settings = recordings, catalogue, settings
+
+    @cached_property
+    def prepared(self) -> Prepared:
+        """Signals and reduced power, whose N rows and M meters all scores are of."""
+        return prepare(self.recordings.data, self.recordings.window)
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """Whole seconds."""
+        return Blocks.of(self.prepared)
+
+    def folds(self, blocks: Blocks) -> Folds:
+        """Pieces that are tested together."""
+        s = self.settings
+        return Folds.of(
+            blocks, by_recording=False, count=s.folds, piece=s.piece, embargo=s.embargo
+        )
+
+    def material(self, base: NDArray[np.float32] | None, per: str = 'type') -> Material:
+        """Signals for a fit of effects on a base model's power [T, D]; per: as in `material`."""
+        return material(
+            self.recordings.data,
+            per=per,
+            base=base,
+            catalogue=self.catalogue,
+            window=self.recordings.window,
+        )
+
+    def estimate(self, model: PowerModel, name: str) -> HeldOut:
+        """
+        Estimate the power of all rows that a model may be judged on; name: as it is shown.
+
+        InputError for a model that says nothing about the drives.
+        """
+        if isinstance(model, EffectModel):
+            return self._effects(model)
+        if isinstance(model, Proxy):
+            return self._proxy(model)
+        power = power_on(self.recordings, model)
+        if not np.isfinite(power).any():
+            raise InputError(f'{name} says nothing about {", ".join(self.recordings.data.names)}')
+        prepared = self.prepared
+        allowed = held_out_rows(model, self.recordings, prepared.time, prepared.recording)
+        found = self._predicted(self._metered(power), name, power)
+        if prepared.whole:
+            allowed = allowed.all(axis=1, keepdims=True)
+        how = tuple(
+            ELSEWHERE if allowed[prepared.recording == index].all() else _TEST_PART
+            for index in range(len(found.how))
+        )
+        return replace(found, residual=np.where(allowed, found.residual, np.nan), how=how)
+
+    def _predicted(
+        self, estimated: Floats, name: str, power: NDArray[np.floating], how: str = ELSEWHERE
+    ) -> HeldOut:
+        """An estimate [N, M] with the best delay of each recording taken out."""
+        if not np.isfinite(estimated).any():
+            lacking = names_without_power(power, self.prepared.signals.names)
+            raise InputError(f'{name} lacks the power of {", ".join(lacking)}')
+        prepared = self.prepared
+        measured, delays = prepared.power_at(0.0), []
+        for index in range(len(prepared.recordings)):
+            rows = prepared.recording == index
+            delays.append(self._best_delay(estimated, rows))
+            measured[rows] = prepared.power_at(delays[-1])[rows]
+        return HeldOut(measured, measured - estimated, tuple(delays), (how,) * len(delays))
+
+    def _best_delay(self, estimated: Floats, rows: NDArray[np.bool_]) -> float:
+        """The delay in s with the least residual, between the steps by a parabola."""
+        prepared = self.prepared
+        known = rows[:, None] & np.isfinite(estimated) & prepared.measured
+        errors = np.zeros(len(prepared.shifts))
+        for meter in np.flatnonzero(known.any(axis=0)):
+            own = known[:, meter]
+            apart = prepared.power[:, own, meter] - estimated[own, meter]
+            errors += np.log(np.mean(np.square(apart), axis=1) + 1e-9)
+        best = int(np.argmin(errors))
+        delay = float(prepared.shifts[best])
+        if 0 < best < len(errors) - 1:
+            a, b, c = errors[best - 1 : best + 2].tolist()
+            curvature = a - 2 * b + c
+            step = prepared.shifts[1] - prepared.shifts[0]
+            delay += float(0.5 * (a - c) / curvature * step) if curvature else 0.0
+        return delay
+
+    def _metered(self, power: NDArray[np.floating]) -> Floats:
+        """A model's power [T, D] as the meters see it, W [N, M]."""
+        if len(power) != len(self.prepared.signals.time):
+            raise InputError('the recording has samples without position, velocity or torque')
+        reduced = self.prepared.reduced(np.asarray(power, dtype=np.float64))
+        return reduced.sum(axis=1, keepdims=True) if self.prepared.whole else reduced
+
+    def _proxy(self, proxy: Proxy) -> HeldOut:
+        """Scaled by drive type on the folds that are not judged."""
+        loaded, prepared = self.recordings, self.prepared
+        types = proxy.types or infer_types(loaded.data.names)
+        unit = replace(proxy, types=types, factors={kind.name: 1.0 for kind in types})
+        power = power_on(loaded, unit)
+        signal = self._metered(power)
+        nominal = prepared.power_at(0.0)
+        known = np.isfinite(signal) & prepared.measured
+        groups = [[0]] if prepared.whole else list(assign(prepared.names, types).values())
+        folds, estimated = self.folds(self.blocks), np.full(signal.shape, np.nan)
+        for fold, training in enumerate(folds.training):
+            tested = self.blocks.rows[folds.test == fold].ravel()
+            trained = self.blocks.rows[training > 0].ravel()
+            for own in groups:
+                used = np.ix_(trained, own)
+                both = known[used]
+                mean = signal[used][both].mean() if both.any() else 0.0
+                if mean > 0.0:
+                    factor = nominal[used][both].mean() / mean
+                    estimated[np.ix_(tested, own)] = signal[np.ix_(tested, own)] * factor
+        return self._predicted(estimated, proxy.name, power, CROSS_VALIDATED)
+
+    def _effects(self, model: EffectModel) -> HeldOut:
+        known = knows(model, self.recordings)
+        if known.all() and len(known) <= self.settings.together:
+            return self._refitted(model)
+        if not known.any():
+            return self._as_it_is(model)
+        count = -(-int(known.sum()) // self.settings.together)
+        groups = np.array_split(np.flatnonzero(known), count)
+        parts: list[tuple[NDArray[np.intp], _Way]] = [
+            (own, HeldOutEstimator._refitted) for own in groups
+        ]
+        if not known.all():
+            parts.append((np.flatnonzero(~known), HeldOutEstimator._as_it_is))
+        return self._joined(model, parts)
+
+    def _joined(
+        self,
+        model: EffectModel,
+        parts: Sequence[tuple[NDArray[np.intp], _Way]],
+    ) -> HeldOut:
+        """Parts of the recordings, each judged by itself in its own way."""
+        prepared = self.prepared
+        measured = prepared.power_at(0.0)
+        residual = np.full(measured.shape, np.nan)
+        delays, how = [0.0] * len(prepared.recordings), [''] * len(prepared.recordings)
+        for places, judged in parts:
+            own = self.recordings.only(places.tolist())
+            part = HeldOutEstimator(own, self.catalogue, self.settings)
+            found = judged(part, model)
+            columns = [prepared.names.index(name) for name in part.prepared.names]
+            for index, place in enumerate(places.tolist()):
+                there = part.prepared.recording == index
+                here = np.flatnonzero(prepared.recording == place)
+                rows = here[np.isin(prepared.time[here], part.prepared.time[there])]
+                there &= np.isin(part.prepared.time, prepared.time[here])
+                measured[np.ix_(rows, columns)] = found.measured[there]
+                residual[np.ix_(rows, columns)] = found.residual[there]
+                delays[place], how[place] = found.delays[index], found.how[index]
+        return HeldOut(measured, residual, tuple(delays), tuple(how))
+
+    def _as_it_is(self, model: EffectModel) -> HeldOut:
+        """Physics alone, on recordings that the model was not fitted on."""
+        data, base = self.recordings.data, self._base(model)
+        how = _OF_BASE if base is not None and base.partly else ELSEWHERE
+        if base is None:
+            power = model.predict(data)
+        else:
+            power = model.predict(data, base=np.nan_to_num(base.power))
+            power = np.where(np.isfinite(base.power), power, np.float32(np.nan))
+        return self._predicted(self._metered(power), model.name, power, how)
+
+    def _base(self, model: EffectModel) -> HeldOutPower | None:
+        return None if model.base is None else base_power(self.recordings, model.base)
+
+    def _refitted(self, model: EffectModel) -> HeldOut:
+        """Refitted fold by fold, with errors of measurement of each recording's own."""
+        base = self._base(model)
+        own = self.material(None if base is None else base.power)
+        if model.groups and not own.prepared.whole:
+            own = replace(own, types=tuple(group.type for group in model.groups))
+        structure = own.structure(model.structure.actives)
+        apart = [term.name for term in measurement_terms(self.catalogue, shaft=True)]
+        own, terms, delays = together(own, structure, self.catalogue, apart)
+        fitter = own.fitter()
+        examiner = Examiner(fitter, folds=self.folds(fitter.blocks))
+        fit = fitter.fit(structure.plus(*terms), iterations=self.settings.iterations)
+        columns = [self.prepared.names.index(name) for name in own.prepared.names]
+        measured = self.prepared.power_at(fit.delay)
+        residual = np.full(measured.shape, np.nan)
+        residual[:, columns] = examiner.residual(examiner.examine(fit), all_rows=True)
+        measured[:, columns] = own.prepared.power_at(fit.delay)
+        how = CROSS_VALIDATED
+        if base is not None and base.partly:
+            how += f' on the {_OF_BASE}'
+        known = assign(own.prepared.names, own.types)
+        unknown = {*range(len(columns))} - {place for places in known.values() for place in places}
+        if not own.prepared.whole:
+            residual[:, [columns[place] for place in sorted(unknown)]] = np.nan
+        return HeldOut(
+            measured,
+            residual,
+            tuple(float(fit.delay + later) for later in delays),
+            (how,) * len(delays),
+        )

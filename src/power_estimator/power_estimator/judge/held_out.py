@@ -1,0 +1,140 @@
+"""Power of models where they were not fitted, by the fingerprints of recordings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
+
+from power_estimator.effects.fit.training import LEAST_SECONDS
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.judge.recordings import Loaded
+from power_estimator.loader import load_model
+from power_estimator.model import PowerModel
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.proxies import Proxy
+
+_LOST = 1.4  # s of each stretch, to the low-pass and to whole seconds
+
+
+@dataclass(frozen=True)
+class HeldOutPower:
+    """A model's power where it was not trained."""
+
+    power: NDArray[np.float32]  # W [T, D], NaN elsewhere
+    partly: bool  # whether it was trained on some of the samples
+
+
+def knows(model: EffectModel, loaded: Loaded) -> NDArray[np.bool_]:
+    """Mark the recordings [R] that a model of effects has to be refitted on to be judged."""
+    known = {entry.get('sha256') for entry in model.fitted_on}
+    return np.array([not model.fitted or own['sha256'] in known for own in loaded.identities])
+
+
+def held_out_rows(
+    model: PowerModel,
+    loaded: Loaded,
+    time: NDArray[np.float64],
+    recording: NDArray[np.integer],
+) -> NDArray[np.bool_]:
+    """Mark times of recordings [N] and drives [N, D] that a network was not trained on."""
+    allowed = np.ones((len(time), len(loaded.data.names)), bool)
+    if not isinstance(model, PowerPredictionNetwork):
+        return allowed
+    trained = {known.sha256: known.held_out for known in model.checkpoint.recordings}
+    for index, identity in enumerate(loaded.identities):
+        rows = recording == index
+        for drive, name in enumerate(loaded.data.names):
+            kind = next((kind.name for kind in model.types if kind.matches(name)), '')
+            spans = trained.get(identity['sha256'], {}).get(kind)
+            if spans is not None:
+                inside = np.zeros(len(time), bool)
+                for start, stop in spans:
+                    inside |= (time >= start - 1e-6) & (time <= stop + 1e-6)
+                allowed[rows & ~inside, drive] = False
+    return allowed
+
+
+def power_on(loaded: Loaded, model: PowerModel) -> NDArray[np.float32]:
+    """
+    Return a model's power on the samples of the recordings, W [T, D].
+
+    Networks and proxies are asked on what they are trained with: 200 Hz, smoothed. All others form
+    products of the signals as they were measured.
+    """
+    data = loaded.data
+    if not isinstance(model, PowerPredictionNetwork | Proxy):
+        return model.predict(data)
+    smooth = loaded.smooth
+    power = model.predict(smooth)
+    if smooth is data:
+        return power
+    out = np.full(data.torque.shape, np.nan, np.float32)
+    for index in range(len(data.recordings)):
+        here, there = data.recording == index, smooth.recording == index
+        if not here.any() or not there.any():
+            continue
+        for drive in range(power.shape[1]):
+            out[here, drive] = _between(
+                data.time[here], smooth.time[there], power[there, drive], smooth.rate
+            )
+    return out
+
+
+def base_power(loaded: Loaded, spec: str) -> HeldOutPower:
+    """
+    Power of the model that effects stand on; of a network on its test part only.
+
+    InputError where that leaves too little of a drive to decide anything.
+    """
+    model, data = load_model(spec), loaded.data
+    power = power_on(loaded, model)
+    allowed = held_out_rows(model, loaded, data.time, data.recording)
+    power[~allowed] = np.nan
+    partly = not allowed.all()
+    if not np.isfinite(power).any() and not partly:
+        raise InputError(f'{spec} says nothing about {", ".join(data.names)}')
+    if partly:
+        _require_seconds(spec, power, data)
+    return HeldOutPower(power, partly)
+
+
+def names_without_power(power: NDArray[np.floating], names: Sequence[str]) -> list[str]:
+    """Drives of power [T, D] that a model says nothing about."""
+    known = np.isfinite(power).any(axis=0)
+    return [name for name, one in zip(names, known, strict=True) if not one]
+
+
+def _require_seconds(spec: str, power: NDArray[np.float32], data: AlignedDataset) -> None:
+    for drive, name in enumerate(data.names):
+        known = np.isfinite(power[:, drive]) & np.isfinite(data.power[:, drive])
+        edges = np.flatnonzero(np.diff(np.r_[False, known, False]))
+        lengths = (edges[1::2] - edges[::2]) / data.rate
+        seconds = float(np.maximum(lengths - _LOST, 0.0).sum())
+        if seconds < LEAST_SECONDS:
+            raise InputError(
+                f'{spec} was trained on these recordings: its test part leaves '
+                f'{seconds:.0f} s of {name} to judge on, not {LEAST_SECONDS:.0f}; give a '
+                'recording that it was not trained on (or a longer one)'
+            )
+
+
+def _between(
+    time: NDArray[np.float64],
+    known: NDArray[np.float64],
+    values: NDArray[np.float32],
+    rate: float,
+) -> NDArray[np.float32]:
+    """Linear interpolation that does not bridge gaps or NaN; held for half a sample at ends."""
+    right = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
+    left = right - 1
+    width = np.maximum(known[right] - known[left], 1e-9)
+    weight = (time - known[left]) / width
+    result = (1.0 - weight) * values[left] + weight * values[right]
+    outside = (weight < -0.01) | (weight > 1.01) | (width > 1.5 / rate)
+    nearest = np.where(weight < 0.5, left, right)
+    near = np.abs(time - known[nearest]) < 0.6 / rate
+    result[outside] = np.where(near, values[nearest], np.nan)[outside]
+    return result.astype(np.float32)

@@ -1,0 +1,146 @@
+"""Recordings as models are judged on them: unsmoothed at 400 Hz, measured drives only."""
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from power_recordings.alignment.align import load_aligned
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.reading.reader import Recording
+from wattwalk_core.engine.task_engine import TaskEngine
+from wattwalk_core.errors import InputError
+
+from power_estimator.judge.read_recordings import JudgedDrives, read_here, read_on_workers
+
+_SMOOTH_RATE = 200.0
+_CHANGES = 4.0  # of a slow meter in a window
+_LONGEST_WINDOW = 30.0  # s
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Aligned recordings with what identifies them."""
+
+    data: AlignedDataset
+    recordings: Sequence[Recording]
+    identities: tuple[Mapping[str, str], ...]  # name and sha256
+    controllers: tuple[str, ...]  # by recording, '' where unknown
+    window: float = 0.0  # s, over which energy is judged where the meter is slow
+    smoothed: AlignedDataset | None = None  # signals that networks get in place of `smooth`
+
+    @classmethod
+    def of(cls, data: AlignedDataset, sha256: Sequence[str] = ()) -> 'Loaded':
+        """Signals at 200 Hz that no file is behind, with a fingerprint for each recording."""
+        known = [*sha256, *[''] * (len(data.recordings) - len(sha256))]
+        identities = zip(data.recordings, known, strict=True)
+        return cls(
+            data,
+            (),
+            tuple({'name': name, 'sha256': own} for name, own in identities),
+            ('',) * len(data.recordings),
+        )
+
+    @cached_property
+    def smooth(self) -> AlignedDataset:
+        """The same recordings as networks and proxies take them: 200 Hz, smoothed."""
+        if self.smoothed is not None or not self.recordings:
+            return self.smoothed or self.data
+        return load_aligned(
+            self.recordings, rate=_SMOOTH_RATE, drives=self.data.names, need_power=False
+        )
+
+    @cached_property
+    def unmetered(self) -> 'Loaded | None':
+        """The same recordings with the joints that are not judged; None where there are none."""
+        joints = [recording.joint_states().names for recording in self.recordings]
+        known = {*self.data.names}
+        others = [
+            name
+            for name in (joints[0] if joints else ())
+            if name not in known and all(name in names for names in joints)
+        ]
+        if not others:
+            return None
+        data = load_aligned(
+            self.recordings, rate=self.data.rate, smooth=False, drives=others, need_power=False
+        )
+        return replace(self, data=data)
+
+    def only(self, places: Sequence[int]) -> 'Loaded':
+        """Some of the recordings, in ascending order."""
+        if len(places) == len(self.identities):
+            return self
+        chosen = np.isin(self.data.recording, places)
+        data = replace(
+            self.data.rows(chosen), recordings=tuple(self.data.recordings[i] for i in places)
+        )
+        return replace(
+            self,
+            data=replace(data, recording=np.searchsorted(places, data.recording).astype(np.int32)),
+            recordings=[self.recordings[i] for i in places] if self.recordings else (),
+            identities=tuple(self.identities[i] for i in places),
+            controllers=tuple(self.controllers[i] for i in places),
+        )
+
+
+def load(
+    paths: Sequence[Path],
+    drives: Sequence[str] = (),
+    *,
+    slow: bool = False,
+    anyway: bool = False,
+    engine: TaskEngine | None = None,
+    show: Callable[[str], None] = lambda text: None,
+) -> Loaded:
+    """
+    Read recordings of measured drives; several of them on the workers of an engine, if given.
+
+    slow: take meters that change less than 25 times a second, of which energy is judged over
+    windows. anyway: take recordings whose signals contradict each other, too. drives: names, or
+    patterns as *_KFE. InputError for recordings that cannot be read, lack electrical data, or lack
+    a named drive.
+    """
+    judged = JudgedDrives(tuple(drives), slow, anyway)
+    if engine is None or len(paths) < 2:
+        read = read_here(paths, judged)
+    else:
+        read = read_on_workers(engine, paths, judged, show)
+    data = read.data
+    measured = data.measured_drives()
+    if not measured and np.isfinite(data.supply).any():
+        measured = data.names
+    if not measured:
+        raise InputError(
+            f'{", ".join(map(str, paths))}: no drive has electrical data (topic drive_supply), '
+            'nor has the robot (topic supply)'
+        )
+    if drives and not data.measured_drives():
+        raise InputError(
+            f'--drives {" ".join(drives)}: only the whole robot was metered, and its power '
+            'is that of all its drives; leave --drives out'
+        )
+    fitting = [[name for name in measured if fnmatchcase(name, pattern)] for pattern in drives]
+    for pattern, names in zip(drives, fitting, strict=True):
+        if not names:
+            raise InputError(
+                f'drive {pattern!r} was not measured; measured are {", ".join(measured)}'
+            )
+    for doubt in read.doubts:
+        if doubt:
+            raise InputError(doubt)
+    return Loaded(
+        data.drives(list(dict.fromkeys(itertools.chain(*fitting))) or measured),
+        read.recordings,
+        tuple({'name': one.name, 'sha256': one.sha256} for one in read.described),
+        tuple(str(one.card.get('controller', '')) for one in read.described),
+        _window(read.changes) if slow else 0.0,
+    )
+
+
+def _window(changes: Sequence[float]) -> float:
+    """Window in s in which the slowest meter changes often enough for its energy to be known."""
+    return float(np.clip(_CHANGES / max(min(changes), 1e-3), 1.0, _LONGEST_WINDOW))

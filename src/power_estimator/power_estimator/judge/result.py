@@ -1,0 +1,77 @@
+"""Scores of one model on recordings."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_estimator.scores import Score
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SupplyScore:
+    """Power at the robot's supply, measured and estimated."""
+
+    score: Score
+    measured: Floats  # W [N], brought forward by lag
+    estimated: Floats  # W [N], drives and electronics
+    electronics: float  # W, what the robot draws beside its drives
+    drives: int  # in the sum
+    lag: float  # s by which the supply's readings come late
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """
+    A model's residual where it was not fitted, of N rows at 50 Hz and M meters.
+
+    Power and estimate have passed the same zero-phase low-pass at 12.5 Hz; each recording's best
+    delay between meter and joint signals is taken out.
+    """
+
+    measured: Floats  # W [N, M]
+    residual: Floats  # measured − estimated, W [N, M]; NaN where the model is not known or judged
+    delays: tuple[float, ...]  # s, of each recording
+    how: tuple[str, ...]  # by which each recording's samples were held out
+
+    @property
+    def estimated(self) -> Floats:
+        """W [N, M]."""
+        return self.measured - self.residual
+
+
+@dataclass(frozen=True)
+class JudgedModel(HeldOut):
+    """A model's scores on the rows on which all models of a comparison are judged."""
+
+    name: str = ''
+    effects: tuple[str, ...] = ()
+    at_bound: tuple[str, ...] = ()  # coefficients that stand at a bound
+    drives: Mapping[str, Score] = field(default_factory=dict)
+    types: Mapping[str, Score] = field(default_factory=dict)  # samples of all drives of a type
+    total: Score | None = None  # sum over the drives
+    supply: SupplyScore | None = None  # sum and electronics against the supply, where asked for
+
+    @property
+    def rows(self) -> NDArray[np.bool_]:
+        """Mark the rows that count [N, M]."""
+        return np.isfinite(self.residual)
+
+    @property
+    def delay(self) -> float:
+        """Delay of the power against the joint signals over all recordings, s."""
+        return float(np.median(self.delays))
+
+    @property
+    def held_out(self) -> str:
+        """How samples were held out, in words."""
+        return ', '.join(dict.fromkeys(self.how))
+
+    @property
+    def rmse(self) -> dict[str, float]:
+        """Error of each meter in W as files keep it."""
+        known = {meter: score.json()['rmse_w'] for meter, score in self.drives.items()}
+        return {meter: value for meter, value in known.items() if value is not None}
