@@ -3,9 +3,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from power_estimator.drive_types import infer_types
-from power_estimator.evaluation.comparison import compare, evaluate
-from power_estimator.evaluation.coverage import with_coverage
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded
 from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.intervals import Intervals
 from power_estimator.network.ppn import PowerPredictionNetwork
@@ -94,12 +93,10 @@ def test_a_network_keeps_its_intervals_on_disk_and_older_files_have_none(checkpo
 def test_coverage_is_measured_per_drive_and_type_beside_the_scores(checkpoint, drives):
     ppn = PowerPredictionNetwork(checkpoint)
     data = drives(40.0, seed=7)
-    types = infer_types(data.names)
-    comparison = compare([ppn], data)
-    found = with_coverage(evaluate(comparison, types)['ppn'], comparison, 'ppn', ppn, types)
-    low, high = ppn.interval(comparison.estimated['ppn'], data.names)
-    measured = comparison.measured[:, 0]
-    known = np.isfinite(measured)
+    found = Judge(Loaded.of(data)).score(ppn)
+    low, high = ppn.interval(found.estimated.astype(np.float32), data.names)
+    known = found.rows[:, 0]
+    measured = found.measured[:, 0]
     inside = (low[:, 0] <= measured) & (measured <= high[:, 0])
     assert found.drives['LF_HAA'].coverage == pytest.approx(inside[known].mean())
     assert found.types['HAA'].coverage == found.drives['LF_HAA'].coverage

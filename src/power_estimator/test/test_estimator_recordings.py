@@ -2,7 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from power_estimator.judge.held_out import held_out_rows
+from power_estimator.judge.recordings import Loaded
 from power_estimator.live.estimator import LiveEstimator, LiveSample
+from power_estimator.network.checkpoint import TrainingRecording
 from power_estimator.network.features import features
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_recordings.reading.reader import Recording
@@ -63,13 +66,16 @@ def test_drives_are_chosen_by_pattern_and_the_supply_then_says_nothing(bag):
         recordings.load([bag], ['*_KFE'])
 
 
-def test_only_the_test_part_of_a_known_recording_is_judged_on(bag, checkpoint):
+def test_only_the_test_part_of_a_known_recording_is_judged_on(drives, checkpoint):
+    given = Loaded.of(drives(20.0), ['a' * 64])
+    time, recording = given.data.time, given.data.recording
+    span = [float(time[100]), float(time[199])]
 
-    data = recordings.load([bag], [])
-    known = recordings.describe(bag)
-    span = [float(data.time[100]), float(data.time[199])]
-    trained = replace(known, held_out={'HAA': [span]})
-    judged = recordings.held_out(data, [known], [trained], 'HAA')
-    assert np.flatnonzero(judged).tolist() == list(range(100, 200))
-    assert recordings.held_out(data, [known], [trained], 'HFE').all()
-    assert recordings.held_out(data, [known], [], 'HAA').all()
+    def rows(*trained):
+        ppn = PowerPredictionNetwork(replace(checkpoint, recordings=trained))
+        return held_out_rows(ppn, given, time, recording)
+
+    known = TrainingRecording('walk', 'a' * 64, {}, {'HAA': [span]})
+    assert np.flatnonzero(rows(known)[:, 0]).tolist() == list(range(100, 200))
+    assert rows(known)[:, 1].all()
+    assert rows().all()

@@ -3,8 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from power_estimator.drive_types import infer_types
-from power_estimator.evaluation.comparison import table
-from power_estimator.network.checkpoint import NetworkConfig
+from power_estimator.evaluation.tables import table
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded
+from power_estimator.network.checkpoint import NetworkConfig, TrainingRecording
 from power_estimator.network.features import features
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import PROXIES
@@ -17,6 +19,7 @@ from power_estimator.training.trainer_config import TrainerConfig
 from wattwalk_core.errors import InputError
 
 SMALL = NetworkConfig(hidden=12)
+SHA256 = 'a' * 64
 QUICK = TrainerConfig(epochs=3, batch=4, chunk=40)
 
 
@@ -28,7 +31,14 @@ def cross_validation(data, *, config=SMALL, training=QUICK, folds=1, others=()):
         training=training,
         protocol=Protocol(folds=folds, margin=config.history),
         others=others,
+        recordings=[TrainingRecording(name, SHA256) for name in data.recordings],
     )
+
+
+def judged(validation, fold, checkpoint):
+    """Scores of a fold by model."""
+    judge = Judge(Loaded.of(validation.data, [SHA256]))
+    return {one.name: one for one in validation.test(fold, checkpoint, judge)[0]}
 
 
 def test_the_network_beats_every_proxy_on_drives_with_memory(drives, tmp_path):
@@ -40,13 +50,13 @@ def test_the_network_beats_every_proxy_on_drives_with_memory(drives, tmp_path):
     folder = NetworkRunFolder(tmp_path / 'run')
     folder.start({}, [])
     checkpoint = validation.checkpoint(0, validation.run(folder))
-    scores, _ = validation.test(0, checkpoint)
+    scores = judged(validation, 0, checkpoint)
     for kind in ('HAA', 'HFE'):
         assert scores['ppn'].types[kind].r2 > 0.6
         for proxy in PROXIES:
             assert scores['ppn'].types[kind].r2 > scores[proxy].types[kind].r2 + 0.2
     assert scores['ppn'].total.r2 > 0.6
-    assert scores['ppn'].supply.r2 > 0.6
+    assert scores['ppn'].supply.score.r2 > 0.6
 
 
 def test_an_arm_of_three_joints_trains_by_the_same_code(drives, tmp_path):
@@ -54,7 +64,7 @@ def test_an_arm_of_three_joints_trains_by_the_same_code(drives, tmp_path):
     folder = NetworkRunFolder(tmp_path / 'run')
     folder.start({}, [])
     checkpoint = validation.checkpoint(0, validation.run(folder))
-    scores, _ = validation.test(0, checkpoint)
+    scores = judged(validation, 0, checkpoint)
     assert list(scores['ppn'].drives) == ['joint_1', 'joint_2', 'wrist']
     assert np.isfinite([s.r2 for s in scores['ppn'].drives.values()]).all()
 
@@ -285,8 +295,8 @@ def test_a_table_holds_mean_and_spread_over_folds(drives):
     tests = []
     for fold in range(2):
         trainers = {job: validation.trainer(job) for job in validation.jobs if job.fold == fold}
-        tests.append(validation.test(fold, validation.checkpoint(fold, trainers))[0])
-    (ppn, *_) = table(tests)['models']
+        tests.append(judged(validation, fold, validation.checkpoint(fold, trainers)))
+    (ppn, *_) = table([list(test.values()) for test in tests])['models']
     r2s = [t['ppn'].drives['LF_HAA'].r2 for t in tests]
     assert ppn['drives']['LF_HAA']['r2'] == pytest.approx(np.mean(r2s))
     assert ppn['drives']['LF_HAA']['r2_std'] == pytest.approx(np.std(r2s))

@@ -91,7 +91,7 @@ def test_what_stands_on_a_network_is_judged_where_that_was_not_trained(loaded, n
         judged = found.models[0]
         since = found.prepared.time - loaded.data.time[0]
         used = since[np.isfinite(judged.residual).all(axis=1)]
-        assert judged.how == how
+        assert judged.held_out == how
         assert 8.0 < used.min() < 9.5
         assert 30.5 < used.max() < 32.0
 

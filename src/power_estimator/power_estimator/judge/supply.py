@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
 
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.folds import Folds
@@ -81,7 +82,10 @@ class SupplyJudge:
             model = model.fit(self._loaded.smooth)
         if len(others.data.time) != len(self._loaded.data.time):
             return None
-        power = np.asarray(power_on(others, model), np.float64)
+        try:
+            power = np.asarray(power_on(others, model), np.float64)
+        except InputError:  # a model of other drives
+            return None
         return self._prepared.reduced(power).sum(axis=1), len(others.data.names)
 
 
