@@ -61,7 +61,8 @@ def _mean(scores: Sequence[Score]) -> dict[str, float | None] | None:
     if not scores:
         return None
     rows = [asdict(score) for score in scores]
-    mean = Score(**{key: fmean(float(row[key]) for row in rows) for key in rows[0]})
+    means = {key: fmean(float(row[key]) for row in rows) for key in rows[0] if key != 'samples'}
+    mean = Score(samples=round(fmean(score.samples for score in scores)), **means)
     r2s = [score.r2 for score in scores]
     if len(r2s) > 1:
         mean = replace(mean, r2_std=pstdev(r2s) if np.isfinite(r2s).all() else float('nan'))

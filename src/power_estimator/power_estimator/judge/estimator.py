@@ -92,7 +92,7 @@ class HeldOutEstimator:
         allowed = held_out_rows(model, self.recordings, prepared.time, prepared.recording)
         found = self._predicted(self._metered(power), name, power)
         if prepared.whole:
-            allowed = allowed.all(axis=1, keepdims=True)
+            allowed = np.asarray(allowed.all(axis=1, keepdims=True))
         how = tuple(
             ELSEWHERE if allowed[prepared.recording == index].all() else _TEST_PART
             for index in range(len(found.how))
@@ -154,12 +154,12 @@ class HeldOutEstimator:
             tested = self.blocks.rows[folds.test == fold].ravel()
             trained = self.blocks.rows[training > 0].ravel()
             for own in groups:
-                used = np.ix_(trained, own)
-                both = known[used]
-                mean = signal[used][both].mean() if both.any() else 0.0
+                both = known[trained][:, own]
+                drawn, of_signal = (v[trained][:, own][both] for v in (nominal, signal))
+                mean = of_signal.mean() if both.any() else 0.0
                 if mean > 0.0:
-                    factor = nominal[used][both].mean() / mean
-                    estimated[np.ix_(tested, own)] = signal[np.ix_(tested, own)] * factor
+                    for column in own:
+                        estimated[tested, column] = signal[tested, column] * drawn.mean() / mean
         return self._predicted(estimated, proxy.name, power, CROSS_VALIDATED)
 
     def _effects(self, model: EffectModel) -> HeldOut:

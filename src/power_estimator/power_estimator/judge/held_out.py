@@ -14,7 +14,6 @@ from power_estimator.judge.recordings import Loaded
 from power_estimator.loader import load_model
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.proxies import Proxy
 
 _LOST = 1.4  # s of each stretch, to the low-pass and to whole seconds
 
@@ -61,11 +60,11 @@ def power_on(loaded: Loaded, model: PowerModel) -> NDArray[np.float32]:
     """
     Return a model's power on the samples of the recordings, W [T, D].
 
-    Networks and proxies are asked on what they are trained with: 200 Hz, smoothed. All others form
-    products of the signals as they were measured.
+    Models that need smoothed signals are asked on these, at 200 Hz; all others on the signals as
+    they were measured.
     """
     data = loaded.data
-    if not isinstance(model, PowerPredictionNetwork | Proxy):
+    if not model.needs.smooth:
         return model.predict(data)
     smooth = loaded.smooth
     power = model.predict(smooth)

@@ -134,16 +134,15 @@ class Judge:
         measured = found.measured
         residual = np.where(common, found.residual, np.nan)
         estimated, names = measured - residual, self.prepared.names
-        network = isinstance(model, PowerPredictionNetwork) and not self.prepared.whole
-        low, high = (
-            model.interval(estimated.astype(np.float32), names) if network else (None, None)
-        )
+        limits = None
+        if isinstance(model, PowerPredictionNetwork) and not self.prepared.whole:
+            limits = model.interval(estimated.astype(np.float32), names)
 
         def scored(columns: Sequence[int]) -> Score:
             found = self._spread(measured[:, columns], estimated[:, columns])
-            if low is None:
+            if limits is None:
                 return found
-            return coverage(found, measured[:, columns], low[:, columns], high[:, columns])
+            return coverage(found, measured[:, columns], *(end[:, columns] for end in limits))
 
         there = [column for column in range(len(names)) if common[:, column].any()]
         kinds = {

@@ -67,7 +67,7 @@ class JudgedModel(HeldOut):
 
     @property
     def held_out(self) -> str:
-        """How samples were held out, in words."""
+        """Ways in which samples were held out, in words."""
         return ', '.join(dict.fromkeys(self.how))
 
     @property

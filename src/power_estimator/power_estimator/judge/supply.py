@@ -51,7 +51,7 @@ class SupplyJudge:
         measured = prepared.power_at(0.0)
         estimated = (measured - residual).sum(axis=1) + others[0]
         drawn = estimated if others[1] else measured.sum(axis=1)
-        supplies = [prepared.reduced(shifted(data, lag)) for lag in range(self._lags)]
+        supplies = [prepared.reducer.reduce(shifted(data, lag)) for lag in range(self._lags)]
         spreads = [_spread(supply - drawn) for supply in supplies]
         lag = int(np.argmin(spreads))
         electronics = np.full(len(drawn), np.nan)

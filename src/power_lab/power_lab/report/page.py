@@ -110,11 +110,12 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
     )
     order = [model['name'] for model in models][: len(figures.LINES)]
     judged = {one.name: one for one in comparison.models}
+    of_best = next(i for i, one in enumerate(comparison.models) if one.name == order[0])
     residuals = {name: judged[name].residual for name in reversed(order)}
     measured = judged[order[0]].measured
     floors = dict(zip(prepared.names, prepared.noise, strict=True))
     _section_traces(page, prepared, measured, residuals, floors)
-    regimes = [r.text for r in judged[order[0]].regimes]
+    regimes = [regime.text for regime in comparison.regimes[of_best]]
     _section_failures(
         page, prepared, measured, residuals, comparison.state, comparison.labels, regimes
     )
