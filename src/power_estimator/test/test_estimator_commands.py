@@ -101,6 +101,18 @@ def test_benchmark_judges_a_network_on_what_it_was_not_trained_on(trained, bag, 
     assert picture.read_bytes()[:4] == (tmp_path / 'b_r2.png').read_bytes()[:4] == b'\x89PNG'
 
 
+def test_the_table_of_train_and_benchmark_agree(bag, tmp_path):
+    run, file = tmp_path / 'run', tmp_path / 'b.json'
+    assert train_command.main([str(bag), '-o', str(run), *QUICK, '--folds', '1']) == 0
+    command = [str(bag), '--models', f'ppn:{run}', *PROXIES, 'plain', '--json', str(file)]
+    assert benchmark_command.main(command) == 0
+    trained, benchmarked = (
+        json.loads(path.read_text())['models'] for path in (run / 'table.json', file)
+    )
+    for one, other in zip(trained, benchmarked, strict=True):
+        assert one | {'name': ''} == other | {'name': ''}
+
+
 def test_benchmark_judges_on_all_of_a_recording_that_is_new(trained, bags, tmp_path, capsys):
     other = bags(tmp_path / 'other', 20.0, seed=5)
     file = tmp_path / 'b.json'

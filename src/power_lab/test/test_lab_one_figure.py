@@ -1,0 +1,46 @@
+"""The same model on the same recording has the same figure wherever it is shown."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from power_estimator.commands import benchmark as benchmark_command
+from power_lab.commands import add as add_command
+from power_lab.commands import compare as compare_command
+from power_lab.commands import fit as fit_command
+
+WALK = str(Path(__file__).resolve().parents[3] / 'bags' / 'walk_small')
+
+
+@pytest.fixture(scope='module')
+def made(tmp_path_factory):
+    """A model fitted to the walk, one with an effect added, and errors as commands write them."""
+    folder = tmp_path_factory.mktemp('models')
+    base, better = (str(folder / f'{name}.yaml') for name in ('base', 'better'))
+    effects = ['--effects', 'shaft,copper_loss,idle']
+    assert fit_command.main([WALK, *effects, '-o', base]) == 0
+    assert add_command.main(['load_friction', '--to', base, '--bag', WALK, '-o', better]) == 0
+    for name, command in (('compare', compare_command), ('benchmark', benchmark_command)):
+        file = str(folder / f'{name}.json')
+        assert command.main([WALK, '--models', base, better, '--json', file]) == 0
+    return folder
+
+
+def errors(drives):
+    return {name: scores['rmse_w'] for name, scores in drives.items()}
+
+
+def test_fit_add_compare_and_benchmark_have_the_same_figures(made):
+    history = yaml.safe_load((made / 'better.yaml').read_text())['history']
+    compared, benchmarked = (
+        json.loads((made / f'{name}.json').read_text())['models']
+        for name in ('compare', 'benchmark')
+    )
+    fit, added = history
+    for figures in (fit['rmse_w'], added['rmse_before_w'], errors(benchmarked[0]['drives'])):
+        assert figures == pytest.approx(errors(compared[0]['drives']), abs=1e-6)
+    for figures in (added['rmse_w'], errors(benchmarked[1]['drives'])):
+        assert figures == pytest.approx(errors(compared[1]['drives']), abs=1e-6)
+    assert compared[0]['total']['r2'] == benchmarked[0]['total']['r2'] < 0.35
+    assert {m['held_out'] for m in (fit, added, *compared, *benchmarked)} == {'cross-validated'}
