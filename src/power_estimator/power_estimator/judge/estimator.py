@@ -191,7 +191,7 @@ class HeldOutEstimator:
             own = self.recordings.only(places.tolist())
             part = HeldOutEstimator(own, self.catalogue, self.settings)
             found = judged(part, model)
-            columns = [prepared.names.index(name) for name in part.prepared.names]
+            columns = np.array([prepared.names.index(name) for name in part.prepared.names])
             for index, place in enumerate(places.tolist()):
                 there = part.prepared.recording == index
                 here = np.flatnonzero(prepared.recording == place)
