@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from power_estimator.effects.fit.design import Active
+from power_estimator.judge.judge import Judge
 from power_lab.compare.fitting import fitted
 from power_recordings.reading.reader import Recording
 from power_workbench.files.array_file import ArrayFile, DamagedFileError
@@ -110,7 +111,7 @@ def test_a_fit_on_kept_signals_has_the_coefficients_of_a_fit_on_the_recording(op
         loaded = work._load(lambda *one, to=shown: to.append(one), source)
         assert bool(progress(shown)) == (cache is None)
         actives = [Active.of(catalogue[name]) for name in ('shaft', 'copper_loss', 'idle')]
-        model, _ = fitted(loaded, actives, catalogue, 'm')
+        model, _ = fitted(Judge(loaded, catalogue), actives, 'm')
         models.append(model)
         assert loaded.smooth.rate == 200.0
         assert [recording.path.name for recording in loaded.recordings] == ['walk']
