@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
-from power_estimator.live.estimator import CausalSampler, LiveConfig, LiveEstimator, Status
+from power_estimator.live.estimator import LiveConfig, LiveEstimator, Status
+from power_estimator.live.sampler import CausalSampler
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy
 from power_estimator.scores import block_means
@@ -155,7 +156,7 @@ def test_other_models_run_live_too(drives):
 
 
 def test_a_sample_comes_with_the_last_joint_state_of_its_bin():
-    sampler = CausalSampler(LiveConfig())
+    sampler = CausalSampler(200.0)
     given = [
         [
             (when - START) // PERIOD
@@ -168,7 +169,7 @@ def test_a_sample_comes_with_the_last_joint_state_of_its_bin():
 
 
 def test_jitter_of_a_millisecond_neither_drops_nor_adds_samples():
-    sampler = CausalSampler(LiveConfig())
+    sampler = CausalSampler(200.0)
     rng = np.random.default_rng(5)
     count = sum(
         len(

@@ -31,7 +31,7 @@ def test_the_features_trained_on_are_those_that_the_live_node_forms(bag, checkpo
         live.command(int(commands.stamp_ns[held]), commands.position[held])
         signals = (states.position[row], states.velocity[row], states.effort[row])
         live.joint_state(int(states.stamp_ns[row]), *signals)
-    formed = [np.stack([s.command - s.position, s.torque, s.velocity], axis=1) for s in seen]
+    formed = [np.stack([s[3] - s[0], s[2], s[1]], axis=1) for s in (one.signals for one in seen)]
     ends = np.array([s.stamp for s in seen[: len(trained)]]) / 1e9
     assert np.allclose(ends, data.time + 0.0025, atol=1e-6)
     assert np.allclose(formed[: len(trained)], trained, atol=1e-3)

@@ -1,11 +1,15 @@
 import numpy as np
 import pytest
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.live.change_watch import WatchConfig
 from power_estimator.live.estimator import Status
 from power_estimator.live.score import LiveScore, measured_power
 from power_estimator.live.sequential_test import ReferenceNoise
 from power_estimator.live.session import LiveSession, Vector
 from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.proxies import Proxy
 from wattwalk_core.errors import InputError
 
 START = 1_700_000_000_000_000_000
@@ -67,11 +71,45 @@ def test_a_robot_without_a_known_joint_is_refused(ppn, drives):
 def test_it_says_what_it_waits_for(ppn, drives):
     data = drives(1.0)
     session = LiveSession(ppn)
-    assert session.report(0.0)[:2] == (False, 'waiting for joint_commands')
+    assert session.report(0.0)[:2] == (
+        False,
+        'waiting for joint_commands: ppn needs position error',
+    )
     session.command(Vector(START, data.names, data.command[:1]), 0.0)
     assert session.report(0.1)[:2] == (False, 'waiting for joint_states')
     feed(session, data, data.names)
     assert session.report(1.0)[:2] == (True, 'estimating')
+
+
+def test_a_model_that_needs_no_targets_estimates_without_joint_commands(drives):
+    data = drives(1.0)
+    session = LiveSession(Proxy('mechanical_power'))
+    assert session.topics == {'joint_states'}
+    for row in range(200):
+        rows = np.array([s[row] for s in (data.position, data.velocity, data.torque)])
+        session.joint_state(Vector(START + 2 * row * PERIOD, data.names, rows), row / 200)
+    assert session.report(1.0)[:2] == (True, 'estimating')
+
+
+def test_it_says_which_effect_waits_for_the_temperature(drives):
+    catalogue = builtin_catalogue()
+    actives = [Active.of(catalogue[name]) for name in ('shaft', 'winding_heating')]
+    model = EffectModel('own', Structure(tuple(actives)))
+    session = LiveSession(model)
+    assert session.topics == {'joint_states', 'drive_supply'}
+    data = drives(1.0)
+    rows = np.array([s[0] for s in (data.position, data.velocity, data.torque)])
+    session.joint_state(Vector(START, data.names, rows), 0.0)
+    said = 'waiting for drive_supply: winding_heating needs temperature'
+    assert session.report(0.0)[:2] == (False, said)
+
+
+def test_some_drives_of_a_model_that_looks_at_all_of_them_are_refused(drives):
+    data = drives(1.0)
+    limit = Active.of(builtin_catalogue()['regeneration_limit'])
+    session = LiveSession(EffectModel('own', Structure((limit,))), wanted=('LF_HAA',))
+    with pytest.raises(InputError, match='own: regeneration_limit looks at all drives of the bus'):
+        feed(session, data, data.names, samples=1)
 
 
 def test_it_says_so_when_joint_states_stop(ppn, drives):

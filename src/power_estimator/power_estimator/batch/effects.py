@@ -1,5 +1,6 @@
 """Models of effects and proxies over many robots, from the latest simulated samples."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,20 +20,16 @@ from power_estimator.proxies import PROXIES, WATTS, Proxy
 
 Doubles = NDArray[np.float64]
 RATE = 200.0  # Hz of the samples
-KEPT = 8  # samples of the past beside the new ones, for derivatives and the spring
-_PROBE = 2000  # samples, over which an effect's memory is measured
-_NEW = 4  # of them, in a policy step
-_FORGETS = 0.1  # share of an effect's size that an older past may change
+LONGEST = 0.1  # s of the past beside the new samples, for derivatives and the spring
 
 
 class EffectBatch:
     """
     A model of named effects, evaluated at each step on the last samples of each robot.
 
-    The newest derivative is one-sided. Each robot has a bus of its own. The last eight samples of
-    its past are kept; a model with an effect of longer memory, such as the winding's temperature,
-    is refused. Position and temperature are unknown in training: a model with an effect that needs
-    them is refused. The bus voltage is the nominal one.
+    The newest derivative is one-sided. Each robot has a bus of its own. As much of its past is
+    kept as the model needs; a model that remembers more than 0.1 s, such as the winding's
+    temperature, is refused. The bus voltage is the nominal one.
     """
 
     warm_up = 1
@@ -50,19 +47,14 @@ class EffectBatch:
         self._voltage = np.array([g.voltage for g in members])
         self._scale = DriveScale.stack([g.scale for g in members])
         self._names = drives
-        self._past = np.zeros((KEPT, 2, robots, len(drives)))
-        self._fresh = np.ones(robots, bool)
-        try:
-            forgotten = self._remembers_more()
-        except InputError as error:
+        if model.needs.memory > LONGEST:
             raise InputError(
-                f'{model.name} needs more than position error, torque and speed: {error}'
-            ) from None
-        if forgotten:
-            raise InputError(
-                f'{model.name}: {forgotten} remembers more than the last {KEPT} samples, which '
-                'are all that is kept step by step; give a model without it'
+                f'{model.name}: {model.needs.remembers} remembers more than the last '
+                f'{1e3 * LONGEST:.0f} ms, which are all that is kept step by step'
             )
+        self._kept = math.ceil(model.needs.memory * RATE)
+        self._past = np.zeros((self._kept, 2, robots, len(drives)))
+        self._fresh = np.ones(robots, bool)
 
     def reset(self, robots: Tensor | None) -> None:
         """Forget the past of the robots [n], or of all."""
@@ -74,25 +66,10 @@ class EffectBatch:
         self._past[:, :, self._fresh] = new[:1, :, self._fresh]
         self._fresh[:] = False
         rows = np.concatenate([self._past, new])
-        self._past = rows[-KEPT:]
+        self._past = rows[-self._kept :]
         power = evaluate(self._structure, self._coefficients, self._signals(rows))
-        by_robot = power.reshape(rows.shape[2], len(rows), rows.shape[3])[:, KEPT:]
+        by_robot = power.reshape(rows.shape[2], len(rows), rows.shape[3])[:, self._kept :]
         return torch.from_numpy(by_robot.mean(axis=1).astype(np.float32))
-
-    def _remembers_more(self) -> str:
-        """Return the effect that needs a longer past than is kept, or ''."""
-        random = np.random.default_rng(0)
-        shape = (_PROBE, 2, 1, len(self._names))
-        rows = random.normal(1.0, 1.0, shape) * np.array([10.0, 2.0])[:, None, None]
-        whole, kept = self._signals(rows), self._signals(rows[-KEPT - _NEW :])
-        for active in self._structure.actives:
-            if not active.effect.usable(whole, **active.parameters):
-                raise InputError(f'effect {active.name!r} lacks a signal')
-            known = active.columns(whole)[-_NEW:]
-            left_out = np.square(active.columns(kept)[-_NEW:] - known).mean()
-            if left_out > _FORGETS**2 * np.square(known).mean():
-                return active.name
-        return ''
 
     def _signals(self, rows: Doubles) -> Signals:
         """Return signals, the robots as recordings of the same drives; rows is [S, 2, N, D]."""

@@ -98,6 +98,11 @@ class BatchPower:
 
 
 def _advance(model: PowerModel, drives: tuple[str, ...], robots: int) -> Advance:
+    lacking = model.needs.lacking(('position_error', 'torque', 'velocity', 'power'))
+    if lacking:
+        raise InputError(
+            f'{model.name}: {lacking}, and simulated robots give position error, torque and speed'
+        )
     if isinstance(model, PowerPredictionNetwork):
         return NetworkBatch(model, drives, robots)
     if isinstance(model, EffectModel):

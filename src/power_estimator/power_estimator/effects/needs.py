@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
 
+from power_estimator.effects.catalogue import regressors_of
 from power_estimator.effects.effect import Effect, Shape
+from power_estimator.effects.signals.carried import Carried
 from power_estimator.effects.signals.prepared import signals_of
 from power_estimator.effects.signals.state import Signals
 from power_estimator.model import Needs
@@ -40,17 +42,18 @@ def needs_of(effect: Effect, shape: Shape, names: Sequence[str]) -> Needs:
     )
 
     def regressors(signals: Signals) -> NDArray[np.float64]:
-        return np.asarray(effect.regressors(signals, **shape), np.float64)
+        return regressors_of(effect, signals, shape)
 
-    signals = signals_of(data)
-    whole = regressors(signals)
+    signals, carried = signals_of(data), Carried()
+    whole = regressors(replace(signals, carried=carried))
     inputs = {
         name
         for name in NOMINAL
         if not np.array_equal(regressors(replace(signals, **{name: given[name][1]})), whole)
     }
     if not whole.any():  # of a user's effect in drives that it names itself
-        inputs = set(NOMINAL) & set(effect.regressors.__code__.co_names)
+        code = getattr(effect.regressors, '__code__', None)
+        inputs = set(NOMINAL) & set(code.co_names if code else ())
     size = float(np.square(whole).mean())
     memory = np.inf
     for rows in () if effect.remembers else _ROWS:
@@ -65,5 +68,6 @@ def needs_of(effect: Effect, shape: Shape, names: Sequence[str]) -> Needs:
         improved_by={'voltage': effect.name} if 'voltage' in inputs else {},
         memory=memory,
         remembers=effect.name,
+        carried=carried.used or np.isfinite(memory),
         together='' if effect.per_drive else effect.name,
     )

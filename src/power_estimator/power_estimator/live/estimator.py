@@ -1,22 +1,25 @@
-"""Live estimates: causal sampling, carried state, and the status of an estimate."""
+"""Live estimates: joint states, targets and supply in, power and its status out."""
 
 from collections import deque
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Annotated, Protocol
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities
 
+from power_estimator.live.sampler import CausalSampler
+from power_estimator.live.streams import stream_of
 from power_estimator.model import PowerModel
-from power_estimator.network.ppn import PowerPredictionNetwork
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
-_SIGNALS = ('position', 'velocity', 'torque', 'command')
+_SIGNALS: Final = ('position', 'velocity', 'torque', 'command', 'voltage', 'temperature')
+_KNOWN: Final = ('position_error', 'position', 'velocity', 'torque', 'voltage', 'temperature')
 
 
 class Status(IntEnum):
@@ -32,9 +35,7 @@ class Status(IntEnum):
 class LiveConfig:
     """Timing of the live estimate."""
 
-    rate: Annotated[float, Quantity(10.0, 1000.0, 'Hz')] = 200.0  # of the model's input
-    block: Annotated[int, Quantity(1, 100, 'samples')] = 4  # averaged into one estimate
-    bridged: Annotated[int, Quantity(0, 20, 'samples')] = 2  # missing before the past is dropped
+    period: Annotated[float, Quantity(0.005, 1.0, 's')] = 0.02  # between estimates
     command_timeout: Annotated[float, Quantity(0.01, 60.0, 's')] = 0.2  # until input is stale
     margin: Annotated[float, Quantity(0.0, 10.0)] = 0.05  # of a feature's range, outside of it
 
@@ -47,16 +48,13 @@ class LiveSample:
     """Signals of D drives at the model's rate."""
 
     stamp: int  # ns, of the newest joint state in it
-    position: Doubles  # rad [D]
-    velocity: Doubles  # rad/s [D]
-    torque: Doubles  # N·m [D]
-    command: Doubles  # rad [D], in force
+    signals: Doubles  # position, velocity, torque, command in force, voltage, temperature [6, D]
     fresh: bool  # it does not follow the sample before
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Mean power of D drives over the 20 ms (block / rate) that end at the stamp."""
+    """Mean power of D drives over the 20 ms (LiveConfig.period) that end at the stamp."""
 
     stamp: int  # ns, of the newest joint state in it
     power: Floats  # W [D]
@@ -69,158 +67,40 @@ class Estimate:
         return float(self.power[known].sum()) if known.any() else float('nan')
 
 
-class CausalSampler:
-    """
-    Causal resampling of joint states at any rate to the model's rate.
-
-    Time is cut into bins of 1/rate by the stamps. A sample is the mean of the joint states in its
-    bin and is returned with the last of them, not with the first of the next bin. At 400 Hz that
-    is the mean of two: a delay of 1.25 ms and −3 dB at 100 Hz. Up to `bridged` empty bins repeat
-    the sample before them; after a longer gap, or a step back in time, the sample is fresh.
-    """
-
-    def __init__(self, config: LiveConfig) -> None:
-        self._width = 1e9 / config.rate
-        self._bridged = config.bridged
-        self._origin: float | None = None
-        self._bin = self._last_bin = 0
-        self._period = 0.0
-        self._stamp = 0
-        self._sum: Doubles = np.zeros(0)
-        self._count = 0
-        self._previous: Doubles | None = None
-
-    def add(self, stamp: int, signals: Doubles) -> Iterator[tuple[int, Doubles, bool]]:
-        """Take one joint state, signals [4, D]; yield (stamp, mean [4, D], fresh) of full bins."""
-        if self._origin is None:
-            self._origin = stamp - self._width / 4
-        else:
-            step = stamp - self._stamp
-            if -1e9 < step <= 0:
-                return
-            if step > 0:
-                known = self._period or step
-                self._period = known + 0.05 * max(-known / 2, min(step - known, known / 2))
-        index = int((stamp - self._origin) // self._width)
-        if index != self._bin and self._count:
-            yield from self._close()
-        self._bin, self._stamp = index, stamp
-        self._sum = self._sum + signals if self._count else signals
-        self._count += 1
-        if self._period and (stamp + self._period - self._origin) // self._width != index:
-            yield from self._close()
-
-    def _close(self) -> Iterator[tuple[int, Doubles, bool]]:
-        mean, missing = self._sum / self._count, self._bin - self._last_bin - 1
-        self._count = 0
-        if self._previous is not None and missing == -1:
-            return
-        fresh = self._previous is None or not 0 <= missing <= self._bridged
-        if self._previous is not None and not fresh:
-            for _ in range(missing):
-                yield self._stamp, self._previous, False
-        self._last_bin, self._previous = self._bin, mean
-        yield self._stamp, mean, fresh
-
-
-class EstimateStream(Protocol):
-    """A power model that is fed block by block."""
-
-    warm_up: int  # samples after a fresh one without an estimate
-
-    def advance(self, samples: Sequence[LiveSample]) -> Floats:
-        """Return the power in W [n, D] at the next n samples; NaN for unknown drives."""
-
-    def outside(self, samples: Sequence[LiveSample], margin: float) -> bool:
-        """Return whether a drive moves outside the training data."""
-
-
-class NetworkStream:
-    """The Power Prediction Network with carried state, all drives in one step."""
-
-    def __init__(self, model: PowerPredictionNetwork, drives: Sequence[str]) -> None:
-        self.warm_up = model.checkpoint.config.warm_up
-        self._bank = model.stream(drives)
-        self._low, self._high = model.range_of(drives)
-        self._guard = model.guard(drives)
-
-    def advance(self, samples: Sequence[LiveSample]) -> Floats:
-        """Return the power in W [n, D]."""
-        fresh = np.array([[s.fresh] * len(s.position) for s in samples])
-        return self._bank.run(_features(samples), fresh)
-
-    def outside(self, samples: Sequence[LiveSample], margin: float) -> bool:
-        """
-        Return whether the samples lie outside the training data.
-
-        They do by a feature beyond its range by more than margin of that range, or by the
-        out-of-distribution score of a block.
-        """
-        slack = margin * (self._high - self._low)
-        x = _features(samples)
-        beyond = (x < self._low - slack) | (x > self._high + slack)
-        return bool(beyond.any() or self._guard.unlike(x).any())
-
-
-class WindowStream:
-    """Any other power model, run on the last half second at each estimate."""
-
-    warm_up = 8
-
-    def __init__(self, model: PowerModel, drives: Sequence[str], config: LiveConfig) -> None:
-        self._model = model
-        self._drives = tuple(drives)
-        self._rate = config.rate
-        self._window: deque[LiveSample] = deque(maxlen=max(config.block, round(config.rate / 2)))
-
-    def advance(self, samples: Sequence[LiveSample]) -> Floats:
-        """Return the power in W [n, D]."""
-        for sample in samples:
-            if sample.fresh:
-                self._window.clear()
-            self._window.append(sample)
-        return self._model.predict(self._dataset())[-len(samples) :]
-
-    def outside(self, samples: Sequence[LiveSample], margin: float) -> bool:
-        """Return False: such models have no training data."""
-        return False
-
-    def _dataset(self) -> AlignedDataset:
-        samples = list(self._window)
-        return AlignedDataset.blank(
-            self._rate,
-            self._drives,
-            np.arange(len(samples)) / self._rate,
-            'live',
-            **{name: np.array([getattr(s, name) for s in samples]) for name in _SIGNALS},
-        )
-
-
 class LiveEstimator:
     """
-    Joint states and commands in, estimates at rate/block (50 Hz) out.
+    Joint states and what else the model needs in, estimates at 50 Hz out.
 
-    A command holds from its stamp until the next one. Without targets (the drives are damped)
-    there is no estimate. Joint states with a NaN are left out.
+    A command holds from its stamp until the next one, a supply's voltage and temperature until the
+    next. Of a model that needs targets there is no estimate without them (the drives are damped).
+    Joint states with a NaN in what the model needs are left out.
     """
 
     def __init__(
         self, model: PowerModel, drives: Sequence[str], config: LiveConfig | None = None
     ) -> None:
-        config = config or LiveConfig()
+        """Raise InputError for a model that cannot be estimated live, saying why."""
         self.drives = tuple(drives)
         self.refused = 0
-        self._config = config
-        self._stream: EstimateStream = (
-            NetworkStream(model, drives)
-            if isinstance(model, PowerPredictionNetwork)
-            else WindowStream(model, drives, config)
-        )
-        self._sampler = CausalSampler(config)
+        self._config = config or LiveConfig()
+        self._model, needs = model, model.needs
+        lacking = needs.lacking(_KNOWN)
+        if lacking:
+            raise InputError(f'{model.name}: {lacking}, which no topic brings')
+        self._rate = needs.rate
+        self._block_size = max(1, round(self._config.period * needs.rate))
+        self._targets = 'position_error' in needs.inputs
+        inputs = {*needs.inputs, *(('position', 'command') if self._targets else ())}
+        self._needed = [row for row, name in enumerate(_SIGNALS) if name in inputs]
+        self._stream = stream_of(model, drives, needs.rate)
+        self._sampler = CausalSampler(needs.rate)
         self._waiting: deque[tuple[int, Doubles]] = deque(maxlen=1000)
         self._command: tuple[int, Doubles] | None = None
+        self._unknown = np.full(len(self.drives), np.nan)
+        self._supply = np.stack([self._unknown, self._unknown])
         self._block: list[LiveSample] = []
-        self._since_fresh = 0
+        self._since_fresh = self._segment = 0
+        self._origin = self._newest = 0
 
     def command(self, stamp: int, position: Doubles) -> None:
         """Take position targets [D] in rad, NaN for none, that hold from stamp (ns) on."""
@@ -228,47 +108,61 @@ class LiveEstimator:
             self._waiting.pop()
         self._waiting.append((stamp, position))
 
+    def supply(self, voltage: Doubles, temperature: Doubles) -> None:
+        """Take the drives' voltage in V and winding temperature in °C [D], NaN where unknown."""
+        self._supply = np.stack([voltage, temperature])
+
     def joint_state(
         self, stamp: int, position: Doubles, velocity: Doubles, torque: Doubles
     ) -> Estimate | None:
         """Take a joint state [D] of stamp (ns); return an estimate when one is due."""
         while self._waiting and self._waiting[0][0] <= stamp:
             self._command = self._waiting.popleft()
-        if self._command is None:
+        if self._targets and self._command is None:
             return None
-        signals = np.array((position, velocity, torque, self._command[1]))
-        if not np.isfinite(signals).all():
+        target = self._unknown if self._command is None else self._command[1]
+        signals = np.array((position, velocity, torque, target, *self._supply))
+        if not np.isfinite(signals[self._needed]).all():
             self.refused += 1
             return None
         result = None
-        for when, (at, rate, load, target), fresh in self._sampler.add(stamp, signals):
-            result = self._advance(LiveSample(when, at, rate, load, target, fresh)) or result
+        for when, mean, fresh in self._sampler.add(stamp, signals):
+            result = self._advance(LiveSample(when, mean, fresh)) or result
         return result
 
     def _advance(self, sample: LiveSample) -> Estimate | None:
         if sample.fresh:
-            self._block.clear()
-            self._since_fresh = 0
+            self._begin(sample.stamp)
         self._block.append(sample)
+        self._newest = sample.stamp
         self._since_fresh += 1
-        if len(self._block) < self._config.block:
+        if len(self._block) < self._block_size:
             return None
-        power = self._stream.advance(self._block).mean(axis=0)
-        outside = self._stream.outside(self._block, self._config.margin)
+        power = self._stream.advance(self._dataset()).mean(axis=0)
         self._block = []
-        return Estimate(sample.stamp, power, self._status(sample.stamp, outside))
+        return Estimate(sample.stamp, power, self._status(sample.stamp))
 
-    def _status(self, stamp: int, outside: bool) -> Status:
-        assert self._command is not None
-        if stamp - self._command[0] > self._config.command_timeout * 1e9:
+    def _begin(self, stamp: int) -> None:
+        if not self._segment or stamp < self._newest:
+            self._stream = stream_of(self._model, self.drives, self._rate)
+            self._origin = stamp
+        self._block.clear()
+        self._since_fresh = 0
+        self._segment += 1
+
+    def _dataset(self) -> AlignedDataset:
+        stamps = np.array([sample.stamp for sample in self._block])
+        rows = np.stack([sample.signals for sample in self._block], axis=1)
+        signals = dict(zip(_SIGNALS, rows, strict=True))
+        time = (stamps - self._origin) / 1e9
+        block = AlignedDataset.blank(self._rate, self.drives, time, 'live', **signals)
+        return replace(block, segment=block.segment + self._segment)
+
+    def _status(self, stamp: int) -> Status:
+        held = stamp - self._command[0] if self._targets and self._command else 0
+        if held > self._config.command_timeout * 1e9:
             return Status.INPUT_STALE
-        if self._since_fresh < self._stream.warm_up + self._config.block:
+        if self._since_fresh < self._stream.warm_up + self._block_size or not self._stream.settled:
             return Status.WARMING_UP
+        outside = self._stream.outside(self._config.margin)
         return Status.OUTSIDE_TRAINING_DATA if outside else Status.OK
-
-
-def _features(samples: Sequence[LiveSample]) -> Floats:
-    return np.array(
-        [np.stack([s.command - s.position, s.torque, s.velocity], axis=1) for s in samples],
-        np.float32,
-    )

@@ -71,11 +71,16 @@ class PowerEstimator(Node):
         )
         self._reporter = Reporter(self, 'estimate')
         self._watch_reporter = Reporter(self, 'watch') if watch else self._reporter
-        self._targets = PolledTopic[JointState](self, JointState, 'joint_commands', qos)
+        topics = self._session.topics
+        self._targets = (
+            PolledTopic[JointState](self, JointState, 'joint_commands', qos)
+            if 'joint_commands' in topics
+            else None
+        )
         self._states = PolledTopic[JointState](self, JointState, 'joint_states', qos)
         self._measured = (
             PolledTopic[DriveSupply](self, DriveSupply, 'drive_supply', qos)
-            if compare or watch
+            if compare or watch or 'drive_supply' in topics
             else None
         )
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -85,7 +90,7 @@ class PowerEstimator(Node):
     def poll(self) -> float:
         """Take what has come, publish the estimate that is due; return the s until the next."""
         # Commands first: they hold from their stamps on, whenever they came.
-        for message in self._targets.take():
+        for message in self._targets.take() if self._targets else ():
             self._on_command(message)
         for message in self._states.take():
             self._on_state(message)
@@ -131,7 +136,13 @@ class PowerEstimator(Node):
         except ValueError as error:
             self.get_logger().warning(f'drive_supply: {error}', throttle_duration_sec=10.0)
             return
-        self._session.supply(Vector(_ns(message.header.stamp), tuple(message.name), power))
+        names, stamp = tuple(message.name), _ns(message.header.stamp)
+        self._session.supply(Vector(stamp, names, power))
+        last = np.full((2, len(names)), np.nan)
+        last[0] = message.voltage[-len(names) :]
+        if len(message.temperature) == len(names):
+            last[1] = message.temperature
+        self._session.electrical(Vector(stamp, names, last), time.monotonic())
 
     def _publish(self, estimate: Estimate) -> None:
         self._sent = time.monotonic()

@@ -1,51 +1,74 @@
 """Live estimator on a recording, faster than real time."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from power_recordings.messages.cdr import POWER_ESTIMATE, encode
+from power_recordings.messages.samples import DriveSamples
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
 from power_estimator.live.estimator import Estimate, LiveConfig, LiveEstimator
+from power_estimator.live.session import topics_of
 from power_estimator.model import PowerModel
+
+Doubles = NDArray[np.float64]
 
 
 def estimates(
     recording: Recording, model: PowerModel, config: LiveConfig | None = None
 ) -> tuple[tuple[str, ...], Iterator[Estimate]]:
     """
-    Return the drives (joints with a command) and the estimates of the live node for them.
+    Return the drives and the estimates of the live node for them.
 
-    A command holds from its stamp on, as if it had arrived in time.
+    The drives of a model that needs targets are the joints with a command. A command holds from
+    its stamp on, as if it had arrived in time.
     """
-    states, commands = recording.joint_states(), recording.joint_commands()
-    drives = tuple(name for name in states.names if name in commands.names)
-    if not drives:
+    topics = topics_of((*model.needs.inputs, *model.needs.improved_by))
+    states = recording.joint_states()
+    commands = recording.joint_commands() if 'joint_commands' in topics else None
+    drives = tuple(n for n in states.names if commands is None or n in commands.names)
+    if commands is not None and not drives:
         raise InputError(
             f'{recording.path}: joint_states names {", ".join(states.names)} and joint_commands '
             f'names {", ".join(commands.names)}; no joint is in both'
         )
     live = LiveEstimator(model, drives, config)
     here = [states.names.index(name) for name in drives]
-    there = [commands.names.index(name) for name in drives]
+    measured = 'drive_supply' in topics and recording.has('drive_supply')
+    supply = _held(recording.drive_supply(), drives, states.stamp_ns) if measured else None
 
     def run() -> Iterator[Estimate]:
         signals = np.stack([states.position, states.velocity, states.effort], axis=1)
         rows = signals[:, :, here].astype(float)
-        targets = commands.position[:, there].astype(float)
-        command_stamps, following = commands.stamp_ns.tolist(), 0
-        for stamp, (position, velocity, torque) in zip(
-            states.stamp_ns.tolist(), rows, strict=True
-        ):
-            while following < len(command_stamps) and command_stamps[following] <= stamp:
-                live.command(command_stamps[following], targets[following])
-                following += 1
-            estimate = live.joint_state(stamp, position, velocity, torque)
+        following: list[tuple[int, Doubles]] = []
+        if commands is not None:
+            there = [commands.names.index(name) for name in drives]
+            targets = commands.position[:, there].astype(float)
+            following = list(zip(commands.stamp_ns.tolist(), targets, strict=True))[::-1]
+        for row, stamp in enumerate(states.stamp_ns.tolist()):
+            while following and following[-1][0] <= stamp:
+                live.command(*following.pop())
+            if supply is not None:
+                live.supply(*supply[:, row])
+            estimate = live.joint_state(stamp, *rows[row])
             if estimate is not None:
                 yield estimate
 
     return drives, run()
+
+
+def _held(samples: DriveSamples, drives: Sequence[str], stamps: NDArray[np.int64]) -> Doubles:
+    """Voltage and temperature of the drives at these stamps, from the last sample [2, T, D]."""
+    rows = np.searchsorted(samples.stamp_ns, stamps, side='right') - 1
+    held = np.full((2, len(stamps), len(drives)), np.nan)
+    for column, name in enumerate(drives):
+        if name in samples.names:
+            own = samples.names.index(name)
+            for place, values in enumerate((samples.voltage, samples.temperature)):
+                held[place, :, column] = np.where(rows >= 0, values[rows, own], np.nan)
+    return held
 
 
 def messages(estimates: list[Estimate], drives: tuple[str, ...], model: str) -> list[bytes]:

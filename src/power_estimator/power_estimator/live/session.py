@@ -1,7 +1,7 @@
 """Messages, estimates and diagnostics of the live node, without ROS."""
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,17 @@ MESSAGES = {
     Status.WARMING_UP: 'warming up',
     Status.OUTSIDE_TRAINING_DATA: 'the robot moves as it never did in the training data',
 }
+_TOPICS = {
+    'position_error': 'joint_commands',
+    'voltage': 'drive_supply',
+    'temperature': 'drive_supply',
+}
+"""Topics of inputs; the others come in joint_states."""
+
+
+def topics_of(inputs: Iterable[str]) -> set[str]:
+    """Return the topics that bring these inputs."""
+    return {_TOPICS.get(name, 'joint_states') for name in inputs}
 
 
 @dataclass(frozen=True)
@@ -53,10 +64,11 @@ class _Columns:
 
 class LiveSession:
     """
-    Estimates from joint states and commands as they arrive, in any order of names.
+    Estimates from joint states and what else the model needs, in any order of names.
 
-    The drives are those that both topics name, that the model knows and that are `wanted` (all if
-    empty). Times of arrival are in s on a steady clock.
+    The drives are those of joint_states (and of joint_commands, for a model that needs targets)
+    that the model knows and that are `wanted` (all if empty). Times of arrival are in s on a
+    steady clock. Messages that the model does not need are left out.
     """
 
     def __init__(
@@ -74,16 +86,19 @@ class LiveSession:
         self.watch: ChangeWatch | None = None
         self._seconds: SecondMeans | None = None
         self._model = model
+        self.topics = topics_of((*model.needs.inputs, *model.needs.improved_by))
+        self._required = topics_of(model.needs.inputs) | {'joint_states'}
         self._wanted = tuple(wanted)
         self._config = config or LiveConfig()
         self._stale_after = stale_after
         self._live: LiveEstimator | None = None
         self._columns = _Columns(())
         self._first_command: Vector | None = None
-        self._arrived = {'joint_states': -np.inf, 'joint_commands': -np.inf}
-        self._counts = {'joint_states': 0, 'joint_commands': 0, 'power_estimate': 0}
+        topics = ('joint_states', *sorted(self.topics - {'joint_states'}))
+        self._arrived = dict.fromkeys(topics, -np.inf)
+        self._counts = dict.fromkeys((*self._arrived, 'power_estimate'), 0)
         self._ages: deque[float] = deque(maxlen=1000)
-        self._score = LiveScore(self._config.block / self._config.rate)
+        self._score = LiveScore(self._config.period)
         self._estimated = -np.inf
         self._last: Estimate | None = None
         self._unknown = 0
@@ -101,6 +116,8 @@ class LiveSession:
 
     def command(self, command: Vector, arrival: float) -> None:
         """Take position targets [1, names] in rad; NaN for none."""
+        if 'joint_commands' not in self.topics:
+            return
         self._hear('joint_commands', arrival)
         if self._live is None:
             self._first_command = command
@@ -129,6 +146,15 @@ class LiveSession:
         if self._seconds is not None and estimate.status is Status.OK:
             self._seconds.estimated(estimate.stamp, estimate.power.astype(float))
         return self._say(estimate)
+
+    def electrical(self, supply: Vector, arrival: float) -> None:
+        """Take voltage in V and winding temperature in °C [2, names], NaN where unknown."""
+        if 'drive_supply' not in self.topics:
+            return
+        self._hear('drive_supply', arrival)
+        found = self._columns.of(supply) if self._live is not None else None
+        if found is not None and self._live is not None:
+            self._live.supply(found[0], found[1])
 
     def supply(self, measured: Vector) -> None:
         """
@@ -172,11 +198,15 @@ class LiveSession:
         status = self._last.status if self._last else Status.WARMING_UP
         sentence = MESSAGES.get(status, '')
         for topic, arrived in self._arrived.items():
-            if arrived == -np.inf:
-                status, sentence = Status.INPUT_STALE, f'waiting for {topic}'
+            if arrived == -np.inf and topic in self._required:
+                status = Status.INPUT_STALE
+                sentence = f'waiting for {topic}{self._reason(topic)}'
             elif now - arrived > self._stale_after and topic == 'joint_states':
                 status, sentence = Status.INPUT_STALE, f'{topic} have stopped'
-        sentence = sentence or 'joint_commands are stale or have no targets'
+        if not sentence and 'joint_commands' in self._required:
+            sentence = 'joint_commands are stale or have no targets'
+        inputs = ', '.join(self._model.needs.inputs)
+        sentence = sentence or f'the topics do not bring all of {inputs}'
         figures = {
             'model': self._model.name,
             'drives': ' '.join(self.drives),
@@ -198,37 +228,54 @@ class LiveSession:
         figures |= self._score.figures()
         return status in (Status.OK, Status.WARMING_UP), sentence, figures
 
+    def _reason(self, topic: str) -> str:
+        for name, effect in self._model.needs.inputs.items():
+            if _TOPICS.get(name) == topic:
+                return f': {effect or self._model.name} needs {name.replace("_", " ")}'
+        return ''
+
     def _hear(self, topic: str, arrival: float) -> None:
         self._arrived[topic] = arrival
         self._counts[topic] += 1
 
     def _begin(self, state: Vector, arrival: float) -> bool:
         command = self._first_command
-        if command is None:
+        if command is None and 'joint_commands' in self._required:
             return False
         missing = [name for name in self._wanted if name not in state.names]
         if missing:
             raise InputError(
                 f'drives names {missing[0]!r}, joint_states has {", ".join(state.names)}'
             )
-        drives = [n for n in self._wanted or state.names if n in command.names]
+        together = self._model.needs.together
+        if together and self._wanted and set(state.names) - set(self._wanted):
+            raise InputError(
+                f'{self._model.name}: {together} looks at all drives of the bus at once; give no '
+                '`drives`'
+            )
+        drives = [
+            name
+            for name in self._wanted or state.names
+            if command is None or name in command.names
+        ]
         if isinstance(self._model, PowerPredictionNetwork):
             known = {c for columns in assign(drives, self._model.types).values() for c in columns}
             drives = [name for column, name in enumerate(drives) if column in known]
         if not drives:
             raise InputError(
-                f'{self._model.name} knows none of the joints that joint_states and '
-                f'joint_commands share ({", ".join(state.names)})'
+                f'{self._model.name} knows none of the joints that '
+                f'{" and ".join(sorted(self._required))} share ({", ".join(state.names)})'
             )
         self._live = LiveEstimator(self._model, drives, self._config)
         self._estimated = arrival
         self._columns = _Columns(drives)
         if self._watch_config is not None:
             self.watch = ChangeWatch(drives, self._watch_config, self._reference)
-            self._seconds = SecondMeans(len(drives), self._config.rate / self._config.block)
-        found = self._columns.of(command)
-        if found is not None:
-            self._live.command(command.stamp, found[0])
+            self._seconds = SecondMeans(len(drives), 1 / self._config.period)
+        if command is not None:
+            found = self._columns.of(command)
+            if found is not None:
+                self._live.command(command.stamp, found[0])
         return True
 
     def _say(self, estimate: Estimate) -> Estimate:

@@ -44,26 +44,27 @@ def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floa
     from scipy.signal import lfilter
 
     of = signals if signals.past is None else signals.past
-    rise = np.zeros_like(of.torque)
-    remaining = np.zeros_like(of.torque)
+    states = np.zeros((2, *of.torque.shape))
     decay = np.exp(-1.0 / (signals.rate * time_constant))
     heat = np.square(of.torque)
-    state = np.zeros(of.torque.shape[1])
-    begin, previous, last = 0.0, -1, 0.0
+    key, carried = ('winding_heating', time_constant), signals.carried
+    begun = None if carried is None else carried.before(key, float(of.time[0]))
+    last, state = (0.0, states[:, 0]) if begun is None else begun
+    previous = -1 if begun is None else int(of.recording[0])
     for part in of.stretches():
         recording = int(of.recording[part.start])
-        start = float(of.time[part.start])
+        time = of.time[part]
         if recording != previous:
-            state, begin = np.zeros_like(state), start
-        else:
-            state = state * np.exp(-max(0.0, start - last) / time_constant)
-        rise[part], _ = lfilter(
-            [1.0 - decay], [1.0, -decay], heat[part], axis=0, zi=(decay * state)[None]
+            state, last = np.stack([np.zeros_like(state[0]), np.ones_like(state[1])]), time[0]
+        gap = np.exp(-max(0.0, time[0] - last - 1.0 / signals.rate) / time_constant)
+        states[0, part], _ = lfilter(
+            [1.0 - decay], [1.0, -decay], heat[part], axis=0, zi=(decay * gap * state[0])[None]
         )
-        remaining[part] = np.exp(-(of.time[part] - begin) / time_constant)[:, None]
-        state, previous, last = rise[part.stop - 1], recording, float(of.time[part.stop - 1])
-    if signals.past is not None:
-        return rise[signals.past.rows], remaining[signals.past.rows]
+        states[1, part] = np.exp(-(time - last) / time_constant)[:, None] * state[1]
+        previous, last, state = recording, time[-1], states[:, part.stop - 1]
+    if carried is not None:
+        carried.keep(key, of.time, states.swapaxes(0, 1), unknown=float(state[1].max()))
+    rise, remaining = states if signals.past is None else states[:, signals.past.rows]
     return rise, remaining
 
 

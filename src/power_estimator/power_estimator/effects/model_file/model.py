@@ -15,6 +15,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import BasePower, Structure, evaluate
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.needs import RATE, needs_of
+from power_estimator.effects.signals.carried import Carried
 from power_estimator.effects.signals.prepared import signals_of
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
 from power_estimator.effects.signals.sizing import with_torque
@@ -90,13 +91,15 @@ class EffectModel:
         *,
         as_measured: bool = False,
         base: Floats | NDArray[np.float32] | None = None,
+        carried: Carried | None = None,
     ) -> NDArray[np.float32]:
         """
         Return the electrical power in W [T, D]; NaN for drives of no known type.
 
         as_measured adds the errors of the meter that it was fitted with (gain, offset, bias), so
         that it can be set against that meter. base is the base model's power on the same samples,
-        where it is known already. InputError for a model that is not fitted.
+        where it is known already. carried holds the memory of effects, of data that come block by
+        block. InputError for a model that is not fitted.
         """
         if not self.fitted:
             raise InputError(
@@ -123,7 +126,8 @@ class EffectModel:
             },
         )
         lag = np.array([group.velocity_lag for group in members])
-        signals = signals_of(used, lag, DriveScale.stack([group.scale for group in members]))
+        scale = DriveScale.stack([group.scale for group in members])
+        signals = replace(signals_of(used, lag, scale), carried=carried)
         layer = None
         if base is not None:
             copper = np.array([group.copper for group in members])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from power_estimator.effects.signals.carried import Carried
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
@@ -60,6 +61,7 @@ class Signals:
     scale: DriveScale  # of the drives
     at_motor: NDArray[np.bool_]  # [D], torque is the motor's: friction and inertia are in it
     past: Past | None = None  # where these are pieces of longer recordings
+    carried: Carried | None = None  # where these are one block after another
 
     def rows(self, rows: NDArray[np.intp], segment: NDArray[np.int32]) -> 'Signals':
         """Samples at rows, as pieces numbered anew by segment, with all before them as past."""
