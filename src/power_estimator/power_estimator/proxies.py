@@ -75,15 +75,21 @@ class Proxy:
         return replace(self, types=types, factors=factors)
 
     def predict(self, data: AlignedDataset) -> Floats:
-        """Return the scaled signal in W [T, D]; NaN for drives without a factor."""
+        """
+        Return the scaled signal in W [T, D]; NaN for drives without a factor.
+
+        A proxy in watts is not scaled where no power was measured.
+        """
         proxy = self if self.factors else self.fit(data)
+        signal = PROXIES[self.name](data)
+        if not proxy.factors and self.name in WATTS:
+            return signal
         if not proxy.factors:
             raise InputError(
                 f'{self.name} has no unit of power: it needs measured power to be scaled to, and '
                 f'{", ".join(data.recordings) or "the input"} has none'
             )
         result = np.full(data.torque.shape, np.nan, np.float32)
-        signal = PROXIES[self.name](data)
         for name, columns in assign(data.names, proxy.types).items():
             if name in proxy.factors:
                 result[:, columns] = signal[:, columns] * proxy.factors[name]

@@ -2,7 +2,12 @@
 
 import numpy as np
 import pytest
+from power_estimator.drive_types import DriveType
+from power_estimator.network.checkpoint import FILE, Checkpoint, Network, NetworkConfig
+from power_estimator.network.features import Scaling
+from power_estimator.network.lstm import Weights
 from power_recordings.card import Card
+from power_recordings.messages.cdr import encode_joint_states
 from power_workbench.live.follower import LiveFollower
 from power_workbench.live.notes import keep_note
 from power_workbench.live.rolling import PERIOD, RollingPower
@@ -126,3 +131,38 @@ def test_a_card_keeps_marks_with_their_times(tmp_path):
     assert (mark.time, mark.text) == ('2023-11-14T22:13:20.250+00:00', 'left: "slipped"')
     Card(robot='x').save(tmp_path)
     assert 'marks' not in (tmp_path / 'card.yaml').read_text()
+
+
+def fill(follower, *, targets):
+    """Half a second of one joint that carries 10 N·m at 2 rad/s."""
+    stamps, zeros = 5_000_000_000 + 2_500_000 * np.arange(200), np.zeros((200, 1))
+    for row in encode_joint_states(stamps, ['A_HAA'], zeros, zeros + 2.0, zeros + 10.0):
+        follower.buffers['joint_states'].take(row, 0.4)
+    for row in encode_joint_states(stamps, ['A_HAA'], zeros) if targets else ():
+        follower.buffers['joint_commands'].take(row, 0.4)
+
+
+@pytest.mark.parametrize('targets', [False, True])
+def test_a_model_that_needs_no_targets_is_estimated_without_joint_commands(targets):
+    follower = LiveFollower(0.0)
+    follower.use('mechanical_power')
+    fill(follower, targets=targets)
+    news = follower.news(0.5)
+    assert [value for value in news['estimate'][0] if value is not None][-1] == 20.0
+    assert not any('model' in text for text in news['said'])
+
+
+def test_no_target_is_made_up_for_a_network(tmp_path):
+    shapes = ((4, 3), (4, 1), (4,), (1,), (1,))
+    scaling = Scaling((0.0, 0.0, 0.0), (0.1, 15.0, 3.0), 40.0, 50.0)
+    weights = Weights(*(np.zeros(shape, np.float32) for shape in shapes))
+    drive = DriveType('HAA', ('*_HAA',))
+    bounds = ((-9.0, -900.0, -90.0), (9.0, 900.0, 90.0))
+    known = Checkpoint(NetworkConfig(hidden=1), (Network(drive, scaling, *bounds, weights),))
+    known.save(tmp_path / FILE)
+    follower = LiveFollower(0.0)
+    follower.use(f'ppn:{tmp_path}')
+    fill(follower, targets=False)
+    news = follower.news(4.0)
+    assert news['estimate'] == []
+    assert 'no joint_commands heard for 4 s: the model has no input' in news['said']

@@ -87,7 +87,7 @@ class LiveSession:
         self._seconds: SecondMeans | None = None
         self._model = model
         self.topics = topics_of((*model.needs.inputs, *model.needs.improved_by))
-        self._required = topics_of(model.needs.inputs) | {'joint_states'}
+        self.required = topics_of(model.needs.inputs) | {'joint_states'}
         self._wanted = tuple(wanted)
         self._config = config or LiveConfig()
         self._stale_after = stale_after
@@ -198,12 +198,12 @@ class LiveSession:
         status = self._last.status if self._last else Status.WARMING_UP
         sentence = MESSAGES.get(status, '')
         for topic, arrived in self._arrived.items():
-            if arrived == -np.inf and topic in self._required:
+            if arrived == -np.inf and topic in self.required:
                 status = Status.INPUT_STALE
                 sentence = f'waiting for {topic}{self._reason(topic)}'
             elif now - arrived > self._stale_after and topic == 'joint_states':
                 status, sentence = Status.INPUT_STALE, f'{topic} have stopped'
-        if not sentence and 'joint_commands' in self._required:
+        if not sentence and 'joint_commands' in self.required:
             sentence = 'joint_commands are stale or have no targets'
         inputs = ', '.join(self._model.needs.inputs)
         sentence = sentence or f'the topics do not bring all of {inputs}'
@@ -240,7 +240,7 @@ class LiveSession:
 
     def _begin(self, state: Vector, arrival: float) -> bool:
         command = self._first_command
-        if command is None and 'joint_commands' in self._required:
+        if command is None and 'joint_commands' in self.required:
             return False
         missing = [name for name in self._wanted if name not in state.names]
         if missing:
@@ -264,7 +264,7 @@ class LiveSession:
         if not drives:
             raise InputError(
                 f'{self._model.name} knows none of the joints that '
-                f'{" and ".join(sorted(self._required))} share ({", ".join(state.names)})'
+                f'{" and ".join(sorted(self.required))} share ({", ".join(state.names)})'
             )
         self._live = LiveEstimator(self._model, drives, self._config)
         self._estimated = arrival

@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 from power_estimator.effects import load_catalogue
-from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.live.estimator import Status
 from power_estimator.live.session import MESSAGES, LiveSession, Vector
 from power_estimator.loader import load_model
-from power_estimator.network.ppn import PowerPredictionNetwork
 from power_recordings.messages.samples import DriveSamples, EstimateSamples, JointSamples
 from power_recordings.reading.topic_buffers import TopicBuffer
 from wattwalk_core.errors import InputError
@@ -20,7 +18,6 @@ from power_workbench.live.rolling import PowerRows, RollingPower
 TOPICS = ('drive_supply', 'joint_states', 'joint_commands', 'power_estimate')
 """Topics that are followed."""
 _SILENT = 3.0  # s without a message, after which it is said
-_NO_TARGETS = 1.0  # s after which joint states are taken to have no commands
 _SPAN = 1.0  # s over which a rate is counted
 
 
@@ -39,7 +36,6 @@ class LiveFollower:
         self._rolling = RollingPower()
         self._spec = self._fault = ''
         self._session: LiveSession | None = None
-        self._needs_targets = False
         self._status = Status.WARMING_UP
         self._model_on_topic = ''
         self._estimated = -np.inf
@@ -59,8 +55,6 @@ class LiveFollower:
         except InputError as error:
             self._fault = str(error)
             return
-        base = model.base_model if isinstance(model, EffectModel) else model
-        self._needs_targets = isinstance(base, PowerPredictionNetwork)
         self._session = LiveSession(model)
 
     def news(self, now: float) -> dict[str, Any]:
@@ -73,14 +67,14 @@ class LiveFollower:
             self._rolling.measured(measured.names, measured.stamp_ns, power)
         if self._session is not None:
             try:
-                self._estimate(drained['joint_commands'], drained['joint_states'], now)
+                self._estimate(measured, drained['joint_commands'], drained['joint_states'], now)
             except InputError as error:
                 self._session, self._fault = None, str(error)
         elif not self._spec and isinstance(published, EstimateSamples):
             self._take_published(published, now)
         return {**_content(self._rolling.rows()), **self._state(now)}
 
-    def _estimate(self, commands: Any, states: Any, now: float) -> None:
+    def _estimate(self, supply: Any, commands: Any, states: Any, now: float) -> None:
         session = self._session
         assert session is not None
         if isinstance(commands, JointSamples):
@@ -88,12 +82,9 @@ class LiveFollower:
                 session.command(Vector(stamp, commands.names, row[None].astype(float)), now)
         if not isinstance(states, JointSamples):
             return
-        if self._without_targets(now):
-            # Models of effects do not look at the target, which the estimator wants to hold.
-            for index in range(0, len(states), 10):
-                target = states.position[index][None].astype(float)
-                stamp = int(states.stamp_ns[index])
-                session.command(Vector(stamp, states.names, target), now)
+        if isinstance(supply, DriveSamples) and len(supply):
+            last = np.stack([supply.voltage[-1], supply.temperature[-1]]).astype(float)
+            session.electrical(Vector(int(supply.stamp_ns[-1]), supply.names, last), now)
         values = np.stack([states.position, states.velocity, states.effort], axis=1)
         for stamp, rows in zip(states.stamp_ns.tolist(), values.astype(float), strict=True):
             found = session.joint_state(Vector(stamp, states.names, rows), now)
@@ -101,11 +92,6 @@ class LiveFollower:
                 self._status, self._estimated = found.status, now
                 power = found.power.astype(float)
                 self._rolling.estimated(session.drives, found.stamp, power)
-
-    def _without_targets(self, now: float) -> bool:
-        last = self.buffers['joint_commands'].last
-        since = now - (self._started if last is None else last)
-        return not self._needs_targets and since > _NO_TARGETS
 
     def _take_published(self, published: EstimateSamples, now: float) -> None:
         for index, stamp in enumerate(published.stamp_ns.tolist()):
@@ -145,7 +131,7 @@ class LiveFollower:
         if self._fault:
             out.append(self._fault)
         elif self._spec:
-            topics = ['joint_states', *(['joint_commands'] if self._needs_targets else [])]
+            topics = [] if self._session is None else sorted(self._session.required)
             out += [f'{silent[t]}: the model has no input' for t in topics if silent[t]]
             if len(out) == 0 and self._status is not Status.OK:
                 out.append(f'model: {MESSAGES.get(self._status, "its input is stale")}')
