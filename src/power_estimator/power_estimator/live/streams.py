@@ -34,7 +34,7 @@ class EstimateStream(Protocol):
 
     @property
     def settled(self) -> bool:
-        """Whether what was before the first sample no longer matters."""
+        """Return whether what was before the first sample no longer matters."""
 
 
 def stream_of(model: PowerModel, drives: Sequence[str], rate: float) -> EstimateStream:
@@ -133,7 +133,7 @@ class EffectStream(WindowStream):
 
     @property
     def settled(self) -> bool:  # type: ignore[override]
-        """Whether what was before the first sample no longer matters."""
+        """Return whether what was before the first sample no longer matters."""
         return self._carried.unknown < _SETTLED
 
     def advance(self, block: AlignedDataset) -> Floats:

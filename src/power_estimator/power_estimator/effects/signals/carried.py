@@ -21,7 +21,7 @@ class Carried:
 
     @property
     def used(self) -> bool:
-        """Whether an effect has kept a state."""
+        """Return whether an effect has kept a state."""
         return bool(self._kept)
 
     @property
