@@ -77,7 +77,7 @@ bench: setup
 
 bench-lab: setup
 	$(BIN)/python bench/lab.py
-	$(BIN)/python bench/reliability.py --sources plants robot
+	$(BIN)/python bench/reliability.py --sources plants robot logs
 
 clean:
 	rm -rf $(VENV) $(ROS) .pytest_cache .mypy_cache .ruff_cache runs

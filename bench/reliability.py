@@ -5,7 +5,7 @@ Reliability of the lab: of what it says at a probability, the share that is true
         [--seconds S] [--drives D] [--nulls] [--sources plants robot logs] [--out FILE.jsonl]
 
 Recordings come from families of true plants (bench/truths), from the shipped robot and from real
-logs with a hidden effect added. A judge is any function of bench/judgements.py's interface.
+logs with power of a hidden effect added, or an effect left out of the model. A judge is any function of bench/judgements.py's interface.
 Results are appended to FILE; what the same judge has judged is not run again.
 """
 
@@ -22,7 +22,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from drive_logs import log_questions
 from judgements import plugged_in
+from power_recordings.alignment.dataset import AlignedDataset
 from reliability_figures import tables
 from reliability_questions import Question, plant_questions, robot_questions
 from rich.console import Console
@@ -56,7 +58,7 @@ def answer(asked: Examination) -> dict[str, Any]:
             'coefficients': {name: dict(own) for name, own in sealed.coefficients.items()},
             'watts': dict(sealed.watts),
             'rate': sealed.data.rate,
-            'rms_w': _rms(sealed.data.power),
+            'rms_w': _rms(sealed.data),
         }
         with threadpool_limits(limits=1):
             start = time.monotonic()
@@ -72,8 +74,9 @@ def answer(asked: Examination) -> dict[str, Any]:
     return row
 
 
-def _rms(power: Any) -> float:
-    """W rms of the power about its mean, over all drives."""
+def _rms(data: AlignedDataset) -> float:
+    """W rms of the metered power about its mean, over all meters."""
+    power = data.power if data.measured_drives() else data.supply[:, None]
     return float(np.sqrt(np.nanmean(np.square(power - np.nanmean(power, axis=0)))))
 
 
@@ -104,6 +107,11 @@ def questions(options: argparse.Namespace) -> list[Question]:
         )
     if 'robot' in options.sources:
         every += robot_questions(options.count, seed=options.seed, nulls=options.nulls)
+    if 'logs' in options.sources:
+        asked, skipped = log_questions()
+        every += asked
+        for reason in skipped:
+            print(f'skipped: {reason}', file=sys.stderr)
     order = np.random.default_rng(options.seed).permutation(len(every))
     return [every[place] for place in order]
 
@@ -115,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     add = parser.add_argument
     add('--judge', default='judgements:diagnosed', metavar='MODULE:FUNCTION')
-    add('--sources', nargs='+', choices=('plants', 'robot'), default=['plants'])
+    add('--sources', nargs='+', choices=('plants', 'robot', 'logs'), default=['plants'])
     add('--families', nargs='+', choices=list(FAMILIES), default=list(FAMILIES))
     add('--count', type=int, default=60, help='recordings of each family')
     add('--seconds', type=float, help='length of all of them, instead of 20 to 600 s')

@@ -110,8 +110,10 @@ def _found(rows: Iterable[Row]) -> Iterator[bool]:
     for row in rows:
         names = {effect for effect, probability in row['statements'] if probability >= 0.95}
         for effect, watts in row['watts'].items():
-            if effect in row['missing'] and watts >= FLOOR * row['rms_w']:
-                yield effect in names
+            any_of = set(effect.split('|'))
+            large = watts >= 0.999 * FLOOR * row['rms_w'] or effect == row.get('left_out')
+            if large and any_of & set(row['missing']):
+                yield bool(any_of & names)
 
 
 def _left_alone(rows: Iterable[Row]) -> Iterator[bool]:
