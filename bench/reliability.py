@@ -5,8 +5,9 @@ Reliability of the lab: of what it says at a probability, the share that is true
         [--seconds S] [--drives D] [--nulls] [--sources plants robot logs] [--out FILE.jsonl]
 
 Recordings come from families of true plants (bench/truths), from the shipped robot and from real
-logs with power of a hidden effect added, or an effect left out of the model. A judge is any function of bench/judgements.py's interface.
-Results are appended to FILE; what the same judge has judged is not run again.
+logs with power of a hidden effect added, or an effect left out of the model. A judge is any
+function of bench/judgements.py's interface. Results are appended to FILE; what the same
+judge has judged is not run again.
 """
 
 import argparse
