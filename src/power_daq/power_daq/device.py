@@ -1,12 +1,13 @@
 """Measuring devices of the DAQ node, a CAN bus or an EtherCAT segment, by its parameters."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 from power_recordings.calibration import Calibration
+from power_recordings.card import Card
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Report
 from wattwalk_core.nodes.parameters import DeviceParameters
@@ -50,7 +51,8 @@ class MeasuringDevice:
     A measuring device: its name, drives by group, thread and reports.
 
     part: its name in diagnostics; report takes the time in s on a steady clock; ending: s that
-    the thread may take to end; abandoned: the consequence if it takes longer, for the log.
+    the thread may take to end; abandoned: the consequence if it takes longer, for the log; card:
+    what is known of its drives.
     """
 
     device: str
@@ -61,6 +63,7 @@ class MeasuringDevice:
     report: Callable[[float], Report]
     ending: float = 1.0
     abandoned: str = 'the bus may be left open'
+    card: Card = field(default_factory=Card)
 
 
 def open_device(
@@ -101,7 +104,9 @@ def open_device(
     health = BusHealth(acquisition, queue, bus, settings)
     drives = {name: group.drives for name, group in bus.groups.items()}
     hardware = f'{settings.interface} {settings.channel}'
-    return MeasuringDevice(bus.device, 'bus', hardware, drives, acquisition, health.report)
+    card = Card.of_source(bus.torque_at, bus.torque_unit)
+    report = health.report
+    return MeasuringDevice(bus.device, 'bus', hardware, drives, acquisition, report, card=card)
 
 
 def _nodes(text: str) -> dict[str, int]:

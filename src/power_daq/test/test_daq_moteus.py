@@ -83,7 +83,6 @@ def test_registers_become_si_units_and_power_over_voltage_the_current(request):
         assert sample.values[0, 1] == pytest.approx(sample.values[0, 0], abs=0.1)
     assert electrical[10].values[:2] == pytest.approx(np.array([[24.0, 24.0], [0.5, 6.0]]))
     assert not electrical[10].values[2].any()
-    assert report.figures['torque of knee'] == 'motor'
     assert report.figures['unknown'] == '0'
 
 

@@ -14,7 +14,9 @@ from power_daq.acquisition.bus_acquisition import SampleQueue
 from power_daq.acquisition.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
 from power_daq.acquisition.receiver import Sample
 from power_daq.bus.description import BusDescription
+from power_daq.nodes.card_topic import subscribe_to_cards
 from power_recordings.calibration import label
+from power_recordings.card import Card
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -148,7 +150,8 @@ class Listener:
         self.node = rclpy.create_node('listener', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self.supply, self.joints, self.diagnostics = [], [], []
+        self.supply, self.joints, self.diagnostics, self.cards = [], [], [], []
+        subscribe_to_cards(self.node, self.cards.append)
         # On a busy machine the listener falls behind by more than a second.
         qos = QoSProfile(depth=20_000, reliability=ReliabilityPolicy.RELIABLE)
         for kind, topic, found in (
@@ -245,7 +248,8 @@ def test_the_node_publishes_every_sample_and_says_how_it_does(tmp_path, listener
     assert repeated <= int(values['clock device jumps']) + int(values['steps of the system clock'])
     assert values['electrical lost'] == '0'
     assert values['bus state'] == 'active'
-    assert values['calibration'] == label(calibration)
+    (card,) = listener.cards
+    assert card == Card(calibration=label(calibration))
     assert float(values['joints rate [Hz]']) > 100
     assert {'clock device drift [ppm]', 'bus load [%]', 'error frames'} <= set(values)
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -15,15 +16,16 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from power_daq.acquisition.torque import torque_figures
+from diagnostic_msgs.msg import DiagnosticArray
 from power_daq.commands.record import card_of, main, topics_of
+from power_daq.nodes.card_topic import publish_card
 from power_recordings.card import Card
 from power_recordings.reading.reader import Recording
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import check_room
 
@@ -147,14 +149,10 @@ def test_what_is_published_is_in_the_bag_after_ctrl_c(
 ) -> None:
     supply = robot.publisher(DriveSupply, 'drive_supply')
     joints = robot.publisher(JointState, 'joint_states')
-    said = robot.publisher(DiagnosticArray, 'diagnostics')
+    told = Card.of_source({'LF_HAA': 'motor'}, {'LF_HAA': 'A'})
+    publish_card(robot.node, replace(told, calibration='cal.yaml (sha256 0123456789ab)'))
     recorder = record(tmp_path / 'walk', '--card', 'robot=anymal_c', 'unit=A', 'load_kg=4')
     wait_for(lambda: supply.get_subscription_count() and joints.get_subscription_count())
-    wait_for(lambda: said.get_subscription_count() >= 2)
-    applied = KeyValue(key='calibration', value='cal.yaml (sha256 0123456789ab)')
-    figures = torque_figures({'LF_HAA': 'motor', 'LF_KFE': 'cellar'}, {'LF_HAA': 'A'})
-    torques = [KeyValue(key=key, value=value) for key, value in figures.items()]
-    said.publish(DiagnosticArray(status=[DiagnosticStatus(values=[applied, *torques])]))
     for i in range(300):
         if i == 200:
             robot.sequence += 7
@@ -180,6 +178,38 @@ def test_what_is_published_is_in_the_bag_after_ctrl_c(
     assert card.other == {'load_kg': '4'}
     assert card.created
     assert card.software.startswith('power_daq')
+
+
+def test_a_killed_recorder_leaves_a_card_with_torque_calibration_and_drives(
+    robot: Robot, record: Callable[..., Recorder], tmp_path: Path
+) -> None:
+    supply = robot.publisher(DriveSupply, 'drive_supply')
+    told = Card.of_source({'LF_HAA': 'motor'}, {}, ('LF_KFE',))
+    publish_card(robot.node, replace(told, calibration='cal.yaml'))
+    bag = tmp_path / 'walk'
+    recorder = record(bag, '--topics', 'drive_supply')
+    wait_for(supply.get_subscription_count)
+    robot.stream(supply, lambda: Card.load(bag).drives and Card.load(bag).torque)
+    recorder.process.kill()
+    recorder.process.wait()
+    card = Card.load(bag)
+    assert (card.torque, card.calibration) == ({'LF_HAA': 'motor'}, 'cal.yaml')
+    assert (card.drives, card.derived_velocity) == (('LF_HAA', 'LF_KFE'), ('LF_KFE',))
+
+
+def test_a_card_of_a_source_that_cannot_be_read_is_told_and_left_out(
+    robot: Robot, record: Callable[..., Recorder], tmp_path: Path
+) -> None:
+    supply = robot.publisher(DriveSupply, 'drive_supply')
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    card = robot.node.create_publisher(String, 'card', qos)
+    card.publish(String(data='torque: {LF_HAA: moon}'))
+    recorder = record(tmp_path / 'walk', '--topics', 'drive_supply')
+    wait_for(card.get_subscription_count)
+    robot.stream(supply, lambda: len(robot.sent) > 300 and Card.load(recorder.path).drives)
+    _, _, err = recorder.end()
+    assert "topic card: torque.LF_HAA: expected 'joint' or 'motor', there is 'moon'" in err
+    assert Card.load(recorder.path).torque == {}
 
 
 def test_a_killed_recorder_loses_less_than_a_second(
@@ -359,5 +389,3 @@ def test_the_card_is_made_of_keys_and_values() -> None:
     card = card_of(['drives=LF_HAA, LF_KFE', 'notes=a=b', 'seed=-4', 'created=today'])
     assert card.drives == ('LF_HAA', 'LF_KFE')
     assert (card.notes, card.seed, card.created) == ('a=b', -4, 'today')
-    assert card.with_drives(['X']).drives == ('LF_HAA', 'LF_KFE')
-    assert Card().with_drives(['X']).drives == ('X',)

@@ -270,7 +270,7 @@ class TestRealDrives:
         assert import_logs.main([str(log), '--map', str(chart), '-o', str(bag)]) == 0
         model, scores = fitted(bag, tmp_path)
         assert scores['total']['r2'] > 0.98
-        assert scores['at_bound'] == []
+        assert {value.split()[1] for value in scores['at_bound']} <= {'velocity_lag'}
         data = loadmat(log, simplify_cells=True)['motor_data']
         for drive, found in enumerate(copper(model)):
             torque = 0.02506 * data['motor_qcurrent'][:, drive]

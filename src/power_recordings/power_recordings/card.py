@@ -10,15 +10,13 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.quoting import quoted
 from wattwalk_core.schema import Length, parse, schema
-from wattwalk_core.yaml_file import dump_yaml, read_yaml
+from wattwalk_core.yaml_file import dump_yaml, parse_yaml, read_yaml
 
 FILE = 'card.yaml'
 NOTE = 'note'
 """Key of a report on `diagnostics` whose value a recorder keeps in the card."""
 DRIVE_TYPES = ('HAA', 'HFE', 'KFE')
 _TEXTS = ('robot', 'unit', 'controller', 'terrain', 'notes', 'software', 'calibration', 'created')
-_AT: Mapping[str, Literal['joint', 'motor']] = {'joint': 'joint', 'motor': 'motor'}
-_UNIT: Mapping[str, Literal['N*m', 'A']] = {'N*m': 'N*m', 'A': 'A'}
 _PLAIN = (int, float, datetime.date)  # what YAML reads where text was meant, as in `unit: 3`
 
 
@@ -97,6 +95,28 @@ class Card:
         return cls.of({} if content is None else content, f'card {file}')
 
     @classmethod
+    def parse(cls, text: str, where: str) -> Self:
+        """Read a card from YAML; InputError, which begins with `where`, as of `load`."""
+        content = parse_yaml(text, where)
+        return cls.of({} if content is None else content, where)
+
+    @classmethod
+    def of_source(
+        cls,
+        torque: Mapping[str, str],
+        torque_unit: Mapping[str, str],
+        derived: Sequence[str] = (),
+    ) -> Self:
+        """
+        Return what a source knows of its drives.
+
+        torque: joint or motor, and torque_unit: A or N*m, by drive; derived: drives whose velocity
+        is the rate of their position.
+        """
+        card = cls.of({'torque': dict(torque), 'torque_unit': dict(torque_unit)})
+        return card.with_derived_velocity(derived)
+
+    @classmethod
     def of(cls, content: Mapping[str, Any], where: str = 'card') -> Self:
         """
         Build a card from keys and values as in the file; numbers and dates become text.
@@ -113,28 +133,6 @@ class Card:
         other = {key: value for key, value in content.items() if key not in names}
         return replace(parse(cls, known, where), other=other)
 
-    def with_drives(self, measured: Sequence[str]) -> Self:
-        """Return the card with the measured drives, unless it names some already."""
-        return self if self.drives else replace(self, drives=tuple(measured))
-
-    def with_calibration(self, applied: str) -> Self:
-        """Return the card with the applied calibration, unless it names one already."""
-        return self if self.calibration else replace(self, calibration=applied)
-
-    def with_torque(self, at: Mapping[str, str], unit: Mapping[str, str]) -> Self:
-        """
-        Return the card with what is known of the drives' torque, unless it says so already.
-
-        at: joint or motor, and unit: A or N*m, by drive; other words are left out.
-        """
-        if self.torque or self.torque_unit:
-            return self
-        return replace(
-            self,
-            torque={drive: _AT[where] for drive, where in at.items() if where in _AT},
-            torque_unit={drive: _UNIT[name] for drive, name in unit.items() if name in _UNIT},
-        )
-
     def with_derived_velocity(self, drives: Sequence[str]) -> Self:
         """Return the card with the drives whose velocity is the rate of their position."""
         if not drives or 'imported' in self.other:
@@ -148,18 +146,20 @@ class Card:
         mark = CardNote(when.isoformat(timespec='milliseconds'), text)
         return replace(self, marks=(*self.marks, mark))
 
-    def save(self, bag_dir: Path) -> Path:
-        """Write card.yaml into a recording's folder, whole or not at all, and return its path."""
+    def text(self) -> str:
+        """Return the card as YAML."""
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name != 'other'}
         content['drives'] = list(self.drives)
-        for name in ('torque', 'torque_unit', 'power', 'gear_ratio'):
+        for name in ('torque', 'torque_unit'):
             content[name] = dict(content[name])
             if not content[name]:
                 del content[name]
-        if not self.steady:
-            del content['steady']
         content['marks'] = [{'time': mark.time, 'text': mark.text} for mark in self.marks]
         if not self.marks:
             del content['marks']
-        write_whole(Path(bag_dir) / FILE, dump_yaml({**content, **self.other}))
+        return dump_yaml({**content, **self.other})
+
+    def save(self, bag_dir: Path) -> Path:
+        """Write card.yaml into a recording's folder, whole or not at all, and return its path."""
+        write_whole(Path(bag_dir) / FILE, self.text())
         return Path(bag_dir) / FILE

@@ -1,7 +1,9 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from power_recordings.card import Card
+from power_recordings.writing.card_file import CardFile
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import RecordingError
 
@@ -45,12 +47,34 @@ def test_a_card_with_one_value_at_two_places_can_be_read_again(tmp_path: Path) -
     assert Card.load(tmp_path).other == {'front': legs, 'driven': legs}
 
 
-def test_what_the_user_says_of_torque_stands_and_other_words_are_left_out() -> None:
-    noted = Card().with_torque({'M1': 'motor', 'M2': 'moon'}, {'M1': 'A', 'M2': 'lb'})
-    assert (noted.torque, noted.torque_unit) == ({'M1': 'motor'}, {'M1': 'A'})
-    assert Card().with_derived_velocity(('M1',)).derived_velocity == ('M1',)
-    said = Card(torque={'M1': 'joint'})
-    assert said.with_torque({'M1': 'motor'}, {}) == said
+def test_what_a_source_tells_is_on_disk_at_once_and_what_the_user_says_stands(
+    tmp_path: Path,
+) -> None:
+    file = CardFile(Card(robot='dog'), tmp_path)
+    assert Card.load(tmp_path) == Card(robot='dog')
+    told = Card.of_source({'M1': 'motor'}, {'M1': 'A'}, ('M1',))
+    file.add_source(Card.parse(replace(told, calibration='a.yaml').text(), 'topic card'))
+    file.add_source(Card.of_source({'M2': 'joint'}, {}))
+    file.add_source(Card(calibration='b.yaml'))
+    file.add_drives(('M1', 'M2'))
+    card = Card.load(tmp_path)
+    assert (card.torque, card.torque_unit) == ({'M1': 'motor', 'M2': 'joint'}, {'M1': 'A'})
+    assert (card.robot, card.drives) == ('dog', ('M1', 'M2'))
+    assert (card.calibration, card.derived_velocity) == ('a.yaml, b.yaml', ('M1',))
+    file.add_mark(1_700_000_000_000_000_000, 'slipped')
+    assert [mark.text for mark in Card.load(tmp_path).marks] == ['slipped']
+    assert Card.load(tmp_path).torque == card.torque
+
+    said = Card(torque={'M1': 'joint'}, calibration='mine', drives=('M1',))
+    file = CardFile(said, tmp_path)
+    file.add_source(replace(told, calibration='a.yaml'))
+    file.add_drives(('M1', 'M2'))
+    assert Card.load(tmp_path) == said.with_derived_velocity(('M1',))
+
+
+def test_a_source_that_tells_another_place_of_torque_is_refused() -> None:
+    with pytest.raises(InputError, match=r"topic card: torque\.M1: .*'moon'"):
+        Card.parse('torque: {M1: moon}', 'topic card')
 
 
 def test_an_empty_card_is_a_card(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ from wattwalk_core.nodes.diagnostics import Level, Report
 from power_daq.acquisition.bus_acquisition import Acquisition, BusState, SampleQueue
 from power_daq.acquisition.count_changes import CountChanges
 from power_daq.acquisition.interleaving import Interleaver
-from power_daq.acquisition.torque import torque_figures
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription
 
@@ -101,8 +100,6 @@ class BusHealth:
             figures['bus load [%]'] = f'{100 * load:.1f}'
         figures |= {f'{name} rate [Hz]': f'{rate:.1f}' for name, rate in rates.items()}
         figures |= self._clock_figures()
-        bus = self._description
-        figures |= torque_figures(bus.torque_at, bus.torque_unit)
         figures |= {name: f'{value:.0f}' for name, value in counts.items()}
         figures['samples waiting'] = str(len(self._queue))
         receiver = self._acquisition.receiver

@@ -30,6 +30,7 @@ def main(args: Sequence[str] | None = None) -> int:
     topics = topics_of(options.topics)
 
     from power_recordings.writing.background import BackgroundRecorder
+    from power_recordings.writing.card_file import CardFile
     from power_recordings.writing.writer import BagWriter, make_way
 
     make_way(options.output, overwrite=False)
@@ -45,11 +46,11 @@ def main(args: Sequence[str] | None = None) -> int:
     def make() -> Any:
         check_room(options.output)
         bag = BagWriter(options.output, flush_period=10.0)
-        card.save(options.output)
+        card_file = CardFile(card, options.output)
         recorder = BackgroundRecorder(bag)
         try:
             counted = (options.duration, options.wait)
-            node = RecorderNode(recorder, topics, card, options.output, *counted)
+            node = RecorderNode(recorder, topics, card_file, options.output, *counted)
         except BaseException:
             recorder.close()
             raise

@@ -20,6 +20,7 @@ from power_daq.acquisition.bus_acquisition import SampleQueue
 from power_daq.acquisition.publishing import JointStatePublisher, PublishingThread, SupplyPublisher
 from power_daq.acquisition.receiver import Sample
 from power_daq.device import open_device
+from power_daq.nodes.card_topic import publish_card
 
 _PERIOD = 1.0
 _PUBLISHING_ENDS = 10.0
@@ -40,7 +41,8 @@ class DaqNode(Node):
         self._supply: SupplyPublisher | None = None
         self._device = device = open_device(given, self._queue, self.get_logger().warning)
         applied = self.get_parameter('calibration').value
-        self._calibration = label(Path(applied).expanduser()) if applied else NONE
+        calibration = label(Path(applied).expanduser()) if applied else NONE
+        publish_card(self, replace(device.card, calibration=calibration))
         frame_id = given.text('frame_id', device.device, 'frame_id of drive_supply')
         per_message = given.whole('samples_per_message', 1, 'samples in a drive_supply', 1, 1000)
         if self.get_parameter('use_sim_time').value:
@@ -94,9 +96,7 @@ class DaqNode(Node):
         if self._acquisition.failed or self._publishing.failed:
             self.stop()
             return
-        report = self._device.report(time.monotonic())
-        figures = {**report.figures, 'calibration': self._calibration}
-        self._reporter.say(replace(report, figures=figures))
+        self._reporter.say(self._device.report(time.monotonic()))
 
     def stop(self) -> None:
         """End both threads and publish waiting samples; raise the error of a failed thread."""

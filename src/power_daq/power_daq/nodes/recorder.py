@@ -7,11 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from power_recordings.card import NOTE, Card
+from power_recordings.card import NOTE
 from power_recordings.messages.types import message_class
 from power_recordings.writing.background import BackgroundRecorder, RecordingProgress
+from power_recordings.writing.card_file import CardFile
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -20,7 +20,7 @@ from rclpy.task import Future
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.polled_topic import PolledTopic
 
-from power_daq.acquisition.torque import TORQUE_AT, TORQUE_UNIT, VELOCITY
+from power_daq.nodes.card_topic import subscribe_to_cards
 
 _DEPTH: Final = 2000
 _POWER: Final = ('drive_supply', 'supply')
@@ -33,16 +33,16 @@ class RecorderNode(Node):
     """
     Puts the bytes of each message into the recorder, with the time of its publication.
 
-    topics: their types by name. card: the user's entries, completed and saved in the folder `bag`
-    at the end. duration: s until the node ends by itself, 0 for never; with `wait` they count from
-    the first sample of power on, and an end without one gives code 1.
+    topics: their types by name. card: that of the folder `bag`. duration: s until the node ends
+    by itself, 0 for never; with `wait` they count from the first sample of power on, and an end
+    without one gives code 1.
     """
 
     def __init__(
         self,
         recorder: BackgroundRecorder,
         topics: dict[str, str],
-        card: Card,
+        card: CardFile,
         bag: Path,
         duration: float,
         wait: bool = False,
@@ -59,9 +59,8 @@ class RecorderNode(Node):
             name: self._subscribe(name, ReliabilityPolicy.RELIABLE) for name in self._types
         }
         self._taken = time.time_ns()
-        self._calibrations: dict[str, None] = {}
-        self._torque: dict[str, dict[str, str]] = {TORQUE_AT: {}, TORQUE_UNIT: {}, VELOCITY: {}}
-        self.create_subscription(DiagnosticArray, 'diagnostics', self._note_conditions, 10)
+        subscribe_to_cards(self, card.add_source)
+        self.create_subscription(DiagnosticArray, 'diagnostics', self._keep_notes, 10)
         self._before = recorder.progress()
         self._reporter = Reporter(self, 'bag')
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -98,10 +97,7 @@ class RecorderNode(Node):
         try:
             recorder.close()
         finally:
-            applied = ', '.join(self._calibrations)
-            card = self._card.with_drives(recorder.measured()).with_calibration(applied)
-            card = card.with_torque(self._torque[TORQUE_AT], self._torque[TORQUE_UNIT])
-            card.with_derived_velocity(tuple(self._torque[VELOCITY])).save(self._bag)
+            self._card.add_drives(recorder.measured())
         print(f'{recorder.summary()}\n{self._bag}')
         progress = recorder.progress()
         if progress.counts and self._waiting(progress):
@@ -112,22 +108,14 @@ class RecorderNode(Node):
     def _waiting(self, progress: RecordingProgress) -> bool:
         return bool(self._awaited) and self._awaited.isdisjoint(progress.counts)
 
-    def _note_conditions(self, message: DiagnosticArray) -> None:
-        """Note what acquisition says about its samples, for the card."""
+    def _keep_notes(self, message: DiagnosticArray) -> None:
+        """Put notes of other nodes into the card."""
+        stamp = message.header.stamp
         for status in message.status:
             for pair in status.values:
-                if pair.key == 'calibration':
-                    self._calibrations[pair.value] = None
                 if pair.key == NOTE:
-                    self._keep_note(message.header.stamp, pair.value[:_LONGEST_NOTE])
-                for prefix, noted in self._torque.items():
-                    if pair.key.startswith(prefix):
-                        noted[pair.key.removeprefix(prefix)] = pair.value
-
-    def _keep_note(self, stamp: Time, text: str) -> None:
-        """Put a note into the card at once: an end by kill -9 would lose it."""
-        self._card = self._card.with_mark(stamp.sec * 1_000_000_000 + stamp.nanosec, text)
-        self._card.save(self._bag)
+                    at = stamp.sec * 1_000_000_000 + stamp.nanosec
+                    self._card.add_mark(at, pair.value[:_LONGEST_NOTE])
 
     def _keep_house(self) -> None:
         if self._best_effort:
@@ -137,6 +125,7 @@ class RecorderNode(Node):
             self._buffers[name].destroy()
             self._buffers[name] = self._subscribe(name, ReliabilityPolicy.BEST_EFFORT)
         self._best_effort.clear()
+        self._card.add_drives(self._recorder.measured())
         progress = self._recorder.progress()
         if self._waiting(progress):
             self._begun = progress.seconds

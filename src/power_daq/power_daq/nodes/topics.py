@@ -5,6 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from power_recordings.card import Card
 from power_recordings.importing.map_file import ImportMap
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -19,6 +20,7 @@ from wattwalk_core.nodes.diagnostics import Reporter
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.publishing import JointStatePublisher, SupplyPublisher
 from power_daq.acquisition.receiver import Sample
+from power_daq.nodes.card_topic import publish_card
 from power_daq.supply.battery import BatteryPublisher
 from power_daq.supply.reading import Reading
 from power_daq.topics.health import TopicsHealth
@@ -84,6 +86,9 @@ class TopicsNode(Node):
             return
         for name, group in self._republisher.begin().items():
             self._publish[name] = self._publisher(name, group.drives)
+        plan = self._republisher.plan
+        assert plan is not None
+        publish_card(self, Card.of_source(plan.torque_at, plan.torque_unit, plan.derived))
         self.get_logger().info(f'republishing {", ".join(self._publish)}')
 
     def _subscribe(self, name: str, types: list[str]) -> Any:

@@ -2,11 +2,9 @@
 
 from collections.abc import Iterable, Sequence
 
-from power_recordings.importing.plan import ImportPlan
 from wattwalk_core.nodes.diagnostics import Level, Report
 
 from power_daq.acquisition.count_changes import CountChanges
-from power_daq.acquisition.torque import torque_figures
 from power_daq.topics.republisher import Republisher
 
 _NAMED = 4
@@ -38,8 +36,6 @@ class TopicsHealth:
             for name in source.groups:
                 figures[f'{name} rate [Hz]'] = f'{news[f"{name} samples"] / span:.1f}'
         figures |= {name: f'{count:.0f}' for name, count in counts.items()}
-        if source.plan is not None:
-            figures |= _torque(source.plan)
         level, sentence = self._judge(news, span, present)
         return Report(level, sentence, figures)
 
@@ -79,10 +75,6 @@ class TopicsHealth:
         if new := [topic for topic in present if source.is_left_out(topic)]:
             return Level.WARN, f'came too late and is left out: {_some(new)}; start again'
         return Level.OK, 'republishing'
-
-
-def _torque(plan: ImportPlan) -> dict[str, str]:
-    return torque_figures(plan.torque_at, plan.torque_unit, plan.derived)
 
 
 def _some(names: Sequence[str]) -> str:
