@@ -1,8 +1,11 @@
 """`ros2 run PACKAGE EXECUTABLE [ARGUMENTS]`."""
 
+import ast
 import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 
 from ros2cli.main import CommandError
@@ -38,6 +41,19 @@ def packages() -> dict[str, dict[str, Path]]:
     return found
 
 
+def summaries(package: str) -> dict[str, str]:
+    """Return a line on each executable of a package, from the docstring of its module."""
+    found = {}
+    for script in entry_points(group='console_scripts'):
+        if script.dist is None or script.dist.name.replace('-', '_') != package:
+            continue
+        spec = find_spec(script.module)
+        if spec is not None and spec.origin:
+            text = ast.get_docstring(ast.parse(Path(spec.origin).read_text(encoding='utf-8')))
+            found[script.name] = (text or '').partition('\n')[0].rpartition('`: ')[2]
+    return found
+
+
 def main(argv: Sequence[str]) -> int | None:
     """Replace this process by the executable."""
     if not argv or argv[0] in ('-h', '--help'):
@@ -53,6 +69,12 @@ def main(argv: Sequence[str]) -> int | None:
         raise CommandError(
             f"Package '{package}' not found: searching: {', '.join(map(str, prefixes()))}"
         )
+    if executable in ('-h', '--help'):
+        lines = summaries(package)
+        print(f'usage: ros2 run {package} EXECUTABLE [ARGUMENT ...]\n')
+        for name in known[package]:
+            print(f'  {name:<18}{lines.get(name, "")}'.rstrip())
+        return None
     if executable not in known[package]:
         names = ', '.join(known[package]) or 'none'
         raise CommandError(f"No executable '{executable}' in package '{package}', it has: {names}")

@@ -132,6 +132,16 @@ def test_run_passes_arguments_output_and_exit_code_on(node_process, tmp_path, mo
     assert process.wait() == 7
 
 
+@pytest.mark.skipif(not IS_EMBEDDED, reason='ROS 2 knows no executable of that name')
+@pytest.mark.parametrize('asked', ['--help', '-h'])
+def test_run_help_of_a_package_has_a_line_on_each_executable(node_process, asked):
+    process = node_process.ros2('run', 'power_lab', asked)
+    assert process.wait() == 0
+    assert 'usage: ros2 run power_lab EXECUTABLE' in process.output
+    assert re.search(r'^ +fit +coefficients of named effects', process.output, re.M)
+    assert re.search(r'^ +diagnose +\w', process.output, re.M)
+
+
 @pytest.mark.skipif(not IS_EMBEDDED, reason='ROS 2 says it with other words and tracebacks')
 @pytest.mark.parametrize(
     ('arguments', 'message'),

@@ -105,8 +105,9 @@ def open_device(
     drives = {name: group.drives for name, group in bus.groups.items()}
     hardware = f'{settings.interface} {settings.channel}'
     card = Card.of_source(bus.torque_at, bus.torque_unit)
-    report = health.report
-    return MeasuringDevice(bus.device, 'bus', hardware, drives, acquisition, report, card=card)
+    return MeasuringDevice(
+        bus.device, 'bus', hardware, drives, acquisition, health.report, card=card
+    )
 
 
 def _nodes(text: str) -> dict[str, int]:

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from math import prod
 from typing import Any, Final
 
 import numpy as np
@@ -31,14 +32,24 @@ class _Stream:
     """The channels of a group that one topic carries."""
 
     def __init__(self, channels: Sequence[LogChannel]) -> None:
-        self._fields = [MessageField(c.address.partition(':')[2]) for c in channels]
+        self._sums = [
+            [
+                [MessageField(column.address.partition(':')[2]) for column in term]
+                for term in c.terms
+            ]
+            for c in channels
+        ]
         self._factors = np.array([c.conversion.factor for c in channels])
         self._offsets = np.array([c.conversion.offset for c in channels])
         self.unknown = np.full(len(channels), np.nan)
 
     def read(self, message: Any) -> Floats:
         """Return the converted values of a message; NaN where it has none."""
-        return np.array([f.read(message) for f in self._fields]) * self._factors + self._offsets
+        values = [
+            sum(prod(field.read(message) for field in term) for term in terms)
+            for terms in self._sums
+        ]
+        return np.array(values) * self._factors + self._offsets
 
 
 class LiveGroup:
@@ -55,17 +66,20 @@ class LiveGroup:
         self.drives = tuple(dict.fromkeys(drive for drive, _ in group.channels))
         self._rows = ROWS[name]
         self._shape = len(self._rows), len(self.drives)
-        self.topics = list(group.streams)
-        members = [[group.channels[i] for i in group.members(topic)] for topic in self.topics]
+        by_topic: dict[str, list[tuple[str, LogChannel]]] = {}
+        for drive, channel in group.channels:
+            if channel.stream is not None:
+                by_topic.setdefault(channel.stream, []).append((drive, channel))
+        self.topics = sorted(by_topic, key=lambda topic: -len(by_topic[topic]))
+        members = [by_topic[topic] for topic in self.topics]
         self._streams = [_Stream([channel for _, channel in part]) for part in members]
         places = [self._place(drive, c.quantity) for part in members for drive, c in part]
         self._places = np.array(places, np.intp)
         self._slots = np.repeat(np.arange(len(members)), [len(part) for part in members])
         self._constants = np.full(self._shape, np.nan)
         for drive, channel in group.channels:
-            if channel.column is None:
-                value = channel.conversion(np.array([channel.value]))[0]
-                self._constants.flat[self._place(drive, channel.quantity)] = value
+            if channel.stream is None:
+                self._constants.flat[self._place(drive, channel.quantity)] = channel.constant()
         self._derived = [self._place(drive, 'velocity') for drive in group.derived]
         self._positions = [places.index(self._place(drive, 'position')) for drive in group.derived]
         self._last: dict[str, int] = {}
