@@ -17,6 +17,7 @@ NOTE = 'note'
 """Key of a report on `diagnostics` whose value a recorder keeps in the card."""
 DRIVE_TYPES = ('HAA', 'HFE', 'KFE')
 _TEXTS = ('robot', 'unit', 'controller', 'terrain', 'notes', 'software', 'calibration', 'created')
+_COMPUTED: Literal['computed'] = 'computed'
 _PLAIN = (int, float, datetime.date)  # what YAML reads where text was meant, as in `unit: 3`
 
 
@@ -77,10 +78,27 @@ class Card:
         return {name: drive_type(name) for name in self.drives}
 
     @property
+    def imported(self) -> Mapping[str, Any]:
+        """What an import noted: `from`, `map`, `columns`, `velocity`, `formulas`, `notes`."""
+        found = self.other.get('imported')
+        return found if isinstance(found, Mapping) else {}
+
+    def column(self, drive: str, quantity: str) -> str:
+        """Return what an imported signal was called in the user's log, in brackets; '' if none."""
+        of_drive = self.imported.get('columns')
+        named = of_drive.get(drive) if isinstance(of_drive, Mapping) else None
+        name = named.get(quantity) if isinstance(named, Mapping) else None
+        return f' (column {quoted(name)})' if isinstance(name, str) else ''
+
+    def formula(self, drive: str) -> str:
+        """Return the formula by which a drive's power was computed; '' where none is known."""
+        found = self.imported.get('formulas')
+        return str(found.get(drive, '')) if isinstance(found, Mapping) else ''
+
+    @property
     def derived_velocity(self) -> tuple[str, ...]:
         """Drives whose velocity an import took from the rate of their position."""
-        imported = self.other.get('imported')
-        found = imported.get('velocity') if isinstance(imported, Mapping) else None
+        found = self.imported.get('velocity')
         return tuple(map(str, found)) if isinstance(found, Mapping) else ()
 
     @classmethod
@@ -132,6 +150,14 @@ class Card:
                 known[key] = str(known[key])
         other = {key: value for key, value in content.items() if key not in names}
         return replace(parse(cls, known, where), other=other)
+
+    def with_formulas(self, formulas: Mapping[str, str]) -> Self:
+        """Return the card with the formulas of drives whose power a firmware computes."""
+        if not formulas:
+            return self
+        power = {**self.power, **dict.fromkeys(formulas, _COMPUTED)}
+        imported = {**self.imported, 'formulas': dict(formulas)}
+        return replace(self, power=power, other={**self.other, 'imported': imported})
 
     def with_derived_velocity(self, drives: Sequence[str]) -> Self:
         """Return the card with the drives whose velocity is the rate of their position."""

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from power_recordings.alignment.positions import is_rate, rests, unwrapped
+from power_recordings.alignment.positions import is_rate, stands_still, unwrapped
 
 TIME = np.arange(2000) / 100.0
 VELOCITY = np.float32(10.0 * np.sin(2 * np.pi * 0.1 * TIME) + 5.0)
@@ -31,7 +31,9 @@ def test_many_turns_count_where_the_velocity_is_their_rate():
     assert not is_rate(TIME, np.float32(TRUE), np.zeros_like(VELOCITY))
 
 
-def test_a_drive_that_rests_two_turns_away_is_not_taken_for_one_in_degrees():
-    assert rests(np.full(100, 12.6, np.float32))
-    assert not rests(np.full(100, np.rad2deg(0.8), np.float32))
-    assert not rests(np.float32(TRUE))
+def test_a_stalled_drive_stands_still_whatever_its_encoder_says():
+    stalled = np.float32(12.6 + 0.05 * np.sin(TIME))
+    stalled[:10] = 14.0  # how it came there
+    assert stands_still(stalled)
+    assert not stands_still(np.float32(TRUE))
+    assert not stands_still(np.float32(0.3 * np.sin(TIME)))

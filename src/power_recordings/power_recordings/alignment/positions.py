@@ -9,7 +9,7 @@ Times = NDArray[np.float64]
 _TURN = 2 * np.pi
 _JUMP = 0.75 * _TURN  # between two samples: an encoder that starts anew
 _ALIKE = (0.7, 1.4)  # rate of the position over the velocity, both in radians
-_REST = 0.1  # rad or degrees
+_REST = 0.2  # rad
 _CLEAR = 0.8  # correlation of the two
 
 
@@ -33,10 +33,17 @@ def unwrapped(time: Times, position: Floats, velocity: Floats) -> Floats:
     return np.asarray(position + _TURN * np.concatenate([[0.0], np.cumsum(turns)]), np.float32)
 
 
-def rests(position: Floats) -> bool:
-    """Return whether the drive stays within three turns, so that no rate tells the unit."""
-    low, high = float(np.nanmin(position)), float(np.nanmax(position))
-    return high - low < _REST and max(-low, high) < 3 * _TURN
+def stands_still(position: Floats | NDArray[np.float64]) -> bool:
+    """
+    Return whether a drive stands still but for how it came there: no rate tells of its position.
+
+    What moves by less than the 1st to 99th percentile is left out; noise of an encoder and give of
+    a stalled shaft stay within 0.2 rad.
+    """
+    if not np.isfinite(position).any():
+        return True
+    low, high = np.nanpercentile(position, [1, 99]).tolist()
+    return bool(high - low < _REST)
 
 
 def is_rate(time: Times, position: Floats, velocity: Floats) -> bool:

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
-from power_recordings.alignment.positions import is_rate, rests, unwrapped
+from power_recordings.alignment.positions import is_rate, stands_still, unwrapped
 from power_recordings.alignment.stream import Floats, Stream, Times, held
 from power_recordings.messages.samples import DriveSamples, JointSamples, Samples
 from power_recordings.reading.ordering import longest_step
 from power_recordings.reading.reader import Recording
 
 _FEET = ('LF_FOOT', 'RF_FOOT', 'LH_FOOT', 'RH_FOOT')
-_JOINT_FIELDS = ('position', 'velocity', 'effort')
+_QUANTITIES = {'position': 'position', 'velocity': 'velocity', 'effort': 'torque'}
+_JOINT_FIELDS = tuple(_QUANTITIES)
 _MOSTLY = 0.5
 _OFTEN = 0.2
 _MOST_RADIANS = 4 * np.pi
@@ -167,7 +168,8 @@ class _Collector:
             for drive, share in zip(self._names, nan.mean(axis=0) * ~unknown, strict=True):
                 if share > _MOSTLY:
                     raise InputError(
-                        f'{path}: joint_states.{name} of {drive} is NaN or missing in '
+                        f'{path}: joint_states.{name} of {drive}'
+                        f'{self._column(drive, _QUANTITIES[name])} is NaN or missing in '
                         f'{share:.0%} of the messages; expected numbers'
                     )
             bad |= (nan & ~unknown).any(axis=1)
@@ -180,10 +182,11 @@ class _Collector:
         beyond = (np.abs(parts[0]) > _MOST_RADIANS).mean(axis=0)
         for worst in np.flatnonzero(beyond > _OFTEN).tolist():
             position = parts[0][:, worst]
-            if rests(position) or is_rate(seconds, position, parts[1][:, worst]):
+            if stands_still(position) or is_rate(seconds, position, parts[1][:, worst]):
                 continue
             raise InputError(
-                f'{path}: joint_states.position of {self._names[worst]} reaches '
+                f'{path}: position of {self._names[worst]}'
+                f'{self._column(self._names[worst], "position")} reaches '
                 f'{np.nanmax(np.abs(parts[0][:, worst])):.4g}, mostly beyond 4π: '
                 'degrees? expected rad (a drive that turns on is taken where its velocity is the '
                 'rate of its position)'
@@ -239,9 +242,12 @@ class _Collector:
         for drive, column in zip(drives, values.T, strict=True):
             if (np.abs(column) > most).mean() > _OFTEN:
                 raise InputError(
-                    f'{self._path}: drive_supply.{name} of {drive} reaches '
-                    f'{np.nanmax(np.abs(column)):.4g}: {hint}'
+                    f'{self._path}: drive_supply.{name} of {drive}'
+                    f'{self._column(drive, name)} reaches {np.nanmax(np.abs(column)):.4g}: {hint}'
                 )
+
+    def _column(self, drive: str, quantity: str) -> str:
+        return self._recording.card.column(drive, quantity)
 
     def _note(self, which: NDArray[np.bool_], text: str) -> None:
         if which.any():

@@ -66,6 +66,7 @@ def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.N
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+    from power_recordings.alignment.align import align
     from power_recordings.commands.info import print_quality
     from power_recordings.importing.convert import import_logs
     from power_recordings.importing.map_file import ImportMap
@@ -100,11 +101,20 @@ def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.N
         print(f'checked: the first {recording.duration:.0f} s; `info {result.path}` checks all')
     checked = Checked.of(recording)
     print_quality(checked)
-    if any(finding.severity == 'error' for finding in checked.quality.findings):
+    errors = {f.code for f in checked.quality.findings if f.severity == 'error'}
+    if errors - {'slow_power'}:
         print('next: mend the map as said above, and import again with --overwrite')
         return
-    effects = 'shaft,copper_loss,idle'
-    print(f'next: ros2 run power_lab fit {result.path} --effects {effects} -o base.yaml')
+    if not {'drive_supply', 'supply'} & set(recording.topics):
+        print('next: nothing in it was metered: a model of power cannot be fitted to it')
+        return
+    try:
+        align(recording, rate=50.0, need_power='drive_supply' in recording.topics)
+    except InputError as error:
+        print(f'next: mend what keeps it from being judged: {printable(str(error))}')
+        return
+    fit = f'ros2 run power_lab fit {result.path} --effects shaft,copper_loss,idle -o base.yaml'
+    print(f'next: {fit}' + (' --slow' if errors else ''))
 
 
 def _list(source: 'LogSource') -> None:
@@ -132,5 +142,4 @@ def _list(source: 'LogSource') -> None:
     lines.append('# guessed map: edit, save as FILE.yaml, then import with --map FILE.yaml')
     robot = ''.join(c if c.isalnum() else '_' for c in source.path.stem)[:40] or 'robot'
     sys.stdout.write('\n'.join(lines) + '\n')
-    worth = [item.column for item in listed if item.changes > 0 or item.rows < 2]
-    sys.stdout.write(guess_map(worth, robot, is_bag=source.is_bag))
+    sys.stdout.write(guess_map(listed, robot, is_bag=source.is_bag))

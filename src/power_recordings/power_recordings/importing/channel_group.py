@@ -15,7 +15,7 @@ from power_recordings.importing.times import TimedRows
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-_LARGEST: Final = 1e12  # in SI units, of what is taken for a number; instruments send 9.91e37
+LARGEST: Final = 1e12  # in SI units, of what is taken for a number; instruments send 9.91e37
 _DENSE: Final = 0.8  # share of rows with a value, below which a column has times of its own
 
 
@@ -86,8 +86,8 @@ class ChannelGroup:
         kept = {a: rows.of(block[a]) for channel in chosen for a in channel.addresses}
         with np.errstate(over='ignore', invalid='ignore'):
             values = np.stack([channel.convert(kept) for channel in chosen], axis=1)
-            if not np.abs(values).max(initial=0.0) < _LARGEST:
-                values[~(np.abs(values) < _LARGEST)] = np.nan
+            if not np.abs(values).max(initial=0.0) < LARGEST:
+                values[~(np.abs(values) < LARGEST)] = np.nan
         return values
 
     def _split(self, values: Floats) -> None:

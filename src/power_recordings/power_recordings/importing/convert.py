@@ -14,6 +14,7 @@ from wattwalk_core.errors import InputError
 from power_recordings.card import Card
 from power_recordings.importing.channel_group import ChannelGroup
 from power_recordings.importing.map_file import JOINT, ImportMap, TimeMap
+from power_recordings.importing.origin import origin_of_power
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
 from power_recordings.importing.sources.source import LogBlock, LogSource
 from power_recordings.importing.times import PAUSE, START, LogClock
@@ -175,6 +176,8 @@ def import_logs(
     _card(mapping, plans[0], (), sources, where, ())  # an error in it comes before the work
     make_way(out, overwrite, remove=False)
     notes: list[str] = []
+    formulas, about = origin_of_power(sources[0], plans[0])
+    notes += [f'{sources[0].path.name}: {note}' for note in about]
     done, end = 0, 0
     with staged(out) as path:
         with BagWriter(path, flush_period=_CHUNK, parallel=True) as bag:
@@ -193,7 +196,8 @@ def import_logs(
                 done, end = done + source.size, log.end
         if not any(writer.counts.values()):
             raise InputError(f'{sources[0].path}: no rows')
-        _card(mapping, plans[0], writer.measured, sources, where, notes).save(path)
+        card = _card(mapping, plans[0], writer.measured, sources, where, notes)
+        card.with_formulas(formulas).save(path)
     counts = {topic: count for topic, count in writer.counts.items() if count}
     return Imported(out, counts, sum(bag.counts.values()), tuple(notes))
 

@@ -1,182 +1,185 @@
-"""A guessed import map from the names of a log's columns, to be edited."""
+"""A guessed import map from a log's columns: their names, units and first rows."""
 
 import json
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
 from wattwalk_core.quoting import printable
 
-from power_recordings.importing.map_file import FORMAT, QUANTITIES
-from power_recordings.importing.sources.heads import unit_of
-from power_recordings.importing.sources.source import LogColumn
-from power_recordings.importing.units import quantities_of
-
-_WANTED = r'(cmd|command|target|setpoint|desired|demand|(^|_)(ref|des|set|goal)(_|$))'
-_ROBOT = r'(robot|main|system|battery|batt|total|pack|(^|_)power_[va](_|$))'
-# The first expression that fits decides; among columns of one quantity, the earlier is better.
-_RULES: Final = (
-    ('time', r'^(time|t|timestamp|stamp|seconds|sec|elapsed\w*)(_?(s|ms|us|ns|sec))?$'),
-    (
-        '',
-        r'(scaling|fraction|limit|mode|error|fault|status|bits?(_|$)|register|sample|tool|tcp|force|accelerometer|imu|inertia|computed|momentum|foc_|receive_time)',
-    ),
-    ('command', rf'{_WANTED}.*(pos|angle|(^|_)q(_|$))|(pos|angle|(^|_)q(_|$)).*{_WANTED}'),
-    ('', rf'{_WANTED}'),
-    ('supply_voltage', r'robot.*volt'),
-    ('supply_voltage', rf'{_ROBOT}.*(volt|_v(_|$))'),
-    ('supply_current', rf'{_ROBOT}.*(curr|(^|_)amps?(_|$)|_a(_|$))'),
-    ('supply_power', rf'{_ROBOT}.*(power|watt)'),
-    ('temperature', r'(winding|motor).*temp|temp.*(winding|motor)'),
-    ('temperature', r'temp'),
-    ('voltage', r'(bus|dc|input|supply|board|vbus).*(volt|_v(_|$))|vbus|v_bus'),
-    ('current', r'(bus|dc|input|supply|ibus).*(curr|(^|_)amps?(_|$))|ibus|i_bus'),
-    ('power', r'(power|watt).*(el|dc|in)|(el|dc|in)\w*_(power|watt)'),
-    ('torque', r'(torque|trq|(^|_)tau|effort|moment)'),
-    ('winding', r'(q_?current|(^|_)iq|i_?q(_|$)|winding_current|motor_current|phase_current)'),
-    ('winding', r'(actual|joint|measured).*current'),
-    ('voltage', r'volt|(^|_)v(_|$)'),
-    ('current', r'curr|(^|_)amps?(_|$)|(^|_)i(_|$)'),
-    ('power', r'power|watt'),
-    ('velocity', r'(vel|speed|omega|rpm|(^|_)(qd|dq)(_|$)|(^|_)w(_|$))'),
-    ('position', r'(pos|angle|theta|(^|_)q(_|$))'),
+from power_recordings.importing.candidates import MECHANICAL, Candidate, candidates
+from power_recordings.importing.evidence import (
+    Choice,
+    choose,
+    companion,
+    made_of_current,
+    metered_pair,
 )
+from power_recordings.importing.listing import Listed
+from power_recordings.importing.map_file import FORMAT, QUANTITIES
+from power_recordings.importing.words import words
+
 _GUESSED_UNIT: Final = {
     'position': 'rad',
     'command': 'rad',
     'velocity': 'rad/s',
     'torque': 'N*m',
+    'motor_current': 'A',
     'voltage': 'V',
     'current': 'A',
     'power': 'W',
     'temperature': 'degC',
 }
+_TURN: Final = 400.0  # degrees; a unitless angle from 0 to there is in degrees
+_RADIANS: Final = 4 * np.pi
+_LEAST_RATE: Final = 25.0  # Hz
+_TIMES: Final = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
+_RATES: Final = (5.0, 2e4)  # Hz
+_OTHERS: Final = 2  # candidates that are named beside the one that was taken
 
 
-@dataclass(frozen=True)
-class Guess:
-    """Quantity of a column, the rank of the rule that said so, and its pattern by drive."""
-
-    quantity: str
-    rank: int
-    pattern: str  # the address with * for what tells drives apart
-    drive: str
-    column: LogColumn
-
-
-def guess_map(columns: Sequence[LogColumn], robot: str, *, is_bag: bool) -> str:
-    """
-    Return the YAML of a map that takes what the columns' names suggest.
-
-    columns: those that are worth a guess; leave out what never changes.
-    """
-    guesses = [g for column in columns for g in _guesses(column)]
-    by_drive: dict[str, dict[str, list[Guess]]] = defaultdict(lambda: defaultdict(list))
-    for guess in guesses:
-        if guess.quantity in (*QUANTITIES, 'winding'):
-            by_drive[guess.drive][guess.quantity].append(guess)
-    drives = {
-        d: q for d, q in by_drive.items() if {'position', 'velocity', 'torque', 'winding'} & set(q)
-    }
-    lines = [f'format: {FORMAT}']
-    if is_bag:
-        lines.append('time: {stamp: header}   # or log')
-    else:
-        lines.append(_time(guesses))
+def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
+    """Return the YAML of a map that takes what the columns suggest, with the reason by each."""
+    found = candidates(listed)
+    by_drive: dict[str, dict[str, list[Candidate]]] = defaultdict(lambda: defaultdict(list))
+    for c in sorted(found, key=lambda c: (c.held, c.rank)):
+        if c.quantity in (*QUANTITIES, 'winding'):
+            by_drive[c.drive][c.quantity].append(c)
+    drives = {d: q for d, q in by_drive.items() if d and set(MECHANICAL) & set(q)}
+    shared = {q: own for d, qs in by_drive.items() if d not in drives for q, own in qs.items()}
+    if not drives and set(MECHANICAL) & set(shared):
+        drives, shared = {'': shared}, {}
+    lines = [f'format: {FORMAT}', 'time: {stamp: header}   # or log' if is_bag else _time(found)]
     lines.append('drives:')
-    shared = {q: gs for d, qs in by_drive.items() if d not in drives for q, gs in qs.items()}
-    bodies = {name or 'DRIVE': _drive_lines(q, shared) for name, q in drives.items()}
+    bodies = {name or 'DRIVE': _Drive(q, shared).lines() for name, q in drives.items()}
     for name, body in _folded(bodies).items():
         lines += [f"  '{name}':" if '*' in name else f'  {_quoted(name)}:', *body]
     if not drives:
         lines.append('  DRIVE: {}   # no column looks like a position, speed or torque: fill in')
-    lines += _supply_lines(guesses)
+    lines += _supply_lines(found)
     lines.append(f'card: {{robot: {robot}}}')
     return '\n'.join(lines) + '\n'
 
 
-def _guesses(column: LogColumn) -> list[Guess]:
-    name = _words(column.address)
-    for rank, (quantity, rule) in enumerate(_RULES):
-        if not re.search(rule, name):
-            continue
-        fits = quantities_of(column.unit) if column.unit else ()
-        plain = quantity.removeprefix('supply_')
-        if fits and quantity not in ('', 'winding') and plain not in fits:
-            continue
-        if not quantity:
-            return []
-        drive, pattern = _drive(column.address)
-        return [Guess(quantity, rank, pattern, drive, column)]
-    return []
+class _Drive:
+    """The lines of one drive: its own columns, and those that no drive owns."""
 
+    def __init__(
+        self, own: Mapping[str, list[Candidate]], shared: Mapping[str, list[Candidate]]
+    ) -> None:
+        measured = [c for c in own.get('torque', ()) if not c.held]
+        if not measured and 'torque' in own and 'torque' in shared:
+            own = {**own, 'torque': [*shared['torque'], *own['torque']]}
+        self._own, self._shared = own, shared
+        self._choice: Choice | None = choose(dict(own))
+        self._taken = self._take()
 
-def _words(address: str) -> str:
-    """An address in lower case, words apart by _, without units in brackets and numbers."""
-    name = re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', address) if '[' in address else address
-    name = name.rpartition(':')[2]
-    name = re.sub(r'([a-z])([A-Z])', r'\1_\2', name).lower()
-    name = re.sub(r'[^a-z]+', '_', name).strip('_')
-    return re.sub(r'^(motor_data|data|feedback)_', '', name)
-
-
-def _drive(address: str) -> tuple[str, str]:
-    """Return the drive in a column's name (a number, or a name in brackets), and the pattern."""
-    in_brackets = re.search(r'\[([^\[\]]+)\](?!.*\[[^\[\]]+\])', address)
-    if in_brackets and (':' in address):
-        key = in_brackets[1]
-        name = key if not key.isdigit() else f'DRIVE_{key}'
-        return name, address.replace(f'[{key}]', '[*]')
-    numbers = list(re.finditer(r'\d+', address))
-    if not numbers:
-        return '', address
-    last = numbers[-1]
-    return f'DRIVE_{last[0]}', f'{address[: last.start()]}*{address[last.end() :]}'
-
-
-def _drive_lines(
-    quantities: Mapping[str, Sequence[Guess]], shared: Mapping[str, Sequence[Guess]]
-) -> list[str]:
-    lines = []
-    for quantity in QUANTITIES:
-        found = sorted(quantities.get(quantity, ()), key=lambda g: g.rank)
-        note = ''
-        if quantity == 'torque' and not found and quantities.get('winding'):
-            found = sorted(quantities['winding'], key=lambda g: g.rank)
-            address = _quoted(found[0].column.address)
-            lines.append(
-                f'    torque: {{from: {address}, unit: A, at: motor}}'
-                '   # a current; with its constant: scale: N*m/A, from_unit: A'
+    def _take(self) -> dict[str, Candidate]:
+        taken = {q: own[0] for q, own in self._own.items() if own and q != 'winding'}
+        if winding := self._own.get('winding'):
+            taken['motor_current' if 'torque' in taken else 'torque'] = winding[0]
+        if (choice := self._choice) is not None:
+            taken |= {'torque': choice.torque, 'velocity': choice.velocity}
+            parts = choice.meter.parts
+            if len(parts) == 1 and (pair := metered_pair(parts[0], dict(self._own))) is not None:
+                parts = pair.parts
+            for quantity in ('power', 'current'):
+                taken.pop(quantity, None)
+            taken |= {part.quantity: part for part in parts}
+        for quantity in ('current', 'voltage', 'temperature'):
+            others = self._shared.get(quantity, [])
+            wanted = quantity == 'temperature' or (
+                'power' not in taken if quantity == 'current' else True
             )
-            continue
-        if quantity == 'power' and 'current' in quantities:
-            continue
-        missing = quantity == 'current' and 'power' not in quantities
-        missing |= quantity == 'voltage' and bool({'current', 'power'} & {*quantities, *shared})
-        if not found and missing and shared.get(quantity):
-            found = sorted(shared[quantity], key=lambda g: g.rank)
-            note = 'shared by all drives?'
-        if not found:
-            continue
-        best = found[0]
-        unit = best.column.unit or unit_of(best.column.address)
-        parts = [
-            f'from: {_quoted(best.column.address)}',
-            f'unit: {unit or _GUESSED_UNIT[quantity]}',
-        ]
+            if others and wanted and _better(others[0], taken.get(quantity), quantity):
+                taken[quantity] = others[0]
+        if 'current' in taken:
+            taken.pop('power', None)
+            volts = [*self._own.get('voltage', []), *self._shared.get('voltage', [])]
+            volts.sort(key=lambda c: c.rank)
+            if (own := companion(taken['current'], volts)) is not None:
+                taken['voltage'] = own
+        if not {'current', 'power'} & set(taken):
+            taken.pop('voltage', None)
+        if 'velocity' in taken and 'position' in taken and not _follows(taken):
+            taken.pop('position')
+        return taken
+
+    def lines(self) -> list[str]:
+        """Return one line a quantity."""
+        return [self._line(q, self._taken[q]) for q in QUANTITIES if q in self._taken]
+
+    def _line(self, quantity: str, taken: Candidate) -> str:
+        notes = [taken.why]
+        unit = taken.unit
+        if quantity == 'velocity' and not unit:
+            unit, why = self._speed_unit(taken)
+            notes.append(why)
+        elif quantity in ('position', 'command') and not unit:
+            turns = taken.listed.high <= _TURN and taken.listed.high > _RADIANS
+            unit = 'deg' if turns else 'rad'
+            notes.append('unit by its range' if turns else 'unit not stated: check')
+        elif not unit:
+            notes.append('unit not stated: check')
+        parts = [f'from: {_quoted(taken.address)}', f'unit: {unit or _GUESSED_UNIT[quantity]}']
         if quantity == 'torque':
-            parts.append('at: joint')
-            note = 'at: motor where it is computed from a current'
+            at, why = self._at(taken)
+            parts[1:] = [f'unit: {unit or "A"}'] if taken.quantity == 'winding' else parts[1:]
+            parts.append(f'at: {at}')
+            notes.append(why)
         if quantity in ('current', 'power'):
             parts.append('positive: drawn')
-        if not unit and not note:
-            note = 'unit not stated: check'
-        others = printable(', '.join(g.column.address for g in found[1:3]))
-        note = '; '.join(part for part in (note, f'or {others}' if others else '') if part)
-        lines.append(f'    {quantity}: {{{", ".join(parts)}}}' + (f'   # {note}' if note else ''))
-    return lines
+            if re.search(r'ibus', words(taken.address).replace('_', '')):
+                parts.append('computed: true')
+                notes.append('a controller computes it from the currents of its motor')
+        if taken in [c for own in self._shared.values() for c in own]:
+            notes.append('shared by all drives?')
+        others = [c for c in self._rivals(quantity, taken) if c != taken][:_OTHERS]
+        if others:
+            notes.append('or ' + printable(', '.join(c.address + c.doubt for c in others)))
+        return f'    {quantity}: {{{", ".join(parts)}}}   # {"; ".join(notes)}'
+
+    def _rivals(self, quantity: str, taken: Candidate) -> list[Candidate]:
+        own = [*self._own.get(taken.quantity, []), *self._shared.get(taken.quantity, [])]
+        if quantity == 'current':
+            own += self._own.get('power', [])
+        return own
+
+    def _speed_unit(self, taken: Candidate) -> tuple[str, str]:
+        name = words(taken.address)
+        if 'erpm' in name:
+            return 'rpm', 'electrical: give scale: 0.1047 / pole pairs instead'
+        if 'rpm' in name:
+            return 'rpm', 'unit by its name'
+        if self._choice is not None and self._choice.velocity == taken:
+            unit = self._choice.speed_unit
+            return unit, f'unit by physics: in {unit} {self._choice.why}'
+        return 'rad/s', 'unit not stated: check'
+
+    def _at(self, taken: Candidate) -> tuple[str, str]:
+        if taken.quantity == 'winding':
+            return 'motor', 'a current; with its constant: scale: N*m/A, from_unit: A'
+        if (made := made_of_current(taken, self._own.get('winding', []))) is not None:
+            return 'motor', f'it is {abs(made[1]):.4g} × {printable(made[0].address)}'
+        return 'joint', 'at: motor where it is computed from a current'
+
+
+def _better(other: Candidate, own: Candidate | None, quantity: str) -> bool:
+    return own is None or (quantity == 'temperature' and other.rank < own.rank)
+
+
+def _follows(taken: Mapping[str, Candidate]) -> bool:
+    """Whether a position that states no unit moves as the velocity says, in some unit."""
+    position, velocity = taken['position'], taken['velocity']
+    if position.unit or len(position.values) != len(velocity.values):
+        return True
+    steps, middle = np.diff(position.values), velocity.values[1:]
+    good = np.isfinite(steps) & np.isfinite(middle)
+    if good.sum() < 20 or not np.var(steps[good]) > 0 or not np.var(middle[good]) > 0:
+        return True
+    return bool(abs(np.corrcoef(steps[good], middle[good])[0, 1]) > 0.5)
 
 
 def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:
@@ -195,26 +198,67 @@ def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:
     return {'DRIVE_*': next(iter(stars.values()))} if same else dict(bodies)
 
 
-def _supply_lines(guesses: Sequence[Guess]) -> list[str]:
+def _supply_lines(found: Sequence[Candidate]) -> list[str]:
     parts: list[str] = []
     for quantity in ('voltage', 'current', 'power'):
-        found = [g for g in guesses if g.quantity == f'supply_{quantity}']
-        if found and not (quantity == 'power' and len(parts) == 2):
-            best = min(found, key=lambda g: g.rank)
-            unit = best.column.unit or _GUESSED_UNIT[quantity]
-            parts.append(f'{quantity}: {{from: {_quoted(best.column.address)}, unit: {unit}}}')
+        own = [c for c in found if c.quantity == f'supply_{quantity}']
+        if own and not (quantity == 'power' and len(parts) == 2):
+            best = min(own, key=lambda c: c.rank)
+            unit = best.unit or _GUESSED_UNIT[quantity]
+            parts.append(f'{quantity}: {{from: {_quoted(best.address)}, unit: {unit}}}')
     return [f'supply: {{{", ".join(parts)}}}'] if len(parts) > 1 else []
 
 
-def _time(guesses: Sequence[Guess]) -> str:
-    found = [g for g in guesses if g.quantity == 'time']
-    if not found:
-        return 'time: {rate: 100}   # Hz; no column looks like a time: name one (column, unit)'
-    column = min(found, key=lambda g: len(g.column.address)).column
-    unit = column.unit or unit_of(column.address) or 's'
-    others = [g.column.address for g in found if g.column != column][:2]
-    note = f'   # or {printable(", ".join(others))}' if others else ''
-    return f'time: {{column: {_quoted(column.address)}, unit: {unit}}}{note}'
+def _time(found: Sequence[Candidate]) -> str:
+    times = [c for c in found if c.quantity == 'time' and _ascends(c)]
+    parts = {words(c.address).replace('_', ''): c for c in found if c.quantity == 'time'}
+    whole = next((c for n, c in parts.items() if n in ('sec', 'secs', 'seconds', 's')), None)
+    rest = next((c for n, c in parts.items() if n in ('nsec', 'nsecs', 'nanosec', 'ns')), None)
+    if whole is not None and rest is not None:
+        columns = (f'{{from: {_quoted(whole.address)}, unit: s}}',)
+        columns += (f'{{from: {_quoted(rest.address)}, unit: ns}}',)
+        return f'time: {{columns: [{", ".join(columns)}]}}   # seconds and nanoseconds, by name'
+    if not times:
+        return (
+            'time: {steady: true}   # no column looks like a time: each row an operating point; '
+            'of a log at a fixed rate: {rate: 100}'
+        )
+    best = min(times, key=lambda c: (-round(c.listed.changes, 1), len(c.address)))
+    unit, why = (best.unit, '') if best.unit else _time_unit(best)
+    seconds = float(np.nanmax(best.values) - np.nanmin(best.values)) * _TIMES.get(unit, 1.0)
+    rows = np.isfinite(best.values).sum()
+    if best.listed.changes < 0.5 and seconds > 0 and best.listed.changes * rows < seconds * 25:
+        return (
+            f'time: {{rate: {rows / seconds:.4g}}}   # rows over time: {best.address} changes in '
+            f'{best.listed.changes:.0%} of the rows only'
+        )
+    others = [c.address for c in times if c != best][:_OTHERS]
+    notes = [
+        text for text in (why, f'or {printable(", ".join(others))}' if others else '') if text
+    ]
+    note = f'   # {"; ".join(notes)}' if notes else ''
+    return f'time: {{column: {_quoted(best.address)}, unit: {unit}}}{note}'
+
+
+def _ascends(candidate: Candidate) -> bool:
+    """Whether a column goes on as a time does; dates and what no row tells of count."""
+    values = candidate.values[np.isfinite(candidate.values)]
+    return len(values) < 2 or bool((np.diff(values) >= 0).mean() > 0.9)
+
+
+def _time_unit(candidate: Candidate) -> tuple[str, str]:
+    """The unit in a name, or the one that makes a likely rate."""
+    named = [part for part in words(candidate.address).split('_') if part in _TIMES]
+    if named:
+        return named[0], f'{named[0]} by its name'
+    steps = np.diff(candidate.values)
+    steps = steps[steps > 0]
+    if not len(steps):
+        return 's', ''
+    for unit, factor in _TIMES.items():
+        if _RATES[0] <= (rate := 1 / (float(np.median(steps)) * factor)) <= _RATES[1]:
+            return unit, f'{unit} makes {rate:.3g} rows a second'
+    return 's', 'unit not stated: check'
 
 
 def _quoted(text: str) -> str:

@@ -1,19 +1,22 @@
 """Columns of a log with their units, ranges, rates and changes, as `import --list` shows them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
+from power_recordings.importing.channel_group import LARGEST
 from power_recordings.importing.sources.source import LogColumn, LogSource
 
 _ROWS = 50_000  # of each stream that are looked at
 _CELLS = 25_000_000
+_KEPT = 20_000  # rows that guesses are judged by
 
 
 @dataclass(frozen=True)
 class Listed:
-    """A column with what its first rows show; NaN where it holds no numbers."""
+    """A column with what its first rows show; NaN where none holds a number."""
 
     column: LogColumn
     rows: int
@@ -21,6 +24,7 @@ class Listed:
     high: float
     changes: float  # share of rows whose value differs from the row before
     rate: float  # rows a second, for bags
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # first rows
 
 
 def list_columns(source: LogSource) -> list[Listed]:
@@ -65,7 +69,9 @@ def _listed(column: LogColumn, values: np.ndarray, rate: float) -> Listed:
     if values.dtype.kind == 'O':
         changes = float(np.mean(values[1:] != values[:-1])) if count > 1 else 0.0
         return Listed(column, count, np.nan, np.nan, changes, rate)
+    values = np.where(np.abs(values) < LARGEST, values, np.nan)
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
-    changes = float(np.mean(np.diff(values) != 0)) if count > 1 and len(finite) else 0.0
-    return Listed(column, count, low, high, changes, rate)
+    steps = np.diff(finite)
+    changes = float(np.mean(steps != 0)) if len(steps) else 0.0
+    return Listed(column, count, low, high, changes, rate, values[:_KEPT])

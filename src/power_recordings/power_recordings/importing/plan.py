@@ -166,7 +166,11 @@ def make_plan(
         {**at, **dict.fromkeys(current, 'motor')},
         current,
         {name: drive.gear_ratio for name, drive in drives.items() if drive.gear_ratio is not None},
-        tuple(name for name, d in drives.items() if d.power is not None and d.power.computed),
+        tuple(
+            name
+            for name, d in drives.items()
+            if any(s is not None and s.computed for s in (d.power, d.current))
+        ),
         tuple(time),
         mapping.stamp,
     )

@@ -7,10 +7,16 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from power_recordings.alignment.positions import stands_still
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
 from power_recordings.quality import physics
 from power_recordings.quality.clocks import clock_findings, loss_findings
-from power_recordings.quality.findings import Finding, power_finding, velocity_finding
+from power_recordings.quality.findings import (
+    Finding,
+    computed_findings,
+    power_finding,
+    velocity_finding,
+)
 from power_recordings.quality.streams import (
     LEAST_UPDATES,
     SampleLoss,
@@ -29,6 +35,8 @@ _FROZEN = 1.0  # s
 _MOST = {'voltage': 1000.0, 'current': 1000.0}
 _SLOPE = (0.8, 1.25)
 _LEAST_CORRELATION = 0.7
+_STILL = 0.2  # rad from where a drive stands
+_PLAIN_CORRELATION = 0.97
 _GENERATES = 0.5  # of the power that flows out, by the joints: then nothing is wrong with its sign
 _LEAST_DRAWN = 0.1  # of the power, by the torque
 
@@ -119,6 +127,7 @@ def check_recording(recording: Recording) -> Quality:
             *clock_findings(recording, topics),
             *loss_findings(lost, counts),
             *checker.findings,
+            *computed_findings(recording.card),
         ),
         line,
         robot,
@@ -269,8 +278,12 @@ class _Checker:
     ) -> float:
         if not len(time) or name in self._recording.card.derived_velocity:
             return np.nan
+        if stands_still(position) and np.nanmax(np.abs(position), initial=0.0) > 0.0:
+            within = np.abs(position - np.nanmedian(position)) < _STILL
+            position = np.where(within, position, np.nan)  # but for how it came there
         found = physics.velocity_slope(time, position, velocity)
-        if found is None or abs(found.correlation) < _LEAST_CORRELATION:
+        least = _PLAIN_CORRELATION if stands_still(position) else _LEAST_CORRELATION
+        if found is None or abs(found.correlation) < least:
             return np.nan
         if not _SLOPE[0] < found.slope < _SLOPE[1]:
             self.findings.append(velocity_finding(name, found.slope))

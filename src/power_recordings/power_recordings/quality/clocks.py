@@ -27,7 +27,8 @@ def clock_findings(recording: Recording, topics: Mapping[str, Timing]) -> list[F
     for name in ('joint_states', 'drive_supply'):
         if (timing := topics.get(name)) is None or not timing.rate > 0:
             continue
-        covered = timing.samples / timing.rate + timing.gap_seconds
+        stamps = getattr(recording, name)().stamp_ns
+        covered = float(stamps[-1] - stamps[0]) / 1e9
         if covered < _COVERED * recording.duration:
             text = f'{name} covers {covered:.3g} s of {recording.duration:.3g} s: begun late?'
             found.append(Finding('coverage', 'warning', '', text))

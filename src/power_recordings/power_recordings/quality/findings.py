@@ -6,6 +6,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from power_recordings.card import Card
 from power_recordings.quality.physics import ShaftBalance
 
 
@@ -76,7 +77,7 @@ def velocity_finding(drive: str, slope: float) -> Finding:
     elif meaning:
         text += f': {meaning}'
     else:
-        mend = f'velocity: {{scale: {1 / slope:.4g}}}'
+        text += ': a gear between the two? Then gear_ratio, and at: motor for what is at the motor'
     return Finding('velocity_units', 'error', drive, text, mend)
 
 
@@ -113,6 +114,22 @@ def power_finding(drive: str, balance: ShaftBalance) -> Finding | None:
         'voltage and current.'
     )
     return Finding('power_units', 'error', drive, text)
+
+
+def computed_findings(card: Card) -> list[Finding]:
+    """Return a finding for each drive whose power is a formula and no meter's reading."""
+    return [
+        Finding(
+            'computed_power',
+            'warning',
+            drive,
+            'power computed by the firmware'
+            + (f', {formula}' if (formula := card.formula(drive)) else '')
+            + ': its losses are not in it',
+        )
+        for drive, kind in card.power.items()
+        if kind == 'computed'
+    ]
 
 
 def _meaning(slope: float, known: Mapping[float, tuple[str, str]]) -> tuple[str, str]:

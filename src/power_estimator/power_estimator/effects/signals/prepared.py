@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.alignment.positions import stands_still
 from wattwalk_core.errors import InputError
 
 from power_estimator.effects import Signals
@@ -29,7 +30,6 @@ _LAG_LIMIT = 0.02  # s
 _UNRESOLVED, _MOST_UNRESOLVED = 4.0, 1 / 7
 _MOVING = 0.05  # rad/s
 _MOST_TRAVEL = 4 * np.pi  # rad, of a joint
-_STALLED = 0.1  # rad, of travel: its encoder's noise is no rate
 _RELATED = 0.8  # correlation of velocity and the rate of position, where one is the other's
 
 
@@ -297,9 +297,10 @@ def velocity_lag(data: AlignedDataset) -> Floats:
             continue
         (slope, lag), *_ = np.linalg.lstsq(columns, rate[:, drive], rcond=None)
         related = abs(np.corrcoef(velocity[:, drive], rate[:, drive])[0, 1]) > _RELATED
-        if not related and np.ptp(data.position[:, drive]) < _STALLED:
+        plausible = 0.7 < slope < 1.4
+        if not (related and plausible) and stands_still(data.position[:, drive]):
             continue
-        if not 0.7 < slope < 1.4:
+        if not plausible:
             raise InputError(
                 f'{name}: the rate of position is {slope:.3g} times the velocity; '
                 'are both in radians?'

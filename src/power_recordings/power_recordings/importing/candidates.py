@@ -1,0 +1,203 @@
+"""Columns of a log as candidates for the quantities of its drives, by name and unit."""
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from power_recordings.importing.listing import Listed
+from power_recordings.importing.sources.heads import unit_of
+from power_recordings.importing.units import quantities_of
+from power_recordings.importing.words import words
+
+Floats = NDArray[np.float64]
+
+MECHANICAL: Final = ('position', 'velocity', 'torque', 'winding')
+_WANTED = r'(cmd|command|target|set_?point|desired|demand|soll|(^|_)(ref|des|set|goal|so|sp)(_|$))'
+_ROBOT = r'(robot|main|system|battery|batt|total|pack|(^|_)power_[va](_|$))'
+# The first expression that fits decides; among columns of one quantity, the earlier is better.
+_RULES: Final = (
+    (
+        'time',
+        r'^(t|ms_\w+|\w*time(_?stamp)?|stamp|seconds|secs?|elapsed\w*)(_?(s|ms|us|ns|sec))?$',
+    ),
+    (
+        '',
+        r'(scaling|fraction|limit|mode|error|fault|status|bits?(_|$)|register|sample|tool|tcp|force|accelerometer|imu|gnss|inertia|computed|momentum|foc_|receive_time|accuracy|effic|(^|_)eta(_|$)|differ|hours|level|tacho|(^|_)d_?(axis)?_?curr|(^|_)i?d(_axis)?_?(current|volt)|(^|_)q_(axis_)?volt|meters_per|(^|_)(max|min)(_|$)|mech\w*_(power|watt))',
+    ),
+    ('command', rf'{_WANTED}.*(pos|angle|(^|_)q(_|$))|(pos|angle|(^|_)q(_|$)).*{_WANTED}'),
+    ('', rf'{_WANTED}'),
+    ('supply_voltage', r'robot.*volt'),
+    ('supply_voltage', rf'{_ROBOT}.*(volt|_v(_|$))'),
+    ('supply_current', rf'{_ROBOT}.*(curr|(^|_)amps?(_|$)|_a(_|$))'),
+    ('supply_power', rf'{_ROBOT}.*(power|watt)'),
+    ('temperature', r'^t_\w*(winding|motor)(?!.*_(in|out)$)'),
+    (
+        'temperature',
+        r'(winding|motor).*temp(?!.*(fet|mos|_in$|_out$))|(?<!fet_)temp.*(winding|motor)',
+    ),
+    ('temperature', r'temp'),
+    ('voltage', r'(bus|dc|input|supply|board|vbus|(^|_)ina).*(volt|_v(_|$))|vbus|v_bus'),
+    ('current', r'(^|_)ina.*curr|(bus|dc|input|supply|ibus).*(curr|(^|_)amps?(_|$))|ibus|i_bus'),
+    ('current', r'current_in(_|$)'),
+    ('power', r'(power|watt).*(el|dc|in)|(el|dc|in)\w*_(power|watt)'),
+    ('torque', r'(load_?cell|sensor|transducer).*torque|torque.*(load_?cell|sensor|transducer)'),
+    ('torque', r'(torque|trq|(^|_)tau|effort|moment)'),
+    (
+        'winding',
+        r'(q_?(axis_)?current|(^|_)q_axis(_|$)|(^|_)iq|i_?q(_|$)|winding_current|phase_current)',
+    ),
+    ('winding', r'motor_?current|current_?motor(_|$)'),
+    ('winding', r'(actual|joint|measured).*current'),
+    ('voltage', r'volt|(^|_)v(_|$)'),
+    ('current', r'curr|(^|_)amps?(_|$)|(^|_)i(_|$)'),
+    ('power', r'power|watt'),
+    ('velocity', r'(vel|speed|omega|rpm|(^|_)(qd|dq)(_|$)|(^|_)w(_|$))'),
+    ('position', r'(pos|angle|theta|(^|_)q(_|$))'),
+)
+_BY_UNIT: Final = len(_RULES)  # rank of columns that only their unit speaks for
+_OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current')
+_BRACKETS = re.compile(r'[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
+_FEW, _MANY = 0.2, 0.6  # share of rows in which a command changes, and a measurement
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A column that may be a quantity of a drive ('' where its name has none)."""
+
+    quantity: str
+    rank: int  # of the rule that says so; the lower, the better
+    drive: str
+    listed: Listed
+    held: bool = False  # over many rows, as a command is
+
+    @property
+    def address(self) -> str:
+        """The column's address."""
+        return self.listed.column.address
+
+    @property
+    def unit(self) -> str:
+        """The unit that the log states, '' if none."""
+        return self.listed.column.unit or unit_of(self.address)
+
+    @property
+    def values(self) -> Floats:
+        """The first rows."""
+        return self.listed.values
+
+    @property
+    def why(self) -> str:
+        """What speaks for it."""
+        return ('by its unit' if self.rank >= _BY_UNIT else 'by its name') + self.doubt
+
+    @property
+    def doubt(self) -> str:
+        """What speaks against it, in brackets."""
+        changes = f'{self.listed.changes:.0%}'
+        return f' (changes in {changes} of the rows: a command?)' if self.held else ''
+
+
+def candidates(listed: Sequence[Listed]) -> list[Candidate]:
+    """Return the columns that change and may be a quantity, with the drive that each is of."""
+    found = [c for item in listed if (c := _candidate(item)) is not None]
+    found = [_held(c, found) for c in found]
+    return _by_word(_by_number(found))
+
+
+def _candidate(item: Listed) -> Candidate | None:
+    column = item.column
+    if not (item.changes > 0 or item.rows < 2) or item.low == item.high:
+        return None
+    name = words(column.address)
+    unit = column.unit or unit_of(column.address)
+    bracket = _BRACKETS.search(column.address)
+    fits = quantities_of(unit) if unit else ()
+    foreign = bool(
+        bracket
+        and not fits
+        and ':' not in column.address
+        and bracket[1]
+        and not bracket[1].isdigit()
+    )
+    for rank, (quantity, rule) in enumerate(_RULES):
+        if not re.search(rule, name):
+            continue
+        plain = {'winding': 'current'}.get(quantity, quantity.removeprefix('supply_'))
+        if foreign or (fits and quantity and plain not in fits):
+            continue
+        return Candidate(quantity, rank, '', item) if quantity else None
+    own = next((q for q in _OF_UNIT if q in fits), '')
+    return Candidate(own, _BY_UNIT, '', item) if own else None
+
+
+def _held(candidate: Candidate, others: Sequence[Candidate]) -> Candidate:
+    """Put a torque that is held over many rows behind others: a command."""
+    busy = any(other.quantity == 'torque' and other.listed.changes > _MANY for other in others)
+    if candidate.quantity != 'torque' or not busy or candidate.listed.changes > _FEW:
+        return candidate
+    return replace(candidate, held=True)
+
+
+def drive_key(address: str) -> str:
+    """Return what tells drives apart in a name: a number, or a name in brackets; '' if nothing."""
+    in_brackets = re.search(r'\[([^\[\]]+)\](?!.*\[[^\[\]]+\])', address)
+    if in_brackets and ':' in address:
+        return in_brackets[1]
+    plain = re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', address)
+    numbers = re.findall(r'\d+', plain)
+    return numbers[-1] if numbers else ''
+
+
+def _by_number(found: Sequence[Candidate]) -> list[Candidate]:
+    """Name drives by numbers that motion and another quantity, or a row of columns, share."""
+    kinds: dict[str, set[str]] = defaultdict(set)
+    alike: dict[tuple[str, str], set[str]] = defaultdict(set)
+    for c in found:
+        if key := drive_key(c.address):
+            kinds[key].add(c.quantity)
+            alike[c.quantity, c.address.replace(key, '*')].add(key)
+    rows = {
+        key
+        for (quantity, _), keys in alike.items()
+        if quantity in MECHANICAL
+        for key in keys
+        if len(keys) > 1
+    }
+    drives = {
+        key
+        for key, own in kinds.items()
+        if (len(own) > 1 or key in rows) and own & set(MECHANICAL)
+    }
+    if len(drives) < 2 and all(key.isdigit() for key in drives):
+        return list(found)
+    return [
+        replace(c, drive=f'DRIVE_{key}' if key.isdigit() else key) if key in drives else c
+        for c in found
+        for key in (drive_key(c.address),)
+    ]
+
+
+def _by_word(found: Sequence[Candidate]) -> list[Candidate]:
+    """Name drives by first words that several columns of motion and of power share."""
+    if any(c.drive for c in found):
+        return list(found)
+    kinds: dict[str, set[str]] = defaultdict(set)
+    for c in found:
+        kinds[words(c.address).split('_')[0]].add(c.quantity)
+    drives = {
+        word
+        for word, own in kinds.items()
+        if {'velocity', 'position'} & own and {'current', 'power'} & own and len(own) > 2
+    }
+    if len(drives) < 2:
+        return list(found)
+    return [
+        replace(c, drive=word.upper()) if word in drives else c
+        for c in found
+        for word in (words(c.address).split('_')[0],)
+    ]

@@ -1,0 +1,45 @@
+"""Words in the name of a column, and what they say of it."""
+
+import re
+from typing import Final, Literal
+
+Kind = Literal['current', 'voltage', 'duty', 'energy', '']
+Axis = Literal['q', 'd', '']
+
+_KINDS: Final[tuple[tuple[Kind, str], ...]] = (
+    ('energy', r'watt_hours|(^|_)(k?wh|energy|joules?)(_|$)'),
+    ('', r'amp_hours|(^|_)ah(_|$)'),
+    ('duty', r'duty|modulation'),
+    ('voltage', r'volt|(^|_)[vu][qd]?(_|$)'),
+    ('current', r'curr|(^|_)amps?(_|$)|(^|_)i([qd]|bus)?(_|$)'),
+)
+_AXIS: Final = re.compile(r'(^|_)[iuv]?([qd])(_|$)')
+
+
+def words(address: str) -> str:
+    """Return an address in lower case, words apart by _, without units in brackets and numbers."""
+    name = re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', address) if address[:1] not in '[(' else address
+    name = name.rpartition(':')[2]
+    name = re.sub(r'([a-z])([A-Z])', r'\1_\2', name).lower()
+    name = re.sub(r'[^a-z]+', '_', name).strip('_')
+    return re.sub(r'^(motor_data|data|feedback)_', '', name)
+
+
+def kind_of(address: str, unit: str = '') -> Kind:
+    """Return whether a column is a current, a voltage, a duty cycle or an energy counter."""
+    name = words(address)
+    found = next((kind for kind, rule in _KINDS if re.search(rule, name)), '')
+    if found or re.search(r'amp_hours|(^|_)ah(_|$)', name):
+        return found  # type: ignore[return-value]
+    return {'A': 'current', 'mA': 'current', 'V': 'voltage', 'mV': 'voltage'}.get(unit, '')  # type: ignore[return-value]
+
+
+def is_motor_current(address: str) -> bool:
+    """Return whether a current is that of a motor by its name, and not that of its supply."""
+    return axis_of(address) == 'q' or bool(re.search(r'motor|winding|phase', words(address)))
+
+
+def axis_of(address: str) -> Axis:
+    """Return the axis, q or d, that a column's name has."""
+    found = _AXIS.search(words(address))
+    return found[2] if found else ''  # type: ignore[return-value]
