@@ -185,7 +185,7 @@ class _Collector:
             if stands_still(position) or is_rate(seconds, position, parts[1][:, worst]):
                 continue
             raise InputError(
-                f'{path}: position of {self._names[worst]}'
+                f'{path}: joint_states.position of {self._names[worst]}'
                 f'{self._column(self._names[worst], "position")} reaches '
                 f'{np.nanmax(np.abs(parts[0][:, worst])):.4g}, mostly beyond 4π: '
                 'degrees? expected rad (a drive that turns on is taken where its velocity is the '

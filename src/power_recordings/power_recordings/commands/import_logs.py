@@ -105,11 +105,11 @@ def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.N
     if errors - {'slow_power'}:
         print('next: mend the map as said above, and import again with --overwrite')
         return
-    if not {'drive_supply', 'supply'} & set(recording.topics):
+    if not recording.has('drive_supply') and not recording.has('supply'):
         print('next: nothing in it was metered: a model of power cannot be fitted to it')
         return
     try:
-        align(recording, rate=50.0, need_power='drive_supply' in recording.topics)
+        align(recording, rate=50.0, need_power=recording.has('drive_supply'))
     except InputError as error:
         print(f'next: mend what keeps it from being judged: {printable(str(error))}')
         return

@@ -27,7 +27,7 @@ _RULES: Final = (
     ),
     (
         '',
-        r'(scaling|fraction|limit|mode|error|fault|status|bits?(_|$)|register|sample|tool|tcp|force|accelerometer|imu|gnss|inertia|computed|momentum|foc_|receive_time|accuracy|effic|(^|_)eta(_|$)|differ|hours|level|tacho|(^|_)d_?(axis)?_?curr|(^|_)i?d(_axis)?_?(current|volt)|(^|_)q_(axis_)?volt|meters_per|(^|_)(max|min)(_|$)|mech\w*_(power|watt))',
+        r'(scaling|fraction|limit|mode|error|fault|status|bits?(_|$)|register|sample|tool|tcp|force|accelerometer|imu|gnss|inertia|computed|momentum|foc_|receive_time|accuracy|effic|(^|_)eta(_|$)|differ|hours|level|tacho|(^|_)d_?(axis)?_?curr|(^|_)i?d(_axis)?_?(current|volt)|(^|_)q_(axis_)?volt|meters_per|(^|_)(max|min)(_|$)|mech\w*_(power|watt)|power\w*_mech)',
     ),
     ('command', rf'{_WANTED}.*(pos|angle|(^|_)q(_|$))|(pos|angle|(^|_)q(_|$)).*{_WANTED}'),
     ('', rf'{_WANTED}'),

@@ -113,8 +113,8 @@ def metered_pair(power: Candidate, found: dict[str, list[Candidate]]) -> Meter |
 
 def _likeness(a: str, b: str) -> float:
     """How alike two names are, units in brackets apart; 1 of equal ones."""
-    plain = (re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', name) for name in (a, b))
-    return round(difflib.SequenceMatcher(None, *plain, autojunk=False).ratio(), 2)
+    plain = [re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', name) for name in (a, b)]
+    return round(difflib.SequenceMatcher(None, plain[0], plain[1], autojunk=False).ratio(), 2)
 
 
 def _fit(power: Floats, torque: Floats, speed: Floats) -> tuple[float, float] | None:

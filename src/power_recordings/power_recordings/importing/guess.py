@@ -37,6 +37,7 @@ _RADIANS: Final = 4 * np.pi
 _LEAST_RATE: Final = 25.0  # Hz
 _TIMES: Final = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 _RATES: Final = (5.0, 2e4)  # Hz
+_ODRIVE: Final = 'fet_temp is of an ODrive, which counts turns: check'
 _OTHERS: Final = 2  # candidates that are named beside the one that was taken
 
 
@@ -53,7 +54,8 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
         drives, shared = {'': shared}, {}
     lines = [f'format: {FORMAT}', 'time: {stamp: header}   # or log' if is_bag else _time(found)]
     lines.append('drives:')
-    bodies = {name or 'DRIVE': _Drive(q, shared).lines() for name, q in drives.items()}
+    in_turns = any('fet_temp' in words(c.address) for c in found)
+    bodies = {n or 'DRIVE': _Drive(q, shared, in_turns).lines() for n, q in drives.items()}
     for name, body in _folded(bodies).items():
         lines += [f"  '{name}':" if '*' in name else f'  {_quoted(name)}:', *body]
     if not drives:
@@ -67,8 +69,12 @@ class _Drive:
     """The lines of one drive: its own columns, and those that no drive owns."""
 
     def __init__(
-        self, own: Mapping[str, list[Candidate]], shared: Mapping[str, list[Candidate]]
+        self,
+        own: Mapping[str, list[Candidate]],
+        shared: Mapping[str, list[Candidate]],
+        in_turns: bool,
     ) -> None:
+        self._in_turns = in_turns
         measured = [c for c in own.get('torque', ()) if not c.held]
         if not measured and 'torque' in own and 'torque' in shared:
             own = {**own, 'torque': [*shared['torque'], *own['torque']]}
@@ -118,9 +124,8 @@ class _Drive:
             unit, why = self._speed_unit(taken)
             notes.append(why)
         elif quantity in ('position', 'command') and not unit:
-            turns = taken.listed.high <= _TURN and taken.listed.high > _RADIANS
-            unit = 'deg' if turns else 'rad'
-            notes.append('unit by its range' if turns else 'unit not stated: check')
+            unit, why = self._angle_unit(taken)
+            notes.append(why)
         elif not unit:
             notes.append('unit not stated: check')
         parts = [f'from: {_quoted(taken.address)}', f'unit: {unit or _GUESSED_UNIT[quantity]}']
@@ -156,7 +161,15 @@ class _Drive:
         if self._choice is not None and self._choice.velocity == taken:
             unit = self._choice.speed_unit
             return unit, f'unit by physics: in {unit} {self._choice.why}'
-        return 'rad/s', 'unit not stated: check'
+        return ('rev/s', _ODRIVE) if self._in_turns else ('rad/s', 'unit not stated: check')
+
+    def _angle_unit(self, taken: Candidate) -> tuple[str, str]:
+        if _RADIANS < taken.listed.high <= _TURN:
+            return 'deg', 'unit by its range'
+        velocity = self._taken.get('velocity')
+        if self._choice is not None and velocity is not None and not velocity.unit:
+            return self._choice.speed_unit.removesuffix('/s').replace('rpm', 'rev'), 'as the speed'
+        return ('rev', _ODRIVE) if self._in_turns else ('rad', 'unit not stated: check')
 
     def _at(self, taken: Candidate) -> tuple[str, str]:
         if taken.quantity == 'winding':
@@ -215,15 +228,17 @@ def _time(found: Sequence[Candidate]) -> str:
     whole = next((c for n, c in parts.items() if n in ('sec', 'secs', 'seconds', 's')), None)
     rest = next((c for n, c in parts.items() if n in ('nsec', 'nsecs', 'nanosec', 'ns')), None)
     if whole is not None and rest is not None:
-        columns = (f'{{from: {_quoted(whole.address)}, unit: s}}',)
-        columns += (f'{{from: {_quoted(rest.address)}, unit: ns}}',)
-        return f'time: {{columns: [{", ".join(columns)}]}}   # seconds and nanoseconds, by name'
+        columns = (
+            f'{{from: {_quoted(whole.address)}, unit: s}}, '
+            f'{{from: {_quoted(rest.address)}, unit: ns}}'
+        )
+        return f'time: {{columns: [{columns}]}}   # seconds and nanoseconds, by name'
     if not times:
         return (
             'time: {steady: true}   # no column looks like a time: each row an operating point; '
             'of a log at a fixed rate: {rate: 100}'
         )
-    best = min(times, key=lambda c: (-round(c.listed.changes, 1), len(c.address)))
+    best = min(times, key=lambda c: (_counts(c), -round(c.listed.changes, 1), len(c.address)))
     unit, why = (best.unit, '') if best.unit else _time_unit(best)
     seconds = float(np.nanmax(best.values) - np.nanmin(best.values)) * _TIMES.get(unit, 1.0)
     rows = np.isfinite(best.values).sum()
@@ -244,6 +259,11 @@ def _ascends(candidate: Candidate) -> bool:
     """Whether a column goes on as a time does; dates and what no row tells of count."""
     values = candidate.values[np.isfinite(candidate.values)]
     return len(values) < 2 or bool((np.diff(values) >= 0).mean() > 0.9)
+
+
+def _counts(candidate: Candidate) -> bool:
+    """Whether a column numbers the rows."""
+    return bool(len(candidate.values) > 1 and (np.diff(candidate.values) == 1.0).all())
 
 
 def _time_unit(candidate: Candidate) -> tuple[str, str]:

@@ -1,0 +1,169 @@
+"""Guessed maps: names, units, and the power that columns make with each other."""
+
+import numpy as np
+import pytest
+from power_recordings.commands.import_logs import main
+from power_recordings.importing.formula import check_energy, recognise
+from power_recordings.reading.reader import Recording
+from real_logs import REAL
+from table_log import csv
+
+T = np.arange(1200) / 100.0
+SPEED = 30 + 20 * np.sin(0.7 * T)  # rpm
+TORQUE = 3 + 2 * np.cos(1.3 * T)
+SHAFT = TORQUE * SPEED * 2 * np.pi / 60
+NOISE = 0.02 * np.random.default_rng(0).normal(size=T.shape)
+
+
+def guessed(folder, capsys, columns):
+    log = csv(folder / 'log.csv', np.stack(list(columns.values()), axis=1), ','.join(columns))
+    capsys.readouterr()
+    assert main([str(log), '--list']) == 0
+    text = capsys.readouterr().out
+    (folder / 'map.yaml').write_text(text)
+    assert main([str(log), '--map', str(folder / 'map.yaml'), '-o', str(folder / 'bag')]) == 0
+    lines = [line.strip() for line in text.splitlines() if not line.startswith('#')]
+    return Recording.open(folder / 'bag'), {line.partition(':')[0]: line for line in lines}
+
+
+def test_a_speed_without_unit_is_in_rpm_where_physics_says_so(tmp_path, capsys):
+    amps = (1.2 * SHAFT + 0.1 * TORQUE**2 + 1 + NOISE) / 48
+    columns = {'time_s': T, 'speed': SPEED, 'torque_nm': TORQUE, 'bus_voltage': 48 + NOISE}
+    recording, lines = guessed(tmp_path, capsys, {**columns, 'bus_current': amps})
+    assert 'unit: rpm' in lines['velocity']
+    assert 'unit by physics' in lines['velocity']
+    np.testing.assert_allclose(
+        recording.joint_states().velocity[:, 0], SPEED * 2 * np.pi / 60, rtol=1e-4
+    )
+
+
+def test_a_current_of_the_motor_is_not_that_of_the_supply(tmp_path, capsys):
+    amps = (1.2 * SHAFT + 1 + NOISE) / 48
+    columns = {'ms_today': 6.2e7 + 1e3 * T, 'input_voltage': 48 + NOISE, 'current_motor': TORQUE}
+    recording, lines = guessed(tmp_path, capsys, {**columns, 'current_in': amps, 'rpm': SPEED})
+    assert 'column: ms_today, unit: ms' in lines['time']
+    assert 'from: current_in' in lines['current']
+    assert 'from: current_motor, unit: A, at: motor' in lines['torque']
+    assert recording.duration == pytest.approx(11.99, abs=0.02)
+
+
+def test_a_table_without_times_holds_operating_points_and_no_share_is_a_torque(tmp_path, capsys):
+    rng = np.random.default_rng(3)
+    speed, torque = rng.uniform(500, 6000, 200), rng.uniform(5, 100, 200)
+    watts = torque * speed * 2 * np.pi / 60
+    columns = {
+        'Torque Accuracy (%)': rng.uniform(0, 4, 200),
+        'N [1/min]': speed,
+        'Torque [Nm]': torque,
+        'U_DC [V]': 335 + rng.normal(size=200),
+        'I_DC [A]': (1.1 * watts + 400) / 335,
+    }
+    recording, lines = guessed(tmp_path, capsys, columns)
+    assert lines['time'].startswith('time: {steady: true}')
+    assert "'Torque [Nm]'" in lines['torque']
+    assert recording.card.steady
+
+
+def test_the_meters_voltage_and_the_motors_temperature_are_preferred(tmp_path, capsys):
+    columns = {'time [s]': T}
+    for number in '12':
+        columns |= {
+            f'a{number} velocity [rad/s]': SPEED,
+            f'a{number} torque [Nm]': 0.11 * TORQUE,
+            f'a{number} q-axis [A]': TORQUE,
+            f'c{number} voltage [V]': np.round(36 + NOISE * 20),
+            f'c{number} temp [C]': np.round(30 + T / 3),
+            f'ina{number} voltage [V]': 36 + NOISE,
+            f'ina{number} current [A]': 1 + TORQUE,
+        }
+    columns |= {'trs605-5 torque [Nm]': TORQUE + NOISE, 'motor temp [C]': 30 + T / 3 + NOISE}
+    recording, lines = guessed(tmp_path, capsys, columns)
+    assert recording.joint_states().names == ('DRIVE_1', 'DRIVE_2')  # and no DRIVE_5
+    assert "'ina" in lines['voltage']
+    assert "'motor temp [C]'" in lines['temperature']
+    assert 'at: motor' in lines['torque']
+    assert 'it is 0.11 × a' in lines['torque']
+    assert 'trs605-5 torque [Nm]' in lines['torque']
+    assert "q-axis [A]'" in lines['motor_current']
+
+
+def test_a_torque_that_is_held_is_a_command_where_a_sensor_is(tmp_path, capsys):
+    held = np.round(TORQUE)
+    volts = 48 + NOISE
+    amps = (1.3 * SHAFT + 2 + NOISE) / 48
+    columns = {'time_s': T}
+    for name, sign in (('load', -1), ('test', 1)):
+        columns |= {
+            f'{name}_velocity': sign * SPEED,
+            f'{name}_torque': held if sign > 0 else TORQUE,
+        }
+        columns |= {f'{name}_voltage': volts, f'{name}_current': sign * amps}
+    recording, lines = guessed(tmp_path, capsys, {**columns, 'loadcell_torque_nm': TORQUE})
+    assert recording.joint_states().names == ('LOAD', 'TEST')
+    assert 'from: loadcell_torque_nm' in lines['torque']
+    assert 'test_torque (changes in' in lines['torque']
+
+
+def test_a_product_of_other_columns_is_recognised_and_a_meter_is_not(tmp_path, capsys):
+    vq, iq, vd, i_d = 5 + SPEED / 9, TORQUE, 0.3 * np.sin(T), 0.2 * np.cos(3 * T)
+    made = 1.5 * (vq * iq + vd * i_d)
+    columns = {'v_q': vq, 'i_q': iq, 'v_d': vd, 'i_d': i_d}
+    found = recognise(made * (1 + 1e-4 * NOISE), columns)
+    assert found is not None
+    assert found.text == '1.5 × (v_q × i_q + v_d × i_d) (R² 0.9999)'
+    assert recognise(1.06 * made + 3 + NOISE, columns) is None  # losses and a quiescent draw
+    volts, amps = 36 + NOISE, made / 36
+    meter = {**columns, 'voltage': volts, 'current': amps, 'other_voltage': 36 + NOISE[::-1]}
+    assert recognise(volts * (amps + 0.1 + NOISE), meter, ('voltage', 'current')) is None
+    table = {'t_s': T, 'speed_rpm': SPEED, 'bus_voltage': volts, 'bus_current': made / volts}
+    recording, _ = guessed(tmp_path, capsys, {**table, **columns})
+    assert recording.card.power == {'DRIVE': 'computed'}
+    assert 'v_q × i_q' in recording.card.formula('DRIVE')
+
+
+@pytest.mark.parametrize(('factor', 'says'), [(1.0, 'agree'), (1.5, 'do not agree')])
+def test_a_counter_of_energy_is_held_against_the_integral_of_the_power(factor, says):
+    joules = np.concatenate([[0], np.cumsum((SHAFT[1:] + SHAFT[:-1]) / 2 * np.diff(T))])
+    counters = {'watt_hours_used': factor * joules / 3600 + 2, 'watt_hours_charged': 0 * T + 2}
+    found = check_energy(T, SHAFT, counters)
+    assert found is not None
+    assert found.integral == pytest.approx(joules[-1])
+    assert found.text.startswith('watt_hours_used − watt_hours_charged counts')
+    assert f'they {says}' in found.text
+
+
+LOGS = {
+    'compact_sspg/SSPG_MN8014_7_2__12.00_50.csv': ('torque', 'loadcell_torque_nm'),
+    'compact_sspg/SSPG_MN8014_7_2__6.00_30.csv': ('velocity', 'rpm'),
+    'ev_motor/Motor.csv': ('time', 'steady: true'),
+    'moteus_dyno/futek_test_17_05_2021_17-01-51.csv': ('voltage', 'ina2 voltage'),
+    'moteus_dyno/futek_test_17_05_2021_17-21-15.csv': ('temperature', 'motor temp'),
+    'moteus_dyno/futek_test_18_05_2021_12-24-46.csv': ('motor_current', 'a2 q-axis'),
+    'moteus_dyno/futek_test_24_05_2021_16-20-14.csv': ('current', 'ina2 current'),
+    'odrive_d5065/odrive_D5065.csv': ('current', 'computed: true'),
+    'vesc_bike/data.csv': ('current', 'current_in'),
+    'thrust_t7056/Log_2019-11-07_174807.csv': ('torque', 'Torque (N·m)'),
+    'hopper_500_hops.mat': ('velocity', 'rev/s'),
+}
+
+
+@pytest.mark.skipif(
+    not REAL.is_dir(), reason='the public logs of real drives are not beside the checkout'
+)
+@pytest.mark.parametrize('log', LOGS)
+def test_a_real_log_imports_from_its_guessed_map_as_it_is(tmp_path, capsys, log):
+    assert main([str(REAL / log), '--list']) == 0
+    text = capsys.readouterr().out
+    (tmp_path / 'map.yaml').write_text(text)
+    quantity, expected = LOGS[log]
+    lines = [line for line in text.splitlines() if line.strip().startswith(f'{quantity}:')]
+    assert expected in lines[-1]
+    args = ['--map', str(tmp_path / 'map.yaml'), '-o', str(tmp_path / 'bag')]
+    assert main([str(REAL / log), *args]) == 0
+    out = capsys.readouterr().out
+    assert 'mend the map' not in out
+    if 'vesc' in log:
+        assert '1.5 × (q_axis_voltage × q_axis_current + d_axis_voltage × d_axis_current)' in out
+        assert 'they agree' in out
+    else:
+        assert 'power computed by the firmware,' not in out
