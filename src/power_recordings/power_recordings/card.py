@@ -79,7 +79,7 @@ class Card:
 
     @property
     def imported(self) -> Mapping[str, Any]:
-        """What an import noted: `from`, `map`, `columns`, `velocity`, `formulas`, `notes`."""
+        """Notes of an import: `from`, `map`, `columns`, `velocity`, `formulas`, `notes`."""
         found = self.other.get('imported')
         return found if isinstance(found, Mapping) else {}
 

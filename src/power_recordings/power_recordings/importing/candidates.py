@@ -66,7 +66,7 @@ _FEW, _MANY = 0.2, 0.6  # share of rows in which a command changes, and a measur
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateColumn:
     """A column that may be a quantity of a drive ('' where its name has none)."""
 
     quantity: str
@@ -92,24 +92,24 @@ class Candidate:
 
     @property
     def why(self) -> str:
-        """What speaks for it."""
+        """Evidence for it."""
         return ('by its unit' if self.rank >= _BY_UNIT else 'by its name') + self.doubt
 
     @property
     def doubt(self) -> str:
-        """What speaks against it, in brackets."""
+        """Evidence against it, in brackets."""
         changes = f'{self.listed.changes:.0%}'
         return f' (changes in {changes} of the rows: a command?)' if self.held else ''
 
 
-def candidates(listed: Sequence[Listed]) -> list[Candidate]:
+def candidates(listed: Sequence[Listed]) -> list[CandidateColumn]:
     """Return the columns that change and may be a quantity, with the drive that each is of."""
     found = [c for item in listed if (c := _candidate(item)) is not None]
     found = [_held(c, found) for c in found]
     return _by_word(_by_number(found))
 
 
-def _candidate(item: Listed) -> Candidate | None:
+def _candidate(item: Listed) -> CandidateColumn | None:
     column = item.column
     if not (item.changes > 0 or item.rows < 2) or item.low == item.high:
         return None
@@ -130,12 +130,12 @@ def _candidate(item: Listed) -> Candidate | None:
         plain = {'winding': 'current'}.get(quantity, quantity.removeprefix('supply_'))
         if foreign or (fits and quantity and plain not in fits):
             continue
-        return Candidate(quantity, rank, '', item) if quantity else None
+        return CandidateColumn(quantity, rank, '', item) if quantity else None
     own = next((q for q in _OF_UNIT if q in fits), '')
-    return Candidate(own, _BY_UNIT, '', item) if own else None
+    return CandidateColumn(own, _BY_UNIT, '', item) if own else None
 
 
-def _held(candidate: Candidate, others: Sequence[Candidate]) -> Candidate:
+def _held(candidate: CandidateColumn, others: Sequence[CandidateColumn]) -> CandidateColumn:
     """Put a torque that is held over many rows behind others: a command."""
     busy = any(other.quantity == 'torque' and other.listed.changes > _MANY for other in others)
     if candidate.quantity != 'torque' or not busy or candidate.listed.changes > _FEW:
@@ -153,7 +153,7 @@ def drive_key(address: str) -> str:
     return numbers[-1] if numbers else ''
 
 
-def _by_number(found: Sequence[Candidate]) -> list[Candidate]:
+def _by_number(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
     """Name drives by numbers that motion and another quantity, or a row of columns, share."""
     kinds: dict[str, set[str]] = defaultdict(set)
     alike: dict[tuple[str, str], set[str]] = defaultdict(set)
@@ -182,7 +182,7 @@ def _by_number(found: Sequence[Candidate]) -> list[Candidate]:
     ]
 
 
-def _by_word(found: Sequence[Candidate]) -> list[Candidate]:
+def _by_word(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
     """Name drives by first words that several columns of motion and of power share."""
     if any(c.drive for c in found):
         return list(found)

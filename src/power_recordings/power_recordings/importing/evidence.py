@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
-from power_recordings.importing.candidates import Candidate
+from power_recordings.importing.candidates import CandidateColumn
 from power_recordings.importing.units import conversion
 
 Floats = NDArray[np.float64]
@@ -30,10 +30,10 @@ _MOVED: Final = 0.2  # share of the power's variance
 
 
 @dataclass(frozen=True)
-class Meter:
+class MeterColumns:
     """The columns of a power: voltage and current, or the power itself."""
 
-    parts: tuple[Candidate, ...]
+    parts: tuple[CandidateColumn, ...]
 
     @property
     def power(self) -> Floats:
@@ -45,14 +45,14 @@ class Meter:
 class Choice:
     """The columns that fit together, the unit of the speed, and why."""
 
-    torque: Candidate
-    velocity: Candidate
+    torque: CandidateColumn
+    velocity: CandidateColumn
     speed_unit: str
-    meter: Meter
+    meter: MeterColumns
     why: str
 
 
-def si(candidate: Candidate, unit: str = '') -> Floats:
+def si(candidate: CandidateColumn, unit: str = '') -> Floats:
     """Return a candidate's first rows in the unit of its quantity."""
     quantity = {'winding': 'current'}.get(candidate.quantity, candidate.quantity)
     try:
@@ -61,7 +61,7 @@ def si(candidate: Candidate, unit: str = '') -> Floats:
         return candidate.values
 
 
-def choose(found: dict[str, list[Candidate]]) -> Choice | None:
+def choose(found: dict[str, list[CandidateColumn]]) -> Choice | None:
     """Return the torque, speed and power that fit together best; None where none do."""
     torques, speeds = (found.get(q, [])[:_MOST] for q in ('torque', 'velocity'))
     torques = [t for t in torques if not t.held] or torques
@@ -84,27 +84,31 @@ def choose(found: dict[str, list[Candidate]]) -> Choice | None:
     return best
 
 
-def _meters(found: dict[str, list[Candidate]]) -> list[Meter]:
+def _meters(found: dict[str, list[CandidateColumn]]) -> list[MeterColumns]:
     """Pairs of voltage and current of one name, and powers; those that are in both once."""
     volts, amps = found.get('voltage', []), found.get('current', [])
-    pairs = [Meter((v, i)) for i in amps[:_MOST] if (v := companion(i, volts)) is not None]
+    pairs = [MeterColumns((v, i)) for i in amps[:_MOST] if (v := companion(i, volts)) is not None]
     powers = found.get('power', [])[:_MOST]
-    return [*pairs, *(Meter((p,)) for p in powers)]
+    return [*pairs, *(MeterColumns((p,)) for p in powers)]
 
 
-def companion(current: Candidate, volts: Sequence[Candidate]) -> Candidate | None:
+def companion(
+    current: CandidateColumn, volts: Sequence[CandidateColumn]
+) -> CandidateColumn | None:
     """Return the voltage whose name is most like that of a current; the best ranked of equals."""
     return min(volts, key=lambda v: (-_likeness(v.address, current.address), v.rank), default=None)
 
 
-def metered_pair(power: Candidate, found: dict[str, list[Candidate]]) -> Meter | None:
+def metered_pair(
+    power: CandidateColumn, found: dict[str, list[CandidateColumn]]
+) -> MeterColumns | None:
     """Return the voltage and current whose product a column of power is."""
     p = si(power)
     for current in found.get('current', []):
         volts = companion(current, found.get('voltage', []))
         if volts is None or not len(p) == len(current.values) == len(volts.values):
             continue
-        meter = Meter((volts, current))
+        meter = MeterColumns((volts, current))
         good = np.isfinite(p + meter.power)
         if good.sum() > _FEWEST and np.allclose(meter.power[good], p[good], rtol=0.02, atol=0.02):
             return meter
@@ -141,8 +145,8 @@ def _fit(power: Floats, torque: Floats, speed: Floats) -> tuple[float, float] | 
 
 
 def made_of_current(
-    torque: Candidate, currents: Sequence[Candidate]
-) -> tuple[Candidate, float] | None:
+    torque: CandidateColumn, currents: Sequence[CandidateColumn]
+) -> tuple[CandidateColumn, float] | None:
     """Return the current that a torque was computed from, and N·m/A."""
     for current in currents:
         x, y = current.values, torque.values

@@ -30,7 +30,7 @@ _NOT_DRAWN: Final = r'charged|regen|returned|batt|left|remain|capacity'  # in na
 
 
 @dataclass(frozen=True)
-class Formula:
+class PowerFormula:
     """A sum of products of columns that a power is, and how well."""
 
     terms: tuple[tuple[str, ...], ...]
@@ -47,20 +47,20 @@ class Formula:
 
 def recognise(
     power: Floats, columns: Mapping[str, Floats], meter: Sequence[str] = ()
-) -> Formula | None:
+) -> PowerFormula | None:
     """
     Return the formula by which a power [N] was computed from other columns [N], if one fits.
 
     meter: the columns that the power itself is made of; their own product is no formula.
     """
-    best: Formula | None = None
+    best: PowerFormula | None = None
     for terms in islice(_formulas(columns), _MOST):
         if all(set(term) <= set(meter) for term in terms):
             continue
         value = sum(np.prod([columns[name] for name in term], axis=0) for term in terms)
         found = _fits(power, np.asarray(value, np.float64))
         if found is not None and (best is None or found[1] > best.r2):
-            best = Formula(terms, *found)
+            best = PowerFormula(terms, *found)
     return best
 
 
@@ -88,7 +88,7 @@ def _fits(power: Floats, value: Floats) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class EnergyCheck:
-    """What an energy counter counted beside the integral of the power, J."""
+    """Energy by a counter of the log, and by the integral of the power, J."""
 
     counter: str
     counted: float

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from wattwalk_core.quoting import printable
 
-from power_recordings.importing.candidates import MECHANICAL, Candidate, candidates
+from power_recordings.importing.candidates import MECHANICAL, CandidateColumn, candidates
 from power_recordings.importing.evidence import (
     Choice,
     choose,
@@ -44,7 +44,7 @@ _OTHERS: Final = 2  # candidates that are named beside the one that was taken
 def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     """Return the YAML of a map that takes what the columns suggest, with the reason by each."""
     found = candidates(listed)
-    by_drive: dict[str, dict[str, list[Candidate]]] = defaultdict(lambda: defaultdict(list))
+    by_drive: dict[str, dict[str, list[CandidateColumn]]] = defaultdict(lambda: defaultdict(list))
     for c in sorted(found, key=lambda c: (c.held, c.rank)):
         if c.quantity in (*QUANTITIES, 'winding'):
             by_drive[c.drive][c.quantity].append(c)
@@ -70,8 +70,8 @@ class _Drive:
 
     def __init__(
         self,
-        own: Mapping[str, list[Candidate]],
-        shared: Mapping[str, list[Candidate]],
+        own: Mapping[str, list[CandidateColumn]],
+        shared: Mapping[str, list[CandidateColumn]],
         in_turns: bool,
     ) -> None:
         self._in_turns = in_turns
@@ -82,7 +82,7 @@ class _Drive:
         self._choice: Choice | None = choose(dict(own))
         self._taken = self._take()
 
-    def _take(self) -> dict[str, Candidate]:
+    def _take(self) -> dict[str, CandidateColumn]:
         taken = {q: own[0] for q, own in self._own.items() if own and q != 'winding'}
         if winding := self._own.get('winding'):
             taken['motor_current' if 'torque' in taken else 'torque'] = winding[0]
@@ -117,7 +117,7 @@ class _Drive:
         """Return one line a quantity."""
         return [self._line(q, self._taken[q]) for q in QUANTITIES if q in self._taken]
 
-    def _line(self, quantity: str, taken: Candidate) -> str:
+    def _line(self, quantity: str, taken: CandidateColumn) -> str:
         notes = [taken.why]
         unit = taken.unit
         if quantity == 'velocity' and not unit:
@@ -146,13 +146,13 @@ class _Drive:
             notes.append('or ' + printable(', '.join(c.address + c.doubt for c in others)))
         return f'    {quantity}: {{{", ".join(parts)}}}   # {"; ".join(notes)}'
 
-    def _rivals(self, quantity: str, taken: Candidate) -> list[Candidate]:
+    def _rivals(self, quantity: str, taken: CandidateColumn) -> list[CandidateColumn]:
         own = [*self._own.get(taken.quantity, []), *self._shared.get(taken.quantity, [])]
         if quantity == 'current':
             own += self._own.get('power', [])
         return own
 
-    def _speed_unit(self, taken: Candidate) -> tuple[str, str]:
+    def _speed_unit(self, taken: CandidateColumn) -> tuple[str, str]:
         name = words(taken.address)
         if 'erpm' in name:
             return 'rpm', 'electrical: give scale: 0.1047 / pole pairs instead'
@@ -163,7 +163,7 @@ class _Drive:
             return unit, f'unit by physics: in {unit} {self._choice.why}'
         return ('rev/s', _ODRIVE) if self._in_turns else ('rad/s', 'unit not stated: check')
 
-    def _angle_unit(self, taken: Candidate) -> tuple[str, str]:
+    def _angle_unit(self, taken: CandidateColumn) -> tuple[str, str]:
         if _RADIANS < taken.listed.high <= _TURN:
             return 'deg', 'unit by its range'
         velocity = self._taken.get('velocity')
@@ -171,7 +171,7 @@ class _Drive:
             return self._choice.speed_unit.removesuffix('/s').replace('rpm', 'rev'), 'as the speed'
         return ('rev', _ODRIVE) if self._in_turns else ('rad', 'unit not stated: check')
 
-    def _at(self, taken: Candidate) -> tuple[str, str]:
+    def _at(self, taken: CandidateColumn) -> tuple[str, str]:
         if taken.quantity == 'winding':
             return 'motor', 'a current; with its constant: scale: N*m/A, from_unit: A'
         if (made := made_of_current(taken, self._own.get('winding', []))) is not None:
@@ -179,12 +179,12 @@ class _Drive:
         return 'joint', 'at: motor where it is computed from a current'
 
 
-def _better(other: Candidate, own: Candidate | None, quantity: str) -> bool:
+def _better(other: CandidateColumn, own: CandidateColumn | None, quantity: str) -> bool:
     return own is None or (quantity == 'temperature' and other.rank < own.rank)
 
 
-def _follows(taken: Mapping[str, Candidate]) -> bool:
-    """Whether a position that states no unit moves as the velocity says, in some unit."""
+def _follows(taken: Mapping[str, CandidateColumn]) -> bool:
+    """Tell whether a position that states no unit moves as the velocity says, in some unit."""
     position, velocity = taken['position'], taken['velocity']
     if position.unit or len(position.values) != len(velocity.values):
         return True
@@ -211,7 +211,7 @@ def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:
     return {'DRIVE_*': next(iter(stars.values()))} if same else dict(bodies)
 
 
-def _supply_lines(found: Sequence[Candidate]) -> list[str]:
+def _supply_lines(found: Sequence[CandidateColumn]) -> list[str]:
     parts: list[str] = []
     for quantity in ('voltage', 'current', 'power'):
         own = [c for c in found if c.quantity == f'supply_{quantity}']
@@ -222,7 +222,7 @@ def _supply_lines(found: Sequence[Candidate]) -> list[str]:
     return [f'supply: {{{", ".join(parts)}}}'] if len(parts) > 1 else []
 
 
-def _time(found: Sequence[Candidate]) -> str:
+def _time(found: Sequence[CandidateColumn]) -> str:
     times = [c for c in found if c.quantity == 'time' and _ascends(c)]
     parts = {words(c.address).replace('_', ''): c for c in found if c.quantity == 'time'}
     whole = next((c for n, c in parts.items() if n in ('sec', 'secs', 'seconds', 's')), None)
@@ -255,18 +255,18 @@ def _time(found: Sequence[Candidate]) -> str:
     return f'time: {{column: {_quoted(best.address)}, unit: {unit}}}{note}'
 
 
-def _ascends(candidate: Candidate) -> bool:
-    """Whether a column goes on as a time does; dates and what no row tells of count."""
+def _ascends(candidate: CandidateColumn) -> bool:
+    """Tell whether a column goes on as a time does; dates and what no row tells of count."""
     values = candidate.values[np.isfinite(candidate.values)]
     return len(values) < 2 or bool((np.diff(values) >= 0).mean() > 0.9)
 
 
-def _counts(candidate: Candidate) -> bool:
-    """Whether a column numbers the rows."""
+def _counts(candidate: CandidateColumn) -> bool:
+    """Tell whether a column numbers the rows."""
     return bool(len(candidate.values) > 1 and (np.diff(candidate.values) == 1.0).all())
 
 
-def _time_unit(candidate: Candidate) -> tuple[str, str]:
+def _time_unit(candidate: CandidateColumn) -> tuple[str, str]:
     """The unit in a name, or the one that makes a likely rate."""
     named = [part for part in words(candidate.address).split('_') if part in _TIMES]
     if named:

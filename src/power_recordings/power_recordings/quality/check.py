@@ -26,6 +26,7 @@ from power_recordings.quality.streams import (
     sample_loss,
     timing,
     updates,
+    values_at,
 )
 from power_recordings.reading.reader import Recording
 
@@ -266,7 +267,7 @@ class _Checker:
                     f'its power is constant for {stuck:.1f} s in motion',
                 )
             at = self._joints.stamp_ns
-            return rate, _at(electric.stamp_ns, power, at)
+            return rate, values_at(electric.stamp_ns, power, at)
         return rate, np.full(len(time), np.nan)
 
     def _velocity(
@@ -363,7 +364,7 @@ class _Checker:
         units = self._recording.card.torque_unit
         if min(len(supply), len(joints)) < _FEWEST or 'A' in units.values():
             return None
-        power = _at(supply.stamp_ns, supply.power, joints.stamp_ns)
+        power = values_at(supply.stamp_ns, supply.power, joints.stamp_ns)
         motion = (joints.effort.astype(float), joints.velocity.astype(float))
         balance = physics.power_balance(power, *motion)
         if balance is not None and 'supply_sign' not in [f.code for f in self.findings]:
@@ -373,32 +374,15 @@ class _Checker:
     def _line(self, supply: SupplySamples) -> SupplyLine | None:
         if self._electric is None or len(self._electric.names) < len(self.names):
             return None
-        drawn = _at(self._electric.stamp_ns, self._electric.power.sum(axis=1), supply.stamp_ns)
+        drawn = values_at(
+            self._electric.stamp_ns, self._electric.power.sum(axis=1), supply.stamp_ns
+        )
         good = np.isfinite(drawn) & np.isfinite(supply.power)
         if good.sum() < _FEWEST or np.var(drawn[good]) == 0 or np.var(supply.power[good]) == 0:
             return None
         slope, offset = np.polyfit(drawn[good], supply.power[good].astype(np.float64), 1)
         r2 = np.corrcoef(drawn[good], supply.power[good])[0, 1] ** 2
         return SupplyLine(float(slope), float(offset), float(r2))
-
-
-def _at(
-    stamps: NDArray[np.int64], values: NDArray[np.float32], wanted: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Means of a faster signal around the wanted stamps, or interpolated values of a slower."""
-    finite = np.isfinite(values)
-    if finite.sum() < 2:
-        return np.full(len(wanted), np.nan)
-    t, v = stamps[finite].astype(np.float64), values[finite].astype(np.float64)
-    edges = np.r_[wanted[0], (wanted[1:] + wanted[:-1]) / 2, wanted[-1]].astype(np.float64)
-    ratio = np.median(np.diff(wanted)) / max(float(np.median(np.diff(t))), 1.0)
-    if ratio < 1.5:
-        return np.interp(wanted.astype(np.float64), t, v, np.nan, np.nan)
-    total = np.r_[0.0, np.cumsum(v)]
-    low, high = np.searchsorted(t, edges[:-1]), np.searchsorted(t, edges[1:])
-    count = high - low
-    with np.errstate(invalid='ignore', divide='ignore'):
-        return np.where(count > 0, (total[high] - total[low]) / count, np.nan)
 
 
 def _range(values: NDArray[np.float64]) -> tuple[float, float]:

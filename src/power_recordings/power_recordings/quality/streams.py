@@ -121,3 +121,22 @@ def frozen(stamps: Stamps, values: Floats, moving: NDArray[np.bool_]) -> float:
     edges = np.flatnonzero(np.diff(np.r_[0, same.astype(np.int8), 0]))
     first, last = edges[::2], edges[1::2]
     return float((in_motion[last] - in_motion[first]).max(initial=0.0))
+
+
+def values_at(
+    stamps: NDArray[np.int64], values: NDArray[np.float32], wanted: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Means of a faster signal around the wanted stamps, or interpolated values of a slower."""
+    finite = np.isfinite(values)
+    if finite.sum() < 2:
+        return np.full(len(wanted), np.nan)
+    t, v = stamps[finite].astype(np.float64), values[finite].astype(np.float64)
+    edges = np.r_[wanted[0], (wanted[1:] + wanted[:-1]) / 2, wanted[-1]].astype(np.float64)
+    ratio = np.median(np.diff(wanted)) / max(float(np.median(np.diff(t))), 1.0)
+    if ratio < 1.5:
+        return np.interp(wanted.astype(np.float64), t, v, np.nan, np.nan)
+    total = np.r_[0.0, np.cumsum(v)]
+    low, high = np.searchsorted(t, edges[:-1]), np.searchsorted(t, edges[1:])
+    count = high - low
+    with np.errstate(invalid='ignore', divide='ignore'):
+        return np.where(count > 0, (total[high] - total[low]) / count, np.nan)

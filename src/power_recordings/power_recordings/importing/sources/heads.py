@@ -95,7 +95,7 @@ def _fitted(row: Sequence[str], width: int, trailing: bool) -> list[str] | None:
 
 
 def _is_name(field: str) -> bool:
-    """Whether a field is no unit, number, date nor empty."""
+    """Tell whether a field is no unit, number, date nor empty."""
     text = field.strip().strip('[]()')
     return bool(text) and not (
         is_unit(text) or is_number(text) or _DATE.match(text) or text in _NO_UNIT
