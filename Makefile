@@ -35,9 +35,9 @@ ifdef ROS_DISTRO
 test: test-ros
 else
 test: setup
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -q -m 'not alone' || \
-	$(BIN)/python -m pytest -q $(AGAIN)
-	$(BIN)/python -m pytest -q -m alone tests
+	code=0; $(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -q -m 'not alone' || \
+	$(BIN)/python -m pytest -q $(AGAIN) || code=$$?; \
+	$(BIN)/python -m pytest -q -m alone tests || code=$$?; exit $$code
 endif
 
 # The Python that colcon runs with is the one that `ros2 run` will start nodes with.
@@ -56,9 +56,10 @@ build-ros: $(ROS_STAMP)
 	printf '. %s\n' $(abspath $(ROS_VENV))/bin/activate $(ROS_BUILD)/install/setup.sh > $(ROS)/setup.sh
 
 test-ros: build-ros
-	. $(ROS)/setup.sh && { python -m pytest -n $(WORKERS) --dist loadgroup -q -m 'not alone' || \
-	python -m pytest -q $(AGAIN); }
-	. $(ROS)/setup.sh && python -m pytest -q -m alone tests
+	. $(ROS)/setup.sh || exit; \
+	code=0; python -m pytest -n $(WORKERS) --dist loadgroup -q -m 'not alone' || \
+	python -m pytest -q $(AGAIN) || code=$$?; \
+	python -m pytest -q -m alone tests || code=$$?; exit $$code
 
 lint: setup
 	$(BIN)/ruff check .

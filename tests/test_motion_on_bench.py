@@ -18,6 +18,7 @@ drives: [RH_KFE]
 segments:
 - {mode: rest, seconds: 600}
 """
+ATTEMPTS = 5
 LATE = 0.03  # s without a command, after which a motion at its speeds is another one
 PENDULUM = ('-p', 'mass:=1.3', '-p', 'length:=0.45')  # 9.81 · 1.3 · 0.45 = 5.7 N·m
 
@@ -42,8 +43,10 @@ def run_motion(node_process, tmp_path, motion, *parameters):
     )
 
 
-def test_a_motion_is_executed_and_recorded_as_asked(bench, node_process, tmp_path):
-    recorder = node_process('power_daq', 'record', '-o', str(tmp_path / 'next'))
+def recorded(node_process, tmp_path, attempt):
+    """Run the motion on simulated time with a recorder beside it, and return the recording."""
+    bag = tmp_path / f'next{attempt}'
+    recorder = node_process('power_daq', 'record', '-o', str(bag))
     recorder.wait_for_output('recording to')
     in_its_time = ('-p', 'use_sim_time:=true')  # a busy machine makes it slow then, not wrong
     node = run_motion(node_process, tmp_path, MOTION, *in_its_time)
@@ -51,11 +54,18 @@ def test_a_motion_is_executed_and_recorded_as_asked(bench, node_process, tmp_pat
     assert 'segment 3 of 3: hold 5 N·m, 5 s' in node.output
     assert 'ros2 run power_lab diagnose bags/next' in node.output
     recorder.stop()
+    return Recording.open(bag)
 
-    recording = Recording.open(tmp_path / 'next')
-    late = np.diff(recording.joint_commands().stamp_ns).max() / 1e9
-    if late > LATE:
-        pytest.skip(f'this busy machine kept commands from the bench for {late:.2f} s')
+
+@pytest.mark.alone
+def test_a_motion_is_executed_and_recorded_as_asked(bench, node_process, tmp_path):
+    late = []
+    for attempt in range(ATTEMPTS):
+        recording = recorded(node_process, tmp_path, attempt)
+        late.append(np.diff(recording.joint_commands().stamp_ns).max() / 1e9)
+        if late[-1] <= LATE:
+            break
+    assert late[-1] <= LATE, f'commands were kept from the bench for {late} s'
     joints = recording.joint_states()
     drive = joints.names.index('RH_KFE')
     velocity, torque = joints.velocity[:, drive], joints.effort[:, drive]

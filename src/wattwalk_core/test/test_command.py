@@ -115,8 +115,26 @@ def test_control_characters_of_bad_input_do_not_reach_the_terminal():
     assert len(str(InputError('x' * 10_000))) < 1000
 
 
+def test_importing_a_library_leaves_the_hooks_of_the_interpreter():
+    program = (
+        'import importlib, pkgutil, sys, wattwalk_core\n'
+        'before = sys.excepthook, sys.unraisablehook\n'
+        'assert before == (sys.__excepthook__, sys.__unraisablehook__)\n'
+        'names = [module.name for module in pkgutil.iter_modules(wattwalk_core.__path__)]\n'
+        'for name in names: importlib.import_module(f"wattwalk_core.{name}")\n'
+        'assert (sys.excepthook, sys.unraisablehook) == before\n'
+        'print(len(names))'
+    )
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 10
+
+
 def test_ctrl_c_while_the_module_of_a_command_is_imported_ends_with_one_line():
-    importing = 'import wattwalk_core.command, time; print("ready", flush=True); time.sleep(60)'
+    importing = (
+        'from wattwalk_core import early; early.install()\n'
+        'import time; print("ready", flush=True); time.sleep(60)'
+    )
     process = subprocess.Popen(
         [sys.executable, '-c', importing],
         stdout=subprocess.PIPE,
@@ -130,7 +148,8 @@ def test_ctrl_c_while_the_module_of_a_command_is_imported_ends_with_one_line():
 
 def test_ctrl_c_that_an_extension_module_makes_an_import_error_of_ends_with_one_line():
     importing = (
-        'import wattwalk_core.command, time; print("ready", flush=True)\n'
+        'from wattwalk_core import early; early.install()\n'
+        'import time; print("ready", flush=True)\n'
         'try:\n    time.sleep(60)\n'
         'except KeyboardInterrupt as error:\n'
         '    raise ImportError("initialization failed") from error\n'

@@ -1,5 +1,1 @@
 """Shared base of the packages: errors, commands, nodes, schema, files, pages and plot style."""
-
-from wattwalk_core import early
-
-early.install()

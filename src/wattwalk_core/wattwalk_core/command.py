@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Final
 
+from wattwalk_core import early
 from wattwalk_core.errors import InputError
 from wattwalk_core.interruption import Interrupted, RaisedSignals
 from wattwalk_core.quoting import printable
@@ -28,6 +29,7 @@ def command(
 
     @wraps(body)
     def main(args: Sequence[str] | None = None) -> int:
+        early.install()
         with RaisedSignals() as signals:
             try:
                 return body(args) or 0

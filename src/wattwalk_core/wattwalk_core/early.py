@@ -1,6 +1,6 @@
 """Ctrl-C before a command is at work, and in destructors: one line instead of a traceback."""
 
-# The package imports this before all else, so few modules and none that are slow to import.
+# Commands import this before all else, so few modules and none that are slow to import.
 import _thread
 import os
 import signal
@@ -12,7 +12,11 @@ _AGAIN = 0.02  # s
 
 
 def install() -> None:
-    """Take over the hooks for errors that nobody catches, where they are Python's own."""
+    """
+    Take over the hooks for errors that nobody catches, where they are Python's own.
+
+    Packages of commands do it, which only entry points import, so that libraries leave the hooks.
+    """
     if sys.excepthook is sys.__excepthook__:
         sys.excepthook = _on_uncaught
     if sys.unraisablehook is sys.__unraisablehook__:

@@ -1,1 +1,5 @@
 """Commands of policy_runner."""
+
+from wattwalk_core import early
+
+early.install()

@@ -1,1 +1,5 @@
 """Commands of power_calibration."""
+
+from wattwalk_core import early
+
+early.install()

@@ -1,1 +1,5 @@
 """Commands of power_lab."""
+
+from wattwalk_core import early
+
+early.install()

@@ -1,1 +1,5 @@
 """Commands of power_recordings."""
+
+from wattwalk_core import early
+
+early.install()

@@ -1,1 +1,5 @@
 """Commands of sim_bridge."""
+
+from wattwalk_core import early
+
+early.install()

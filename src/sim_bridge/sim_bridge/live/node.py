@@ -1,6 +1,5 @@
 """Node `sim_bridge`: the simulated robot in real time behind the CAN bus of the hardware."""
 
-import sys
 import time
 from threading import Event, Thread
 
@@ -75,8 +74,7 @@ class SimNode(Node):
             self.plant.run(self._stop)
         except Exception as error:
             if self.context.ok():
-                print(f'sim: {error}', file=sys.stderr)
-                self.done.set_result(1)
+                self.done.set_exception(error)  # which `run_node` raises with its traceback
 
     def _follow_ros_time(self) -> None:
         elapsed = time.monotonic_ns() - self._steady_start

@@ -1,1 +1,5 @@
 """Commands of sound_levels."""
+
+from wattwalk_core import early
+
+early.install()

@@ -1,1 +1,5 @@
 """Command of the bring-up."""
+
+from wattwalk_core import early
+
+early.install()

@@ -13,6 +13,19 @@ Message = TypeVar('Message')
 _LONGEST_BATCH: Final = 10_000  # messages; a publisher faster than its reader must not hold it
 
 
+def _take(subscription: Subscription, kind: Any, raw: bool) -> tuple[Any, int] | None:
+    """
+    Take the next message that waits and the system time of its publication in ns.
+
+    The one place that reaches below rclpy's public API, which hands messages to callbacks only:
+    `rclpy.wait_for_message` of Jazzy takes them by the same handle.
+    """
+    handle = subscription.handle
+    with handle:
+        taken = handle.take_message(kind, raw)
+    return None if taken is None else (taken[0], taken[1]['source_timestamp'])
+
+
 class _Unserved(ReentrantCallbackGroup):
     """Keeps subscriptions out of the executor; their events stay in it."""
 
@@ -57,14 +70,11 @@ class PolledTopic(Generic[Message]):
 
     def take_with_source_time(self) -> Iterator[tuple[Message, int]]:
         """Take the messages that wait, each with the system time of its publication in ns."""
-        handle = self._subscription.handle
         for _ in range(_LONGEST_BATCH):
-            with handle:
-                taken = handle.take_message(self._kind, self._raw)
+            taken = _take(self._subscription, self._kind, self._raw)
             if taken is None:
                 return
-            message, info = taken
-            yield message, info['source_timestamp']
+            yield taken
 
     def newest(self) -> Message | None:
         """Take all messages that wait and return the last, None where there is none."""

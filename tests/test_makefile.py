@@ -1,0 +1,44 @@
+"""`make test` and `make test-ros` run the tests marked alone, whatever failed before."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FAKE = """#!/bin/sh
+echo "$*" >> {log}
+case "$*" in
+  *"-m alone"*) exit {alone};;
+  *) exit {others};;
+esac
+"""
+
+
+@pytest.mark.skipif(shutil.which('make') is None, reason='no make')
+@pytest.mark.parametrize(('others', 'alone'), [(0, 0), (1, 0), (0, 1), (1, 1)])
+@pytest.mark.parametrize('target', ['test', 'test-ros'])
+def test_tests_marked_alone_run_always_and_any_failure_is_the_exit_code(
+    target, others, alone, tmp_path
+):
+    log, folder = tmp_path / 'log', tmp_path / 'bin'
+    folder.mkdir()
+    python = folder / 'python'
+    python.write_text(FAKE.format(log=log, alone=alone, others=others))
+    python.chmod(0o755)
+    (tmp_path / '.installed').touch()
+    (tmp_path / 'setup.sh').write_text(f'PATH={folder}:$PATH\n')
+    environment = {k: v for k, v in os.environ.items() if k not in ('ROS_DISTRO', 'MAKEFLAGS')}
+    done = subprocess.run(
+        ['make', '-o', 'setup', '-o', 'build-ros', f'VENV={tmp_path}', f'ROS={tmp_path}', target],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    runs = log.read_text().splitlines()
+    assert runs[-1] == '-m pytest -q -m alone tests', done.stderr
+    assert len(runs) == 2 + others
+    assert (done.returncode == 0) == (others == alone == 0)
