@@ -25,7 +25,8 @@ from lab_memory import Memory, everywhere, kept_by, replaced
 from lab_scenarios import Scenario, few_circuits, few_simulated, random_order
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
-from power_estimator.effects.signals.prepared import Prepared, prepare
+from power_estimator.effects.fit.settings import FitSettings
+from power_estimator.effects.signals.prepared import prepare
 from power_lab.diagnose.diagnosis import Diagnoser
 from power_lab.diagnose.findings import Diagnosis
 from power_recordings.alignment.dataset import AlignedDataset
@@ -33,23 +34,30 @@ from rich.progress import track
 from threadpoolctl import threadpool_limits
 
 _LAB = 'power_lab.diagnose.'
-_FIT = 'power_estimator.effects.fit.'
+_FLOORS = 'power_lab.structure.floors'
+_FIT = ''
 _NEVER = 1e9
 
 
 @dataclass(frozen=True)
 class Constant:
-    """One constant with the values that are tried instead of its own."""
+    """One constant with the values that are tried instead of its own; no module: of all fits."""
 
     module: str
     name: str
     values: tuple[Any, ...]
     decides: str
-    fits: bool = False  # it changes every fit, so that nothing can be kept
+
+    @property
+    def fits(self) -> bool:
+        """It changes every fit, so that nothing can be kept."""
+        return self.module == _FIT
 
     @property
     def own(self) -> Any:
         """Its value in the sources."""
+        if self.fits:
+            return getattr(FitSettings(), self.name)
         return everywhere(self.module, self.name, None)[0][0].__dict__[self.name]
 
 
@@ -58,7 +66,7 @@ CONSTANTS = (
     Constant(
         _LAB + 'diagnosis', 'NAME_SHARE_OF_RMS', (0.0, 0.00075, 0.003), 'the same, of rms power'
     ),
-    Constant(_LAB + 'floors', '_OF_NOISE', (0.0, 0.25, 1.0), 'the same, of the meter noise'),
+    Constant(_FLOORS, '_OF_NOISE', (0.0, 0.25, 1.0), 'the same, of the meter noise'),
     Constant(_LAB + 'diagnosis', 'STRUCTURE_FLOOR', (0.075, 0.3), 'W: least that is a structure'),
     Constant(
         _LAB + 'diagnosis', 'STRUCTURE_SHARE_OF_RMS', (0.0, 0.002, 0.008), 'the same, of rms power'
@@ -66,11 +74,9 @@ CONSTANTS = (
     Constant(
         _LAB + 'diagnosis', '_MOST_SAMPLED', (1.0, 1.5, 6.0), 'how far sampling may raise that'
     ),
-    Constant(_LAB + 'floors', '_ALONE', (1.0, 4.0, _NEVER), 'times a floor, on one drive alone'),
-    Constant(
-        _LAB + 'floors', '_SHARED', (0.0, 0.25, 1.0), 'times a floor on a second drive, further'
-    ),
-    Constant(_LAB + 'floors', '_BY_FAR', (2.0, 8.0, _NEVER), 'the same on one drive alone'),
+    Constant(_FLOORS, '_ALONE', (1.0, 4.0, _NEVER), 'times a floor, on one drive alone'),
+    Constant(_FLOORS, '_SHARED', (0.0, 0.25, 1.0), 'times a floor on a second drive, further'),
+    Constant(_FLOORS, '_BY_FAR', (2.0, 8.0, _NEVER), 'the same on one drive alone'),
     Constant(
         _LAB + 'diagnosis', 'NEXT_SHARE', (0.0, 0.01, 0.04, 0.1), 'of the others: a further effect'
     ),
@@ -106,18 +112,16 @@ CONSTANTS = (
     Constant(_LAB + 'residual_structure', '_ROWS', (3000, 12000), 'samples for the trees'),
     Constant(_LAB + 'residual_structure', '_TREES', (15, 60), 'trees'),
     Constant(_LAB + 'residual_structure', '_LAGS', ((1,), (1, 2, 3, 4, 5, 6)), 's: what is slow'),
-    Constant(_FIT + 'folds', 'FOLDS', (3, 10), 'folds of the cross-validation', fits=True),
-    Constant(_FIT + 'folds', 'PIECE', (5, 20), 'blocks that stay together', fits=True),
-    Constant(_FIT + 'folds', 'EMBARGO', (0, 2), 'blocks left out beside them', fits=True),
-    Constant(_FIT + 'folds', 'LEAST_MSE', (1e-5, 1e-3), 'W²: errors that are alike', fits=True),
-    Constant(
-        _FIT + 'blocks', 'BLOCK_SECONDS', ((0.5, 0.1), (2.0, 1.0)), 's of a block', fits=True
-    ),
-    Constant(_FIT + 'blocks', '_LEAST_USED', (0.25, 0.9), 'of a block: resolved', fits=True),
-    Constant(_FIT + 'fitter', '_REWEIGHTINGS', (1, 4), 'rounds of robust weights', fits=True),
-    Constant(_FIT + 'fitter', '_LEAST_NOISE', (0.01, 0.04), 'W: weight of priors', fits=True),
-    Constant(_FIT + 'fitter', '_SETTLED', (0.0, 0.05, 0.2), 'of the residual: a step', fits=True),
-    Constant(_FIT + 'fitter', '_SETTLED_BOUND', (0.025, 0.1), 'change of a bound', fits=True),
+    Constant(_FIT, 'folds', (3, 10), 'folds of the cross-validation'),
+    Constant(_FIT, 'piece', (5, 20), 'blocks that stay together'),
+    Constant(_FIT, 'embargo', (0, 2), 'blocks left out beside them'),
+    Constant(_FIT, 'least_mse', (1e-5, 1e-3), 'W²: errors that are alike'),
+    Constant(_FIT, 'block_seconds', ((0.5, 0.1), (2.0, 1.0)), 's of a block'),
+    Constant(_FIT, 'least_used', (0.25, 0.9), 'of a block: resolved'),
+    Constant(_FIT, 'reweightings', (1, 4), 'rounds of robust weights'),
+    Constant(_FIT, 'least_noise', (0.01, 0.04), 'W: weight of priors'),
+    Constant(_FIT, 'settled', (0.0, 0.05, 0.2), 'of the residual: a step'),
+    Constant(_FIT, 'settled_bound', (0.025, 0.1), 'change of a bound'),
 )
 
 
@@ -168,12 +172,15 @@ class Trials:
 
     def changed(self, constant: Constant, value: Any) -> dict[str, Any]:
         """The diagnosis with one constant changed."""
-        memory = Memory() if constant.fits else self.memory
-        with replaced(everywhere(constant.module, constant.name, value)):
-            prepared: Prepared = replace(self.prepared) if constant.fits else self.prepared
-            fitter = Fitter(prepared) if constant.fits else copy.copy(self.fitter)
-            with replaced(kept_by(memory)):
-                _, diagnosis, used = self._run(fitter, memory)
+        if constant.fits:
+            memory, prepared = Memory(), replace(self.prepared)
+            fitter = Fitter(prepared, settings=FitSettings(**{constant.name: value}))
+            places = []
+        else:
+            memory, fitter = self.memory, copy.copy(self.fitter)
+            places = everywhere(constant.module, constant.name, value)
+        with replaced(places), replaced(kept_by(memory)):
+            _, diagnosis, used = self._run(fitter, memory)
         return told(diagnosis) | {'cpu_s': used}
 
     def _run(self, fitter: Fitter, memory: Memory) -> tuple[Diagnoser, Diagnosis, float]:

@@ -13,7 +13,8 @@ from power_estimator.effects.fit.fitter import (
     measurement_terms,
     robust_weights,
 )
-from power_estimator.effects.fit.folds import EMBARGO, FOLDS, Folds
+from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.signals.prepared import prepare, signals_of
 from power_recordings.alignment.dataset import AlignedDataset
 
@@ -187,11 +188,23 @@ def test_rows_around_a_shock_that_400_hz_cannot_show_do_not_count():
 def test_folds_keep_an_embargo_between_training_and_test():
     blocks = Blocks.of(prepare(moving()))
     folds = Folds.of(blocks)
-    assert set(folds.test.tolist()) == set(range(FOLDS))
-    for fold in range(FOLDS):
+    assert set(folds.test.tolist()) == set(range(FitSettings.folds))
+    for fold in range(FitSettings.folds):
         tested = np.flatnonzero(folds.test == fold)
         trained = np.flatnonzero(folds.training[fold])
-        assert np.abs(tested[:, None] - trained).min() > EMBARGO
+        assert np.abs(tested[:, None] - trained).min() > FitSettings.embargo
+
+
+def test_settings_of_a_fit_hold_in_all_that_follows_from_it():
+    settings = FitSettings(block_seconds=(0.5,), folds=3, bootstraps=7)
+    fitter = Fitter(prepare(moving()), settings=settings)
+    assert fitter.blocks.length == 25  # rows of 50 Hz
+    fit = fitter.fit(structure())
+    folds = Folds.of(fitter.blocks, settings)
+    assert set(folds.test.tolist()) == {0, 1, 2}
+    bank = CandidateScreener(fitter, folds, fit, [])
+    assert np.isfinite(bank.screen().mse).all()
+    assert fitter.drawn(settings.bootstraps, 0).shape == (7, len(fitter.blocks.starts))
 
 
 def test_the_bank_agrees_with_a_fit_about_what_a_candidate_is_worth():

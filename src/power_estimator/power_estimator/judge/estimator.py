@@ -56,14 +56,11 @@ class HeldOutEstimator:
     @cached_property
     def blocks(self) -> Blocks:
         """Whole seconds."""
-        return Blocks.of(self.prepared)
+        return Blocks.of(self.prepared, self.settings.fit)
 
     def folds(self, blocks: Blocks) -> Folds:
         """Pieces that are tested together."""
-        s = self.settings
-        return Folds.of(
-            blocks, by_recording=False, count=s.folds, piece=s.piece, embargo=s.embargo
-        )
+        return Folds.of(blocks, self.settings.fit, by_recording=False)
 
     def material(self, base: NDArray[np.float32] | None, per: str = 'type') -> Material:
         """Signals for a fit of effects on a base model's power [T, D]; per: as in `material`."""
@@ -225,7 +222,7 @@ class HeldOutEstimator:
         structure = own.structure(model.structure.actives)
         apart = [term.name for term in measurement_terms(self.catalogue, shaft=True)]
         own, terms, delays = together(own, structure, self.catalogue, apart)
-        fitter = own.fitter()
+        fitter = own.fitter(settings=self.settings.fit)
         examiner = Examiner(fitter, folds=self.folds(fitter.blocks))
         fit = fitter.fit(structure.plus(*terms), iterations=self.settings.iterations)
         columns = [self.prepared.names.index(name) for name in own.prepared.names]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from power_estimator.effects.fit.blocks import modelled
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.fitter import Fit, Fitter, Normal
-from power_estimator.effects.fit.folds import LEAST_MSE, Folds
+from power_estimator.effects.fit.folds import Folds
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Evidence:
     @property
     def loss(self) -> Floats:
         """Summed over drives: log of the mean squared error of each block [B]."""
-        return np.nansum(np.log(self.mse + LEAST_MSE), axis=1)
+        return np.nansum(np.log(self.mse + self.fit.fitter.settings.least_mse), axis=1)
 
     @property
     def mean_mse(self) -> Floats:
@@ -52,7 +52,7 @@ class Examiner:
     ) -> None:
         """by_recording: as in `Folds.of`; folds: others than these."""
         self.fitter = fitter
-        self.folds = folds or Folds.of(fitter.blocks, by_recording=by_recording)
+        self.folds = folds or Folds.of(fitter.blocks, fitter.settings, by_recording=by_recording)
 
     def examine(self, fit: Fit, names: Sequence[str] = ()) -> Evidence:
         """Held-out errors with the fit's delay and shapes, all coefficients refitted per fold."""
@@ -78,7 +78,7 @@ class Examiner:
         fit, blocks = evidence.fit, self.fitter.blocks
         linear = self.fitter.linear(fit)
         out = np.full(linear.target.shape, np.nan)
-        for fold in range(len(self.folds.training)):
+        for fold in range(self.folds.count):
             rows = blocks.rows[self.folds.test == fold].ravel()
             model = modelled(linear.design.columns[rows], evidence.coefficients[fold])
             out[rows] = linear.target[rows] - model

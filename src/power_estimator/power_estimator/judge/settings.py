@@ -1,17 +1,15 @@
 """Settings by which models are judged."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from power_estimator.effects.fit.folds import EMBARGO, FOLDS, PIECE
+from power_estimator.effects.fit.settings import FitSettings
 
 
 @dataclass(frozen=True)
 class JudgeSettings:
     """Folds, rows that count, and what is taken out before a score."""
 
-    folds: int = FOLDS  # four fifths train each: a fit to them is nearly that to all
-    piece: int = PIECE  # blocks (of 1 s) tested together: several strides
-    embargo: int = EMBARGO  # blocks left out on either side: a stride is like the next
+    fit: FitSettings = field(default_factory=FitSettings)  # folds and refits
     settling: float = 0.2  # s at the start of a stretch: networks begin with an empty memory
     iterations: int = 4  # of a refit: the linearisation no longer moves
     together: int = 4  # recordings refitted at once: each adds its own columns of meter errors

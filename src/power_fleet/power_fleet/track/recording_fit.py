@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
-from power_estimator.effects.fit.blocks import Normal, drawn_blocks, modelled
-from power_estimator.effects.fit.delay_search import FINE_STEP, group_limits
+from power_estimator.effects.fit.blocks import Normal, modelled
+from power_estimator.effects.fit.delay_search import group_limits
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
 from power_estimator.effects.fit.training import material
@@ -20,7 +20,6 @@ Floats = NDArray[np.float64]
 TIME_OFFSET = 'time_offset'
 _DRAWS = 120  # bootstraps of the blocks
 _DELAY_DRAWS = 20
-_FINEST_DELAY = FINE_STEP / np.sqrt(12.0)  # s, standard deviation by the grid of the delay
 _LEAST_SHARE = 1e-9  # of the mean of a gram matrix's diagonal, so that it can be inverted
 
 
@@ -85,7 +84,8 @@ def fit_recording(
     labels = fit.structure.labels
     responses = _responses(fitter, fit, inverse, gram)
     delays = fitter.delay_draws(fit, _DELAY_DRAWS, seed)
-    spread = np.square(max(float(delays.std()), _FINEST_DELAY))
+    of_grid = fitter.settings.fine_delay / np.sqrt(12.0)  # s, standard deviation
+    spread = np.square(max(float(delays.std()), of_grid))
     values, covariance, responses = _with_delay(values, covariance, responses, fit.delay, spread)
     drawn = fitter.prepared.power_at(fit.delay)
     rate = np.sqrt(np.nanmean(np.square(np.gradient(drawn, axis=0)))) * REDUCED_RATE
@@ -115,7 +115,7 @@ def _solved(fitter: Fitter, fit: Fit, seed: int) -> tuple[Floats, Floats, Floats
     normal, design = fit.normal, fit.design
     prior = design.structure.priors(fitter.scale)
     _, _, ridge = group_limits(design, prior, fitter.weight, fitter.groups)
-    drawn = drawn_blocks(len(normal.gram), _DRAWS, seed)
+    drawn = fitter.drawn(_DRAWS, seed)
     drives, m = normal.moment.shape[1:]
     values, covariance = np.empty((drives, m)), np.empty((drives, m, m))
     inverse, grams = np.empty((drives, m, m)), np.empty((drives, m, m))

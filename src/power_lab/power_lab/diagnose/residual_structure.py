@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.blocks import Blocks
-from power_estimator.effects.fit.folds import FOLDS, Folds
+from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.prepared import Prepared
 from scipy.signal import lombscargle, periodogram
@@ -56,7 +56,7 @@ def examine_structure(
 
     def fill(drive: int) -> None:
         use = np.flatnonzero(blocks.valid[:, drive])
-        if len(use) < 2 * FOLDS:
+        if len(use) < 2 * folds.count:
             return
         rows = blocks.rows[use]
         target = residual[rows, drive]
@@ -101,7 +101,7 @@ def _trees(
     """Held-out prediction of boosted trees, [B, L] from features [B, L, n]."""
     out = np.zeros_like(target)
     step = max(1, round(target.size / _ROWS))
-    for fold in range(FOLDS):
+    for fold in range(folds.count):
         tested = folds.test[use] == fold
         trained = folds.training[fold, use] > 0
         if not tested.any() or not trained.any():
@@ -129,7 +129,7 @@ def _linear(features: Floats, target: Floats, folds: Folds, use: NDArray[np.intp
     out = np.zeros_like(target)
     ones = np.ones((*target.shape, 1))
     columns = np.concatenate([features, ones], axis=-1)
-    for fold in range(FOLDS):
+    for fold in range(folds.count):
         tested = folds.test[use] == fold
         trained = folds.training[fold, use] > 0
         known = np.isfinite(target[trained])

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects.fit.folds import FOLDS
 
 from power_lab.discover.grammar import PRIMITIVES, Primitive
 from power_lab.structure.problem import DriveProblem
@@ -26,7 +25,7 @@ class Expression:
 
 def express(problem: DriveProblem, shape: LearnedShape) -> list[Expression]:
     """Fit every primitive of the grammar to a shape."""
-    reduced = [_partial(problem, shape, fold) for fold in range(FOLDS + 1)]
+    reduced = [_partial(problem, shape, fold) for fold in range(problem.folds.count + 1)]
     out = []
     for primitive in PRIMITIVES.values():
         grid, columns = primitive.on(shape.nodes)
@@ -78,7 +77,7 @@ def _best(
     if improvement <= 0.0:
         return None
     full = []
-    for fold in range(FOLDS):
+    for fold in range(problem.folds.count):
         index, own, _ = chosen[fold]
         nodes = columns[index] @ own
         base = reduced[fold].own + reduced[fold].slope @ nodes

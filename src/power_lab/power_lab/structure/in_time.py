@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Effect, Signals, Term
-from power_estimator.effects.fit.folds import FOLDS
 
 from power_lab.structure.problem import DriveProblem
 
@@ -88,7 +87,7 @@ def in_time(problem: DriveProblem, time: Floats, recording: NDArray[np.int32]) -
         own = moments.gram[-1][-columns.shape[1] :, -columns.shape[1] :]
         unit = max(float(np.trace(own)) / columns.shape[1], 1e-9)
         solved = problem.solve(moments, 1e-3 * unit * np.eye(columns.shape[1]))
-        gain = problem.base_error - float(moments.error(solved[:FOLDS]).sum()) / moments.rows
+        gain = problem.base_error - float(moments.error(solved[:-1]).sum()) / moments.rows
         shape = columns @ solved[-1][-columns.shape[1] :]
         if gain > 0.0 and (best is None or gain > 1.02 * best.gain):
             low, high = np.quantile(shape, (0.01, 0.99))

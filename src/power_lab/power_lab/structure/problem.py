@@ -9,7 +9,7 @@ from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fitter
-from power_estimator.effects.fit.folds import FOLDS, Folds
+from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.judge.evidence import Evidence
 
@@ -68,7 +68,7 @@ class DriveProblem:
     def base_error(self) -> float:
         """Held-out error of the base model, W² by row."""
         moments, solved = self._alone
-        return float(moments.error(solved[:FOLDS]).sum() / moments.rows)
+        return float(moments.error(solved[:-1]).sum() / moments.rows)
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
@@ -95,7 +95,7 @@ class DriveProblem:
         """Moments by fold of the base columns and extra [N, K]."""
         gram, moment, square = self.block_moments(extra)
         train = np.concatenate([self.folds.training, np.ones((1, len(gram)))])
-        test = (self.folds.test == np.arange(FOLDS)[:, None]).astype(np.float64)
+        test = (self.folds.test == np.arange(self.folds.count)[:, None]).astype(np.float64)
         return Moments(
             gram=np.tensordot(train, gram, axes=1),
             moment=train @ moment,
@@ -128,7 +128,7 @@ def problems(
     blocks = fitter.blocks
     out = []
     for drive in range(len(fitter.prepared.names)):
-        if int(blocks.valid[:, drive].sum()) < 2 * FOLDS:
+        if int(blocks.valid[:, drive].sum()) < 2 * folds.count:
             continue
         own = replace(
             blocks,

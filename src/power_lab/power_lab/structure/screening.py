@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.design_builder import Linearisation
-from power_estimator.effects.fit.folds import FOLDS
 from power_estimator.effects.signals.prepared import Prepared
 
 from power_lab.structure.drivers import Factor, Family, driver_values, factor_values
@@ -71,9 +70,9 @@ class DriverScreen:
         mask = problem.blocks.mask[..., 0]
         fold = np.broadcast_to(problem.folds.test[:, None], mask.shape)[mask]
         training = problem.folds.training[:, :, None] * np.ones(mask.shape[1])
-        near = [(training[f][mask] == 0.0) & (fold != f) for f in range(FOLDS)]
+        near = [(training[f][mask] == 0.0) & (fold != f) for f in range(problem.folds.count)]
         self.rows = problem.blocks.rows[mask]
-        self._tests = [np.flatnonzero(fold == f) for f in range(FOLDS)]
+        self._tests = [np.flatnonzero(fold == f) for f in range(problem.folds.count)]
         self._near = [np.flatnonzero(one) for one in near]
         self._values = np.nan_to_num(problem.residual[problem.blocks.rows])
         self._mask = mask

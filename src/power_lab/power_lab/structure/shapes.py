@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.design_builder import Linearisation
-from power_estimator.effects.fit.folds import FOLDS
 from power_estimator.effects.signals.prepared import Prepared
 
 from power_lab.structure.drivers import Family, driver_values, factor_values
@@ -89,7 +88,7 @@ def learn(
     for smoothing in _SMOOTHING:
         penalty = smoothing * unit * bend + 1e-6 * unit * np.eye(count)
         solved = problem.solve(moments, penalty)
-        error = float(moments.error(solved[:FOLDS]).sum())
+        error = float(moments.error(solved[:-1]).sum())
         if best is None or error < best[0]:
             best = (error, solved, penalty)
     assert best is not None

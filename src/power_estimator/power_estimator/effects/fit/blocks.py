@@ -5,16 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 Floats = NDArray[np.float64]
-
-BLOCK_SECONDS = (1.0, 0.5, 0.25, 0.1)
-_FEWEST_BLOCKS = 15
-_DRAWN_TOGETHER = 5  # blocks of a bootstrap
-_LEAST_USED = 0.5  # of the rows of a block must be resolved
 
 
 @dataclass(frozen=True)
@@ -29,22 +25,23 @@ class Blocks:
     use: NDArray[np.bool_]  # [B, length, D] rows whose signals are resolved
 
     @classmethod
-    def of(cls, prepared: Prepared) -> 'Blocks':
+    def of(cls, prepared: Prepared, settings: FitSettings | None = None) -> 'Blocks':
         """Cut prepared signals into blocks that cross no gap."""
+        settings = settings or FitSettings()
         window = prepared.reducer.window
-        for seconds in (window,) if window else BLOCK_SECONDS:
+        for seconds in (window,) if window else settings.block_seconds:
             length = round(seconds * REDUCED_RATE)
             starts = [
                 start
                 for part in prepared.reducer.stretches()
                 for start in range(part.start, part.stop - length + 1, length)
             ]
-            if len(starts) >= _FEWEST_BLOCKS:
+            if len(starts) >= settings.fewest_blocks:
                 break
         first = np.array(starts, dtype=np.intp)
         rows = first[:, None] + np.arange(length)
         use = prepared.resolved[rows]
-        enough = use.mean(axis=1) >= _LEAST_USED
+        enough = use.mean(axis=1) >= settings.least_used
         return cls(
             starts=first,
             length=length,
@@ -190,10 +187,10 @@ def between(
     return moments, squares
 
 
-def drawn_blocks(count: int, repetitions: int, seed: int) -> Floats:
-    """Return how often each of count blocks is drawn in moving-block bootstraps, [R, B]."""
+def drawn_blocks(count: int, repetitions: int, together: int, seed: int) -> Floats:
+    """Return how often each of count blocks is drawn, some together, in R bootstraps [R, B]."""
     random = np.random.default_rng(seed)
-    size = min(_DRAWN_TOGETHER, count)
+    size = min(together, count)
     drawn = np.zeros((repetitions, count))
     for row in drawn:
         starts = random.integers(0, count - size + 1, -(-count // size))

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_estimator.effects.fit.design import Active, BasePower, Design, Structure
-from power_estimator.effects.fit.design_builder import KEPT, DesignBuilder, Linearisation
+from power_estimator.effects.fit.design_builder import DesignBuilder, Linearisation
+from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.prepared import Prepared
 
@@ -32,14 +33,16 @@ class ByDriveBuilder(DesignBuilder):
     Effects that look at other drives are computed from the signals of all.
     """
 
-    def __init__(self, prepared: Prepared, base: BasePower | None = None) -> None:
-        super().__init__(prepared, base)
-        self._count = len(prepared.names)
+    def __init__(
+        self, prepared: Prepared, base: BasePower | None = None, kept: int = FitSettings.kept
+    ) -> None:
+        super().__init__(prepared, base, kept)
+        self._count, self._kept = len(prepared.names), kept
 
     @cached_property
     def _drives(self) -> list[DesignBuilder]:
         """Builders of one drive each, with copies of its signals."""
-        base, kept = self.base, KEPT // self._count
+        base, kept = self.base, self._kept // self._count
         return [
             DesignBuilder(
                 self.prepared.drive(index), None if base is None else base.drive(index), kept

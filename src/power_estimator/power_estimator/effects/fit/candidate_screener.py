@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
-from power_estimator.effects.fit.folds import FOLDS, LEAST_MSE, Folds
+from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 Floats = NDArray[np.float64]
 Item = TypeVar('Item')
-_FINE = 8  # delays tried between two neighbours
-_NEAR = 3  # delays on either side of the base's that are tried first
-_MOST_AT_ONCE = 3_000_000  # numbers of the normal matrices that are solved together
 
 
 @dataclass(frozen=True)
@@ -28,13 +25,9 @@ class Screened:
 
     actives: tuple[Active, ...]
     mse: Floats  # W² [B, D], NaN where not measured
+    loss: float  # mean over blocks of the summed log error
     training_error: float  # summed log of the error of the fit to everything
     delay: float  # s
-
-    @property
-    def loss(self) -> float:
-        """Mean over blocks of the summed log error."""
-        return float(np.nansum(np.log(self.mse + LEAST_MSE), axis=1).mean())
 
     @property
     def mean_mse(self) -> Floats:
@@ -109,12 +102,16 @@ class CandidateScreener:
             mse = self._held_out(some)
             for trial, own in zip(some, mse, strict=True):
                 delay = float(shifts[0]) + trial.place * step
-                out.append(Screened(trial.actives, own, trial.error, delay))
+                logs = np.log(own + self.fitter.settings.least_mse)
+                loss = float(np.nansum(logs, axis=1).mean())
+                out.append(Screened(trial.actives, own, loss, trial.error, delay))
         return out
 
     def _batches(self, items: Sequence[Item]) -> Iterator[Sequence[Item]]:
-        problem = len(self.fitter.groups) * 2 * _FINE * (self._own + 8) ** 2
-        size = max(1, _MOST_AT_ONCE // problem)
+        settings = self.fitter.settings
+        delays = 2 * settings.screened_delays
+        problem = len(self.fitter.groups) * delays * (self._own + 8) ** 2
+        size = max(1, settings.screened_together // problem)
         for start in range(0, len(items), size):
             yield items[start : start + size]
 
@@ -160,8 +157,8 @@ class CandidateScreener:
         prepared, blocks = self.fitter.prepared, self.fitter.blocks
         drives, m = self._columns.shape[1:]
         shifts = len(prepared.shifts)
-        self._gram = np.zeros((1 + FOLDS, drives, m, m))
-        self._moment = np.zeros((1 + FOLDS, shifts, drives, m))
+        self._gram = np.zeros((1 + self.folds.count, drives, m, m))
+        self._moment = np.zeros((1 + self.folds.count, shifts, drives, m))
         self._square, self._next = np.zeros((shifts, drives)), np.zeros((shifts, drives))
         rows = blocks.rows
         masks = blocks.mask
@@ -180,7 +177,7 @@ class CandidateScreener:
 
             gram, moment = sums(np.ones(len(rows), bool))
             self._gram[0, drive], self._moment[0, :, drive] = gram, moment
-            for fold in range(FOLDS):
+            for fold in range(self.folds.count):
                 out_gram, out_moment = sums(self.folds.training[fold] == 0)
                 self._gram[1 + fold, drive] = gram - out_gram
                 self._moment[1 + fold, :, drive] = moment - out_moment
@@ -211,12 +208,14 @@ class CandidateScreener:
         shifts = self.fitter.prepared.shifts
         step = float(shifts[1] - shifts[0])
         known = round((self.base.delay - float(shifts[0])) / step)
-        middle = int(np.clip(known, _NEAR, len(shifts) - _NEAR - 1))
+        settings = self.fitter.settings
+        beside = settings.near_delays
+        middle = int(np.clip(known, beside, len(shifts) - beside - 1))
         base = np.concatenate([self._mean(self.base.coefficients), self._filled()], axis=1)
         near = base[:, pick].transpose(1, 0, 2)[:, None]
         at_middle = np.full((len(pick), 1), float(middle))
         _, near = self._profile(gram, at_middle, pick, near)
-        around = np.arange(middle - _NEAR, middle + _NEAR + 1, dtype=np.float64)
+        around = np.arange(middle - beside, middle + beside + 1, dtype=np.float64)
         coarse, _ = self._profile(gram, np.tile(around, (len(pick), 1)), pick, near)
         best = around[coarse.argmin(axis=1)]
         edge = (best == around[0]) & (best > 0) | (best == around[-1]) & (best < len(shifts) - 1)
@@ -225,7 +224,7 @@ class CandidateScreener:
             coarse, _ = self._profile(gram[edge], everywhere, pick[edge], near[edge])
             best[edge] = coarse.argmin(axis=1)
         best = np.clip(best, 1, len(shifts) - 2)
-        places = best[:, None] + np.linspace(-1.0, 1.0, 2 * _FINE + 1)
+        places = best[:, None] + np.linspace(-1.0, 1.0, 2 * settings.screened_delays + 1)
         fine, solved = self._profile(gram, places, pick, near)
         index, rows = fine.argmin(axis=1), np.arange(len(pick))
         return places[rows, index], fine[rows, index], solved[rows, index]
@@ -272,7 +271,7 @@ class CandidateScreener:
         own = np.take_along_axis(moment[:, 0], pick[:, None, None, :], axis=3)
         solved = self._solve(gram, self._grouped(own, 2), pick, near)  # [n, F, G, m]
         drives = self._columns.shape[1]
-        full = np.zeros((len(trials), FOLDS, drives, empty + 1))
+        full = np.zeros((len(trials), self.folds.count, drives, empty + 1))
         for index, group in enumerate(self.fitter.groups):
             for drive in group:
                 np.put_along_axis(full[:, :, drive], pick[:, None], solved[:, :, index], axis=2)
@@ -281,7 +280,7 @@ class CandidateScreener:
         masks = blocks.mask
 
         def fill(drive: int) -> None:
-            for fold in range(FOLDS):
+            for fold in range(self.folds.count):
                 tested = np.flatnonzero((self.folds.test == fold) & blocks.valid[:, drive])
                 rows = blocks.rows[tested]
                 x = self._columns[rows, drive].reshape(-1, empty + 1)

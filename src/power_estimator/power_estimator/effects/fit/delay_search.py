@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 from power_estimator.effects.fit.blocks import Blocks, DelayedNormal, Normal, between
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Design
+from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
 Floats = NDArray[np.float64]
-FINE_STEP = 0.00025
-"""s, between the delays that are tried."""
-_NEAR = 3  # delays on either side of a known one
 
 
 @dataclass(frozen=True)
@@ -25,6 +23,7 @@ class DelaySearch:
     prepared: Prepared
     groups: Sequence[Sequence[int]]  # drives that share coefficients
     weight: Floats  # W² [D], of the priors
+    settings: FitSettings
 
     def found(
         self,
@@ -80,8 +79,9 @@ class DelaySearch:
         if near is None:
             return slice(0, count)
         middle = round((near - float(self.prepared.shifts[0])) / self._step)
-        low = int(np.clip(middle - _NEAR, 0, count - 2 * _NEAR - 1))
-        return slice(low, low + 2 * _NEAR + 1)
+        beside = self.settings.near_delays
+        low = int(np.clip(middle - beside, 0, count - 2 * beside - 1))
+        return slice(low, low + 2 * beside + 1)
 
     def _equations(self, design: Design, blocks: Blocks, window: slice) -> DelayedNormal:
         power = self.prepared.power[window]
@@ -93,7 +93,8 @@ class DelaySearch:
         """Place of the best delay between the neighbours of the best of some."""
         gram, moment, square, next_ = sums
         middle = int(np.clip(best, 1, len(moment) - 2))
-        places = np.linspace(middle - 1, middle + 1, 2 * round(self._step / FINE_STEP) + 1)
+        steps = round(self._step / self.settings.fine_delay)
+        places = np.linspace(middle - 1, middle + 1, 2 * steps + 1)
         fine = self._profile(design, gram, *between(places, moment, square, next_))
         return float(places[int(np.argmin(fine))])
 

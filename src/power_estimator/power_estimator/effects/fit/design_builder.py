@@ -18,11 +18,10 @@ from power_estimator.effects.fit.design import (
     weighted,
 )
 from power_estimator.effects.fit.kept import Kept
+from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.signals.prepared import Prepared
 
 Floats = NDArray[np.float64]
-KEPT = 128_000_000
-"""Bytes of columns that a builder keeps."""
 _SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient
 
 
@@ -45,7 +44,7 @@ class DesignBuilder:
     """
 
     def __init__(
-        self, prepared: Prepared, base: BasePower | None = None, kept: int = KEPT
+        self, prepared: Prepared, base: BasePower | None = None, kept: int = FitSettings.kept
     ) -> None:
         """kept: bytes of columns at most, of either rate."""
         self.prepared = prepared

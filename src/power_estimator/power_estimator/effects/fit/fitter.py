@@ -12,24 +12,16 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks, Normal, drawn_blocks, modelled
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.by_drive import ByDriveBuilder
-from power_estimator.effects.fit.delay_search import FINE_STEP, DelaySearch, group_limits
+from power_estimator.effects.fit.delay_search import DelaySearch, group_limits
 from power_estimator.effects.fit.design import Active, BasePower, Design, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.kept import Kept
+from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
-
-_BOOTSTRAPS = 200
-_TIED = 0.9999  # cosine of two columns that a recording cannot tell apart
-_REWEIGHTINGS = 2
-_LEAST_NOISE = 0.02  # W of a reference drive, for the weight of the priors
-_AT_BOUND = 1e-6  # of the larger bound
-_SETTLED = 0.1  # of the residual: a smaller step leaves the linearisation as good as exact
-_SETTLED_BOUND = 0.05  # relative change of a discrepancy's bound
-_KEPT = 128_000_000  # bytes, of linearised designs
 
 
 @dataclass(frozen=True)
@@ -86,7 +78,9 @@ class Fit:
         """`lower` or `upper` where a coefficient stands at its bound, else ''."""
         value = self.coefficients[drive, column]
         low, high = self.lower[drive, column], self.upper[drive, column]
-        near = _AT_BOUND * max(abs(low), abs(high) if np.isfinite(high) else 0.0)
+        near = self.fitter.settings.at_bound * max(
+            abs(low), abs(high) if np.isfinite(high) else 0.0
+        )
         return 'lower' if value <= low + near else 'upper' if value >= high - near else ''
 
     def residual(self) -> Floats:
@@ -104,18 +98,20 @@ class Fitter:
         *,
         groups: Sequence[Sequence[int]] | None = None,
         base: BasePower | None = None,
+        settings: FitSettings | None = None,
     ) -> None:
         """groups: drives that share coefficients, by index; base: a model underneath."""
         self.prepared = prepared
-        self.blocks = Blocks.of(prepared)
+        self.settings = settings = settings or FitSettings()
+        self.blocks = Blocks.of(prepared, settings)
         count = len(prepared.names)
         several = ByDriveBuilder if count > 1 else DesignBuilder
-        self.builder = (WholeBuilder if prepared.whole else several)(prepared, base)
+        self.builder = (WholeBuilder if prepared.whole else several)(prepared, base, settings.kept)
         self.groups = [list(g) for g in groups] if groups else [[d] for d in range(count)]
         noise = np.where(np.isfinite(prepared.noise), prepared.noise, 0.1 * self.scale.power)
-        self.weight = np.maximum(noise, _LEAST_NOISE * self.scale.power) ** 2
-        self.delays = DelaySearch(prepared, self.groups, self.weight)
-        self._kept: Kept[Linear] = Kept(_KEPT)
+        self.weight = np.maximum(noise, settings.least_noise * self.scale.power) ** 2
+        self.delays = DelaySearch(prepared, self.groups, self.weight, settings)
+        self._kept: Kept[Linear] = Kept(settings.kept)
 
     @property
     def scale(self) -> DriveScale:
@@ -141,6 +137,7 @@ class Fitter:
         iterations: fewer where a step no longer moves what the linearisation depends on, or
         where one leaves a larger error than give_up.
         """
+        settings = self.settings
         point = carried(structure, start, len(self.prepared.names))
         weights = np.ones(self.blocks.valid.shape) if start is None else start.weights
         near = None if start is None else start.delay
@@ -148,12 +145,12 @@ class Fitter:
         for left in reversed(range(max(1, iterations))):
             design = self.builder.build(structure, point, keep=current is None)
             normal, chosen = self.delays.found(design, self.blocks, weights, near, delay)
-            current = self._solved(design, normal, point, weights, chosen, _REWEIGHTINGS)
+            current = self._solved(design, normal, point, weights, chosen, settings.reweightings)
             if current.error > give_up:
                 break
-            still = near is not None and abs(chosen - near) <= FINE_STEP
+            still = near is not None and abs(chosen - near) <= settings.fine_delay
             if left and still and self._settled(current, design, normal):
-                more = _REWEIGHTINGS * left
+                more = settings.reweightings * left
                 current = self._solved(design, normal, point, current.weights, chosen, more)
                 break
             near, point, weights = current.delay, current.coefficients, current.weights
@@ -211,14 +208,14 @@ class Fitter:
         discrepancies are bounded by those of their effects.
         """
         _, upper = fit.structure.bounds(fit.coefficients, self.scale)
-        same = np.isclose(upper, fit.upper, rtol=_SETTLED_BOUND, atol=0.0)
+        same = np.isclose(upper, fit.upper, rtol=self.settings.settled_bound, atol=0.0)
         if not same.all():
             return False
         step = (fit.coefficients - fit.point) * fit.structure.coupled(fit.coefficients)
         gram = normal.gram.sum(axis=0)
         count = np.maximum((normal.counts * normal.valid).sum(axis=0), 1)
         moved = np.einsum('di,dij,dj->d', step, gram, step) / count
-        return bool((moved <= np.square(_SETTLED) * fit.mse).all())
+        return bool((moved <= np.square(self.settings.settled) * fit.mse).all())
 
     def solve(
         self,
@@ -265,7 +262,7 @@ class Fitter:
         one that lets either take all. Delay, shapes and the weights of the blocks are held.
         """
         linear = self.linear(fit)
-        drawn = drawn_blocks(len(self.blocks.starts), _BOOTSTRAPS, seed)
+        drawn = self.drawn(self.settings.bootstraps, seed)
         sampled = self.solve(linear.design, linear.normal, fit.weights, drawn, fit.coefficients)
         tails = [(1 - level) / 2, (1 + level) / 2]
         found: Floats = np.quantile(sampled, tails, axis=0).transpose(1, 2, 0)
@@ -273,8 +270,13 @@ class Fitter:
 
     def delay_draws(self, fit: Fit, repetitions: int, seed: int = 0) -> Floats:
         """Delays of the power, s [R], of as many bootstraps of the blocks."""
-        drawn = drawn_blocks(len(self.blocks.starts), repetitions, seed)
+        drawn = self.drawn(repetitions, seed)
         return self.delays.drawn(fit.design, self.blocks, fit.weights, fit.delay, drawn)
+
+    def drawn(self, repetitions: int, seed: int) -> Floats:
+        """Return how often each block is drawn in R moving-block bootstraps, [R, B]."""
+        together = self.settings.drawn_together
+        return drawn_blocks(len(self.blocks.starts), repetitions, together, seed)
 
     def _with_ties(self, fit: Fit, bounds: Floats) -> Floats:
         """Widen the bounds [D, m, 2] of coefficients that only their sum is known of."""
@@ -289,7 +291,7 @@ class Fitter:
         ]
         out = bounds.copy()
         for drive, one, other in itertools.product(range(len(gram)), physics, physics):
-            if one != other and alike[drive, one, other] > _TIED:
+            if one != other and alike[drive, one, other] > self.settings.tied:
                 ratio = scale[drive, other] / scale[drive, one]
                 most = out[drive, one, 1] + ratio * bounds[drive, other, 1]
                 out[drive, one, 1] = min(most, fit.upper[drive, one])

@@ -6,16 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from power_estimator.effects.fit.blocks import Blocks
+from power_estimator.effects.fit.settings import FitSettings
 
 Floats = NDArray[np.float64]
-
-FOLDS = 5
-PIECE = 10
-"""Blocks (of 1 s) that stay together in a fold."""
-EMBARGO = 1
-"""Blocks left out of the training on either side of the tested ones."""
-LEAST_MSE = 1e-4
-"""W²: errors below this are alike; keeps the logarithm from rewarding luck."""
 
 
 @dataclass(frozen=True)
@@ -25,18 +18,17 @@ class Folds:
     test: NDArray[np.int32]  # [B], fold of each block
     training: Floats  # [F, B], 1 where the block may be trained on
 
+    @property
+    def count(self) -> int:
+        """Folds."""
+        return len(self.training)
+
     @classmethod
     def of(
-        cls,
-        blocks: Blocks,
-        *,
-        by_recording: bool = True,
-        count: int = FOLDS,
-        piece: int = PIECE,
-        embargo: int = EMBARGO,
+        cls, blocks: Blocks, settings: FitSettings | None = None, *, by_recording: bool = True
     ) -> 'Folds':
         """
-        Split by recording where there are five or more, else by pieces of 10 s in turn.
+        Split by recording where there are enough, else by pieces of 10 s in turn.
 
         Not by_recording where each has coefficients of its own, which no other tells.
 
@@ -44,18 +36,19 @@ class Folds:
         far apart are in all folds.
         An embargo beside each tested piece keeps what is autocorrelated out of training.
         """
-        recordings = np.unique(blocks.recording)
-        if by_recording and len(recordings) >= count:
-            test = np.searchsorted(recordings, blocks.recording) % count
+        settings = settings or FitSettings()
+        folds, recordings = settings.folds, np.unique(blocks.recording)
+        if by_recording and len(recordings) >= folds:
+            test = np.searchsorted(recordings, blocks.recording) % folds
         else:
             place = np.cumsum(blocks.valid.any(axis=1)) - 1
-            length = int(np.clip((place[-1] + 1) // (3 * count), 2, piece))
-            test = (np.maximum(place, 0) // length) % count
-        training = np.ones((count, len(blocks.starts)))
-        for fold in range(count):
+            length = int(np.clip((place[-1] + 1) // (3 * folds), 2, settings.piece))
+            test = (np.maximum(place, 0) // length) % folds
+        training = np.ones((folds, len(blocks.starts)))
+        for fold in range(folds):
             tested = test == fold
             near = tested.copy()
-            for step in range(1, embargo + 1):
+            for step in range(1, settings.embargo + 1):
                 near[:-step] |= tested[step:]
                 near[step:] |= tested[:-step]
             training[fold, near] = 0.0

@@ -14,7 +14,8 @@ from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, BasePower, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
-from power_estimator.effects.fit.folds import FOLDS, Folds
+from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.fit.whole_robot import column_of, expanded, share_of
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
 from power_estimator.effects.signals.pieces import pieces
@@ -26,7 +27,7 @@ LEAST_SECONDS = 20.0
 """Less than this says nothing of what is missing: walking repeats every second or two."""
 LEAST_TO_FIT = 1.5
 """Seconds for a fit of a few coefficients, whose intervals then say how little is known."""
-_LEAST_WINDOWS = 2 * FOLDS  # each fold has two
+_LEAST_WINDOWS = 2 * FitSettings.folds  # each fold has two
 _LEAST_SPEED, _LEAST_TORQUE = 0.05, 0.3  # rad/s, N·m, standard deviations
 
 
@@ -44,13 +45,13 @@ class Material:
             return Structure(expanded(actives, self.prepared.signals))
         return Structure(tuple(actives))
 
-    def fitter(self, *, per_drive: bool = False) -> Fitter:
+    def fitter(self, *, per_drive: bool = False, settings: FitSettings | None = None) -> Fitter:
         """Make a fitter with drives of a type sharing coefficients unless per_drive."""
         if self.prepared.whole:
-            return Fitter(self.prepared, base=self.base_power)
+            return Fitter(self.prepared, base=self.base_power, settings=settings)
         columns = assign(self.prepared.names, self.types)
         groups = None if per_drive else [own for own in columns.values() if own]
-        return Fitter(self.prepared, groups=groups, base=self.base_power)
+        return Fitter(self.prepared, groups=groups, base=self.base_power, settings=settings)
 
     def at_most(self, seconds: float) -> 'Material':
         """The same of so many seconds at most, in pieces spread over all recordings."""
@@ -115,7 +116,7 @@ def fit_model(
     structure = material.structure(effects)
     terms = measurement_terms(catalogue, shaft='shaft' in structure.names)
     fitter = material.fitter()
-    whole = shaped(fitter, Folds.of(fitter.blocks), structure.plus(*terms))
+    whole = shaped(fitter, Folds.of(fitter.blocks, fitter.settings), structure.plus(*terms))
     fit = fitter.fit(whole, iterations=5)
     intervals = fitter.intervals(fit, seed)
     shapes = {active.name: active.shape for active in whole.actives}
