@@ -137,3 +137,14 @@ def test_a_case_is_the_same_in_every_process():
         [sys.executable, '-c', code], cwd=bench, capture_output=True, text=True, check=True
     )
     assert float(shown.stdout) == float(record(case).power.sum())
+
+
+@pytest.mark.parametrize('effect', ['copper_loss', 'cross_talk', 'fan', 'regeneration_limit'])
+def test_every_hidden_effect_has_a_size(effect):
+    assert hidden_watts(Case('elastic', 'hopper', 10.0, hidden=(effect,)))[effect] > 0.05
+
+
+@pytest.mark.parametrize('family', FAMILIES)
+def test_windings_stay_below_what_melts_them(family):
+    case = Case(family, 'stall', 600.0, 1, seed=1, hidden=('winding_heating',))
+    assert simulate(case, draw(case)).joints[3].max() < 150.0

@@ -13,7 +13,7 @@ GIMBAL = Drive(
     torque_limit=1.0, speed_limit=40.0, torque_constant=0.12, resistance=0.8, inertia=8e-5,
     current_loop=900.0, ripple_order=42.0, coulomb=0.012, stribeck_speed=1.0, viscous=0.0005,
     presliding_speed=0.15, iron=0.006, pole_pairs=14.0, idle=1.2, winding_capacity=9.0,
-    winding_conductance=0.12, housing_capacity=70.0, housing_conductance=0.15, current_gain=1.0,
+    winding_conductance=0.3, housing_capacity=70.0, housing_conductance=0.35, current_gain=1.0,
     rub_width=0.2, velocity_filter=80.0,
 )  # fmt: skip
 WHEEL = Drive(
@@ -30,6 +30,7 @@ ARM = Drive(
 )  # fmt: skip
 ALWAYS = ('copper_loss', 'idle', 'coulomb_friction', 'viscous_friction', 'rotor_inertia')
 ABSENT: Mapping[str, Mapping[str, float]] = {
+    'copper_loss': {'resistance': 0.0},
     'winding_heating': {'copper_temperature': 0.0, 'magnet_temperature': 0.0},
     'coulomb_friction': {'coulomb': 0.0},
     'viscous_friction': {'viscous': 0.0},
@@ -53,7 +54,6 @@ ABSENT: Mapping[str, Mapping[str, float]] = {
 }  # fmt: skip
 """What a plant lacks without each effect; the last three are in no catalogue."""
 SIZE: Mapping[str, tuple[str, ...]] = {
-    'copper_loss': ('resistance',),
     'winding_heating': ('copper_temperature',),
     'rotor_inertia': ('inertia',),
     'spring': (),

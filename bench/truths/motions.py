@@ -65,8 +65,9 @@ def walk(ask: Asked) -> tuple[Floats, Floats]:
     stretch = np.abs(command[:, 0]) * 0.6 + 0.35
     q, tau = np.empty((ask.knots, d)), np.empty((ask.knots, d))
     kinds = r.uniform(0.85, 1.15, (8, d))
+    alone = int(r.integers(3)) if d == 1 else 0
     for joint in range(d):
-        leg, kind = divmod(joint, 3)
+        leg, kind = divmod(joint + alone, 3)
         here = phase + (0.0, np.pi, np.pi, 0.0)[leg % 4] + 2 * np.pi * (leg // 4) / max(legs, 1)
         stance = 1 / (1 + np.exp(-9 * np.sin(here)))
         swing = np.clip(-np.sin(here), 0, None) ** 1.4
@@ -152,7 +153,7 @@ def wheel(ask: Asked) -> tuple[Floats, Floats]:
 def stall(ask: Asked) -> tuple[Floats, Floats]:
     """Locked shaft under load that is held, ramped and taken off: steps and slow waves."""
     r, d = ask.random, ask.drives
-    steps = ask.held(4.0, 20.0, lambda n: r.uniform(-0.8, 0.8, (n, d)) * (r.random((n, d)) < 0.8))
+    steps = ask.held(4.0, 20.0, lambda n: r.uniform(-0.6, 0.6, (n, d)) * (r.random((n, d)) < 0.8))
     wave = 0.12 * np.sin(2 * np.pi * 0.05 * ask.time[:, None] + r.uniform(0, 6, d))
     tau = ask.smooth(steps, 0.3) + wave + 0.003 * ask.wander(0.1, d)
     return 0.01 * tau, tau * ask.torque

@@ -103,6 +103,10 @@ def hidden_watts(case: Case) -> dict[str, float]:
     whole = simulate(case, plant).power
     sizes = {}
     for name in case.hidden:
+        if name == 'cross_talk':
+            crossed = whole * [drive.cross_talk for drive in plant.drives]
+            sizes[name] = float(np.sqrt(np.square(crossed).mean()))
+            continue
         without = simulate(case, plant.only(plant.exists - {name})).power
         sizes[name] = float(np.sqrt(np.square(whole - without).mean()))
     return sizes

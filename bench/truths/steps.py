@@ -167,8 +167,8 @@ def run(
     Run the plant through a motion of K knots; write samples, parts and power.
 
     drives, state: records [D]. position (rad), torque (N·m): knots [K, D]; source (V), other (W
-    drawn by other consumers): at the knots [K]. supply: nominal voltage, resistance, capacitance,
-    blocked, chopper's rise. joint_at, meter_at: steps to sample [D, N], ascending. joints:
+    drawn by other consumers, before the diode that blocks): at the knots [K]. supply: nominal
+    voltage, resistance, capacitance, blocked, chopper's rise. joint_at, meter_at: steps to sample [D, N], ascending. joints:
     position, velocity, torque, winding [4, D, N]; meter: voltage, current [2, D, M]; parts:
     [P, D, len(PARTS)]; power: at the meter [P, D].
     """
@@ -288,7 +288,7 @@ def run(
         feed = conductance
         if blocked and volts > source[knot]:
             feed = 0.0
-        drawn = (total + other[knot]) / volts
+        drawn = (total if blocked else total + other[knot]) / volts
         before = volts
         volts = (before + STEP / capacitance * (source[knot] * feed - drawn)) / (
             1.0 + STEP / capacitance * feed
