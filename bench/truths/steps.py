@@ -168,9 +168,9 @@ def run(
 
     drives, state: records [D]. position (rad), torque (N·m): knots [K, D]; source (V), other (W
     drawn by other consumers, before the diode that blocks): at the knots [K]. supply: nominal
-    voltage, resistance, capacitance, blocked, chopper's rise. joint_at, meter_at: steps to sample [D, N], ascending. joints:
-    position, velocity, torque, winding [4, D, N]; meter: voltage, current [2, D, M]; parts:
-    [P, D, len(PARTS)]; power: at the meter [P, D].
+    voltage, resistance, capacitance, blocked, chopper's rise. joint_at, meter_at: steps to sample
+    [D, N], ascending. joints: position, velocity, torque, winding [4, D, N]; meter: voltage,
+    current [2, D, M]; parts: [P, D, len(PARTS)]; power: at the meter [P, D].
     """
     count = len(drives)
     knots = len(position) - 3
