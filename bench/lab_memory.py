@@ -12,6 +12,7 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 from power_estimator.effects.fit import candidate_screener
 from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened, Trial
 from power_estimator.effects.fit.design import Active, Structure
@@ -143,9 +144,11 @@ def kept_by(memory: Memory) -> list[tuple[object, str, Any]]:
         start: Fit | None = None,
         iterations: int = 3,
         delay: float | None = None,
+        give_up: float = np.inf,
     ) -> Any:
-        key = ('fit', *_blocks_key(self), structure_key(of), id(start), iterations, delay)
-        return memory.get(key, lambda: fit(self, of, start, iterations, delay), (of, start))
+        given = iterations, delay, give_up
+        key = ('fit', *_blocks_key(self), structure_key(of), id(start), *given)
+        return memory.get(key, lambda: fit(self, of, start, *given), (of, start))
 
     def kept_intervals(self: Fitter, of: Fit, seed: int = 0, level: float = 0.95) -> Any:
         key = ('intervals', id(of), seed, level)
