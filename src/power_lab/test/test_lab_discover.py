@@ -14,6 +14,8 @@ from power_estimator.effects.catalogue import Catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.training import material
+from power_estimator.effects.signals.carried import Carried
+from power_estimator.effects.signals.prepared import signals_of
 from power_lab.commands import add as add_command
 from power_lab.commands import compare as compare_command
 from power_lab.commands import discover as discover_command
@@ -29,7 +31,7 @@ from power_lab.discover.selection import without_known
 from power_lab.discover.words import in_short
 from power_lab.report.discovery_tables import print_discovery
 from power_lab.structure.drivers import FACTORS, Driver, Family
-from power_lab.structure.memory import play
+from power_lab.structure.memory import after_rest, by_stretch, lagged, play
 from power_recordings.alignment.dataset import AlignedDataset
 from rich.console import Console
 
@@ -188,7 +190,26 @@ def test_a_play_sticks_at_its_edges_and_follows_in_between():
     for value in values:
         state = min(max(state, value - 0.15), value + 0.15)
         expected.append((value - state) / 0.15)
-    assert play(values, 0.3) == pytest.approx(np.array(expected), abs=1e-9)
+    assert play(values, None, 0.3) == pytest.approx(np.array(expected), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('state', 'given'),
+    [(play, (0.3,)), (lagged, (200.0, 20.0)), (after_rest, (200.0, 0.5, 1.5, 0.0))],
+)
+def test_what_is_remembered_goes_on_from_block_to_block(state, given):
+    values = np.cumsum(np.random.default_rng(0).normal(0, 0.05, 400))
+    data = AlignedDataset.blank(
+        200.0, ('A',), np.arange(400) / 200.0, 'walk', velocity=values[:, None], torque=1.0
+    )
+    whole, carried = signals_of(data), Carried()
+    found = []
+    for start in range(0, 400, 8):  # blocks of eight after up to twelve that were there before
+        rows = slice(max(0, start - 12), start + 8)
+        signals = replace(signals_of(data.rows(rows)), carried=carried)
+        found.append(by_stretch(signals, 0, values[rows], state, *given)[-8:])
+    expected = by_stretch(whole, 0, values, state, *given)
+    assert np.concatenate(found) == pytest.approx(expected, abs=1e-12)
 
 
 def test_bounds_of_a_file_keep_the_sign_that_the_bootstrap_is_sure_of():

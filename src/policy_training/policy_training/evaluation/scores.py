@@ -40,7 +40,7 @@ def score(walk: MeasuredWalk, idle: float, models: Mapping[str, PowerModel]) -> 
     }
     if not steady.any():
         return entry
-    drawn = {kind: _of_type(walk, walk.data.power, kind) for kind in JOINT_TYPES}
+    drawn = {kind: _of_type(walk, walk.data.power[steady], kind) for kind in JOINT_TYPES}
     supply = float(walk.data.supply[steady].mean())
     electronics = supply - sum(drawn.values())
     entry['power_w'] = {
@@ -51,7 +51,8 @@ def score(walk: MeasuredWalk, idle: float, models: Mapping[str, PowerModel]) -> 
     }
     entry['estimates'] = {}
     for name, model in models.items():
-        power = model.predict(walk.data)
+        data, rows = (walk.data, steady) if model.needs.smooth else (walk.raw, walk.raw_steady)
+        power = model.predict(data)[rows]
         by_type = {kind: _of_type(walk, power, kind) for kind in JOINT_TYPES}
         entry['estimates'][name] = {'drives': sum(by_type.values()), **by_type}
     if models:
@@ -89,7 +90,7 @@ def _smoothness(walk: MeasuredWalk) -> dict[str, float]:
 
 def _of_type(walk: MeasuredWalk, power: NDArray[np.floating], kind: str) -> float:
     columns = [i for i, name in enumerate(walk.data.names) if name.endswith(kind)]
-    return float(np.nanmean(power[walk.steady][:, columns], axis=0).sum())
+    return float(np.nanmean(power[:, columns], axis=0).sum())
 
 
 def _clean(value: Any) -> Any:

@@ -47,12 +47,13 @@ class EffectBatch:
         self._voltage = np.array([g.voltage for g in members])
         self._scale = DriveScale.stack([g.scale for g in members])
         self._names = drives
-        if model.needs.memory > LONGEST:
+        needs = model.needs_in(drives)
+        if needs.memory > LONGEST:
             raise InputError(
-                f'{model.name}: {model.needs.remembers} remembers more than the last '
+                f'{model.name}: {needs.remembers} remembers more than the last '
                 f'{1e3 * LONGEST:.0f} ms, which are all that is kept step by step'
             )
-        self._kept = math.ceil(model.needs.memory * RATE)
+        self._kept = math.ceil(needs.memory * RATE)
         self._past = np.zeros((self._kept, 2, robots, len(drives)))
         self._fresh = np.ones(robots, bool)
 

@@ -68,6 +68,6 @@ def needs_of(effect: Effect, shape: Shape, names: Sequence[str]) -> Needs:
         improved_by={'voltage': effect.name} if 'voltage' in inputs else {},
         memory=memory,
         remembers=effect.name,
-        carried=carried.used or np.isfinite(memory),
+        carried=carried.used or bool(np.isfinite(memory)),
         together='' if effect.per_drive else effect.name,
     )

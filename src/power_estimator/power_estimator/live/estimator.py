@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Final
 
@@ -48,7 +48,7 @@ class LiveSample:
     """Signals of D drives at the model's rate."""
 
     stamp: int  # ns, of the newest joint state in it
-    signals: Doubles  # position, velocity, torque, command in force, voltage, temperature [6, D]
+    signals: Doubles  # in SI units [S, D]
     fresh: bool  # it does not follow the sample before
 
 
@@ -91,7 +91,10 @@ class LiveEstimator:
         self._block_size = max(1, round(self._config.period * needs.rate))
         self._targets = 'position_error' in needs.inputs
         inputs = {*needs.inputs, *(('position', 'command') if self._targets else ())}
-        self._needed = [row for row, name in enumerate(_SIGNALS) if name in inputs]
+        needed = [name for name in _SIGNALS if name in inputs]
+        self._needed = len(needed)
+        self._signals = (*needed, *(set(needs.improved_by) - inputs))
+        self._rows = [_SIGNALS.index(name) for name in self._signals]
         self._stream = stream_of(model, drives, needs.rate)
         self._sampler = CausalSampler(needs.rate)
         self._waiting: deque[tuple[int, Doubles]] = deque(maxlen=1000)
@@ -121,8 +124,9 @@ class LiveEstimator:
         if self._targets and self._command is None:
             return None
         target = self._unknown if self._command is None else self._command[1]
-        signals = np.array((position, velocity, torque, target, *self._supply))
-        if not np.isfinite(signals[self._needed]).all():
+        known = (position, velocity, torque, target, *self._supply)
+        signals = np.array([known[row] for row in self._rows])
+        if not np.isfinite(signals[: self._needed]).all():
             self.refused += 1
             return None
         result = None
@@ -153,10 +157,11 @@ class LiveEstimator:
     def _dataset(self) -> AlignedDataset:
         stamps = np.array([sample.stamp for sample in self._block])
         rows = np.stack([sample.signals for sample in self._block], axis=1)
-        signals = dict(zip(_SIGNALS, rows, strict=True))
+        signals = dict(zip(self._signals, rows, strict=True))
         time = (stamps - self._origin) / 1e9
         block = AlignedDataset.blank(self._rate, self.drives, time, 'live', **signals)
-        return replace(block, segment=block.segment + self._segment)
+        block.segment[:] = self._segment
+        return block
 
     def _status(self, stamp: int) -> Status:
         held = stamp - self._command[0] if self._targets and self._command else 0

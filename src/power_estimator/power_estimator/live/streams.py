@@ -12,7 +12,7 @@ from wattwalk_core.errors import InputError
 
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.carried import Carried
-from power_estimator.model import PowerModel
+from power_estimator.model import Needs, PowerModel
 from power_estimator.network.features import features
 from power_estimator.network.ppn import PowerPredictionNetwork
 
@@ -43,7 +43,7 @@ def stream_of(model: PowerModel, drives: Sequence[str], rate: float) -> Estimate
         return NetworkStream(model, drives, rate)
     if isinstance(model, EffectModel):
         return EffectStream(model, drives, rate)
-    return WindowStream(model, rate)
+    return WindowStream(model, model.needs, rate)
 
 
 class NetworkStream:
@@ -68,7 +68,8 @@ class NetworkStream:
     def advance(self, block: AlignedDataset) -> Floats:
         """Return the power in W [n, D]."""
         x = features(block)
-        x = x.reshape(-1, self._times, *x.shape[1:]).mean(axis=1)
+        if self._times > 1:
+            x = x.reshape(-1, self._times, *x.shape[1:]).mean(axis=1)
         fresh = np.zeros(x.shape[:2], bool)
         fresh[0] = block.segment[0] != self._segment
         self._segment, self._seen = int(block.segment[-1]), x
@@ -91,8 +92,7 @@ class WindowStream:
 
     settled = True
 
-    def __init__(self, model: PowerModel, rate: float) -> None:
-        needs = model.needs
+    def __init__(self, model: PowerModel, needs: Needs, rate: float) -> None:
         if math.isinf(needs.memory) and not needs.carried:
             raise InputError(
                 f'{model.name}: {needs.remembers} follows all samples before, and cannot be '
@@ -124,7 +124,7 @@ class EffectStream(WindowStream):
 
     def __init__(self, model: EffectModel, drives: Sequence[str], rate: float) -> None:
         self._effects = replace(model, base=None, base_model=None)
-        super().__init__(self._effects, rate)
+        super().__init__(self._effects, self._effects.needs_in(drives), rate)
         base = model.base_model
         self._base = None if base is None else stream_of(base, drives, rate)
         if self._base is not None:

@@ -147,7 +147,7 @@ def _memory_lines(one: Written) -> list[str]:
     if not driver.memory:
         return []
     return [
-        '            rate, stretches = signals.rate, signals.stretches()',
+        '            rate = signals.rate',
         "            given = place['given']",
     ]
 

@@ -85,7 +85,6 @@ def driver_values(driver: Driver, signals: Signals, drive: int) -> Floats:
         'given': driver.given,
         'rate': signals.rate,
         'standstill': float(signals.scale.standstill[drive]),
-        'stretches': signals.stretches() if driver.memory else [],
         'by_stretch': by_stretch,
         'lagged': lagged,
         'after_rest': after_rest,
@@ -184,7 +183,7 @@ def _with_memory(signals: Signals, drive: int) -> Iterator[Family]:
     stroke = np.quantile(signals.position[:, drive], (0.05, 0.95))
     width = float(np.clip(stroke[1] - stroke[0], 1e-3, 2.0))
     for share in (0.02, 0.06, 0.2):
-        code = 'by_stretch(stretches, signals.position[:, column], play, *given)'
+        code = 'by_stretch(signals, column, signals.position[:, column], play, *given)'
         lost = Driver('play', 'position', 'h', '', code, (share * width,), memory='play')
         yield _family(lost, 'torque')
         yield _family(lost, 'torque', 'sign')
@@ -192,14 +191,15 @@ def _with_memory(signals: Signals, drive: int) -> Iterator[Family]:
     if 0.02 < still.mean() < 0.98:
         for fades in _AFTER_REST:
             code = (
-                'by_stretch(stretches, signals.velocity[:, column], after_rest, '
+                'by_stretch(signals, column, signals.velocity[:, column], after_rest, '
                 'rate, standstill, *given)'
             )
             rest = Driver('rest', 'speed', 'rest', '', code, fades, memory='rest')
             yield _family(rest, 'torque', 'sign')
             yield _family(rest, 'power')
     for seconds in (20.0, 90.0, 300.0):
-        code = 'by_stretch(stretches, np.square(signals.torque[:, column]), lagged, rate, *given)'
+        heat = 'np.square(signals.torque[:, column])'
+        code = f'by_stretch(signals, column, {heat}, lagged, rate, *given)'
         warm = Driver('heat', 'temperature', 'heat', '(N·m)²', code, (seconds,), memory='lag')
         yield _family(warm, 'torque', 'sign')
         yield _family(warm, 'torque', 'velocity')

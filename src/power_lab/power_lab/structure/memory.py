@@ -6,16 +6,22 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-def lagged(values: Floats, rate: float, seconds: float) -> Floats:
-    """First-order lag of values [T] of one stretch, from zero on: a cold start."""
+def lagged(values: Floats, before: Floats | None, rate: float, seconds: float) -> Floats:
+    """First-order lag of values [T] of one stretch; from zero on after a cold start."""
     from scipy.signal import lfilter
 
     keep = np.exp(-1.0 / (rate * seconds))
-    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values))
+    state = [0.0 if before is None else keep * before[1]]
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values, zi=state)[0])
 
 
 def after_rest(
-    velocity: Floats, rate: float, standstill: float, seconds: float, travel: float
+    velocity: Floats,
+    before: Floats | None,
+    rate: float,
+    standstill: float,
+    seconds: float,
+    travel: float,
 ) -> Floats:
     """
     State of rest, 0 in motion to 1 once the joint has stood [T].
@@ -33,10 +39,10 @@ def after_rest(
         added[step:] = added[step:] + keep[step:] * added[:-step]
         keep[step:] = keep[step:] * keep[:-step]
         step *= 2
-    return added
+    return added if before is None else added + keep * before[1]
 
 
-def play(values: Floats, width: float) -> Floats:
+def play(values: Floats, before: Floats | None, width: float) -> Floats:
     """
     Place within a play, −1 to 1 [T]: it follows the values and sticks where they turn round.
 
@@ -44,7 +50,8 @@ def play(values: Floats, width: float) -> Floats:
     """
     half = 0.5 * width
     low, high = values - half, values + half
-    low[0] = high[0] = values[0]
+    start = values[0] if before is None else np.clip(before[0] - half * before[1], low[0], high[0])
+    low[0] = high[0] = start
     step = 1
     while step < len(values):
         before_low, before_high = low[:-step].copy(), high[:-step].copy()
@@ -56,9 +63,15 @@ def play(values: Floats, width: float) -> Floats:
     return (values - low) / half
 
 
-def by_stretch(stretches: list[slice], values: Floats, state, *given: float) -> Floats:  # type: ignore[no-untyped-def]
-    """State of values [T], begun anew in each stretch without gaps."""
+def by_stretch(signals, column: int, values: Floats, state, *given: float) -> Floats:  # type: ignore[no-untyped-def]
+    """State of a drive's values [T], begun anew in each stretch without gaps, or carried on."""
+    key, carried, time = (state.__name__, column, given), signals.carried, signals.time
+    last = None if carried is None else carried.before(key, time[0])
+    before = None if last is None or time[0] - last[0] > 1.5 / signals.rate else last[1]
     out = np.zeros_like(values)
-    for part in stretches:
-        out[part] = state(values[part], *given)
+    for part in signals.stretches():
+        out[part] = state(values[part], before, *given)
+        before = None
+    if carried is not None:
+        carried.keep(key, time, np.stack([values, out], axis=1), unknown=0.0)
     return out

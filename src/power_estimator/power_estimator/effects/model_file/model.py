@@ -73,7 +73,10 @@ class EffectModel:
     @cached_property
     def needs(self) -> Needs:
         """Inputs and memory of its effects and of its base model."""
-        names = [group.type.patterns[0] for group in self.groups] or ['drive']
+        return self.needs_in([group.type.patterns[0] for group in self.groups] or ['drive'])
+
+    def needs_in(self, names: Sequence[str]) -> Needs:
+        """Return what it needs in drives of these names, which users' effects may look at."""
         parts = [needs_of(a.effect, a.parameters, names) for a in self.structure.actives]
         own = Needs({'torque': '', 'velocity': ''}, RATE, smooth=False)
         if self.base_model is not None:
