@@ -2,8 +2,8 @@
 Imports of mutated tables: each ends in one line of error, or in the recording that it should be.
 
 Tables of one drive with other heads, separators, decimal marks, encodings, rows of units and
-dates, gaps, sentinels, clocks and damaged bytes are imported in one process. Printed: how many were
-imported and refused, what was wrong with any, and the peak memory.
+dates, gaps, sentinels, clocks and damaged bytes are imported in one process. Printed: how many
+were imported and refused, what was wrong with any, and the peak memory.
 
     python bench/import_fuzz.py [--count 2000] [--seed 0]
 """
