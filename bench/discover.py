@@ -26,7 +26,8 @@ from power_estimator.effects import builtin_catalogue, load_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.training import fit_model, material
-from power_estimator.effects.signals.prepared import prepare
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source
 from power_lab.discover.found import Discovery
@@ -123,13 +124,10 @@ def error(
     """W rms on one recording of the model fitted to another."""
     catalogue = CATALOGUE if path is None else load_catalogue([path])
     actives = [Active.of(catalogue[name]) for name in (*KNOWN, *more)]
-    model, fit = fit_model('trial', material(fitted_on), actives, catalogue)
-    prepared = prepare(judged_on)
-    estimated = prepared.reduced(
-        np.asarray(model.predict(judged_on, as_measured=True), dtype=np.float64)
+    model, _ = fit_model(
+        'trial', material(fitted_on), actives, catalogue, fitted_on=({'sha256': 'a'},)
     )
-    residual = np.where(prepared.resolved, prepared.power_at(fit.delay) - estimated, np.nan)
-    return round(float(np.sqrt(np.nanmean(np.square(residual)))), 4)
+    return round(Judge(Loaded.of(judged_on), catalogue).score(model).rms_w, 4)
 
 
 def right_kind(row: Mapping[str, Any]) -> bool:

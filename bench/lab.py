@@ -25,6 +25,8 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
 from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.signals.prepared import prepare
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded
 from power_lab.diagnose.diagnosis import Diagnoser
 from power_lab.diagnose.findings import Diagnosis
 from power_recordings.alignment.dataset import AlignedDataset
@@ -137,13 +139,10 @@ def fall(scenario: Scenario, data: AlignedDataset, named: Sequence[str]) -> floa
 
 def _error(fitted_on: AlignedDataset, judged_on: AlignedDataset, effects: Sequence[str]) -> float:
     actives = [Active.of(CATALOGUE[name]) for name in effects]
-    model, fit = fit_model('trial', material(fitted_on), actives, CATALOGUE)
-    prepared = prepare(judged_on)
-    estimated = prepared.reduced(
-        np.asarray(model.predict(judged_on, as_measured=True), dtype=np.float64)
+    model, _ = fit_model(
+        'trial', material(fitted_on), actives, CATALOGUE, fitted_on=({'sha256': 'a'},)
     )
-    residual = prepared.power_at(fit.delay) - estimated
-    return float(np.sqrt(np.mean(np.square(residual))))
+    return Judge(Loaded.of(judged_on), CATALOGUE).score(model).rms_w
 
 
 def score(row: dict[str, Any]) -> str:

@@ -50,11 +50,6 @@ def test_power_is_the_sum_of_the_effects_on_every_drive_of_the_type():
     assert np.isnan(power[:, 2]).all()
 
 
-def test_as_measured_adds_the_errors_of_that_meter():
-    power = model().predict(data(), as_measured=True)
-    assert power[5, 0] == pytest.approx(30.0 + 0.01 * 20.0 + 0.01 * 48.0)
-
-
 def test_a_model_stands_on_another_one():
     under = np.full((200, 3), 5.0)
     power = model(base='torque_abs').predict(data(), base=under)

@@ -24,12 +24,16 @@ def diagnose(hidden, motion='walk', *, base=MID, seed=1, seconds=70.0, faults=No
     return Diagnoser(Fitter(prepare(data)), structure.plus(*terms), CATALOGUE).run()
 
 
+def told(found):
+    return sentence(found, *(np.sqrt(e.mean_mse.mean()) for e in (found.base, found.best)))
+
+
 @pytest.mark.parametrize('motion', ['walk', 'ladder'])
 def test_nothing_is_named_where_nothing_is_missing(motion):
     found = diagnose({}, motion)
     assert found.verdict == 'no_evidence'
     assert found.effects == ()
-    assert 'No evidence' in sentence(found)
+    assert 'No evidence' in told(found)
 
 
 @pytest.mark.parametrize(
@@ -49,7 +53,7 @@ def test_the_hidden_effect_is_named(hidden, motion):
     assert found.verdict == 'named', found.steps
     assert found.effects == (hidden,)
     assert found.best.mean_mse.sum() < 0.5 * found.base.mean_mse.sum()
-    assert 'missing from the model' in sentence(found)
+    assert 'missing from the model' in told(found)
 
 
 def test_two_hidden_effects_are_both_named():
@@ -73,9 +77,9 @@ def test_an_unmodelled_effect_is_none_of_the_above_and_what_it_depends_on_is_sai
     assert found.verdict == 'none_of_the_above'
     assert found.effects == ()
     assert getattr(found.unexplained, kind).max() > 0.05
-    assert 'none of the known effects' in sentence(found)
+    assert 'none of the known effects' in told(found)
     assert found.remainder.kind == depends_on
-    assert f'most over {found.remainder.over[0]}: `discover` can describe it' in sentence(found)
+    assert f'most over {found.remainder.over[0]}: `discover` can describe it' in told(found)
 
 
 @pytest.mark.parametrize(
@@ -93,10 +97,10 @@ def test_an_effect_beside_an_unmodelled_one_is_named_and_the_rest_is_described(m
     assert found.remainder.over[0] == over
     left = np.sqrt(found.remainder.gain.mean())
     assert left > 1.0  # W; each of the three hides more
-    told = sentence(found)
-    assert told.startswith('Friction that grows with load is missing from the model: it explains')
-    assert f'{left:.2f} W of structure is left that no known effect explains' in told
-    assert f'most of it over {over}: `discover` can describe it.' in told
+    words = told(found)
+    assert words.startswith('Friction that grows with load is missing from the model: it explains')
+    assert f'{left:.2f} W of structure is left that no known effect explains' in words
+    assert f'most of it over {over}: `discover` can describe it.' in words
 
 
 def test_what_is_left_is_compared_with_the_noise_of_the_meter():
@@ -104,7 +108,7 @@ def test_what_is_left_is_compared_with_the_noise_of_the_meter():
     noise = np.sqrt(np.mean(np.square(found.noise)))
     assert 0.05 < noise < found.best.rmse.max()  # W, below 12.5 Hz
     left = np.sqrt(found.best.mean_mse.mean())
-    assert f"to {left:.2f} W, of which the meter's noise is {noise:.2f} W." in sentence(found)
+    assert f"to {left:.2f} W, of which the meter's noise is {noise:.2f} W." in told(found)
 
 
 def test_a_small_effect_beside_a_large_one_is_named_where_it_explains_all_but_the_noise():
@@ -135,7 +139,7 @@ def test_a_constant_torque_on_the_motor_is_given_no_name():
     assert found.chosen == ('torque_bias',)
     column = found.best.fit.structure.columns_of('torque_bias')
     assert found.best.fit.coefficients[:, column] == pytest.approx(2.0, rel=0.1)  # N·m, as hidden
-    assert 'constant torque' in sentence(found)
+    assert 'constant torque' in told(found)
 
 
 def test_friction_in_one_direction_is_not_told_from_a_constant_torque_beside_coulomb_friction():
@@ -145,7 +149,7 @@ def test_friction_in_one_direction_is_not_told_from_a_constant_torque_beside_cou
     assert ('torque_bias',) in found.possible
     column = found.best.fit.structure.columns_of('torque_bias')
     assert found.best.fit.coefficients[:, column] == pytest.approx(1.5, rel=0.1)  # half of 3 N·m
-    assert 'Coulomb friction beside it or not' in sentence(found)
+    assert 'Coulomb friction beside it or not' in told(found)
 
 
 def test_iron_loss_is_not_called_friction_of_which_it_differs_by_hundredths_of_a_watt():
@@ -153,7 +157,7 @@ def test_iron_loss_is_not_called_friction_of_which_it_differs_by_hundredths_of_a
     found = diagnose({'iron_loss': 2.0}, base=base, seed=0, seconds=60.0)
     assert found.verdict == 'ambiguous'
     assert {('iron_loss',), ('coulomb_friction',)} == set(found.possible)
-    assert 'one of' in sentence(found)
+    assert 'one of' in told(found)
 
 
 def test_the_same_recording_gives_the_same_diagnosis():

@@ -42,7 +42,7 @@ class EffectBatch:
         if None in found:
             raise InputError(f'{model.name} does not know the drive {drives[found.index(None)]}')
         members = [group for group in found if group is not None]
-        self._structure, self._coefficients = model.coefficients(members)
+        self._structure, self._coefficients = model.structure, model.coefficients(members)
         self._lag = np.array([g.velocity_lag for g in members])
         self._voltage = np.array([g.voltage for g in members])
         self._scale = DriveScale.stack([g.scale for g in members])

@@ -222,6 +222,7 @@ class HeldOutEstimator:
         structure = own.structure(model.structure.actives)
         apart = [term.name for term in measurement_terms(self.catalogue, shaft=True)]
         own, terms, delays = together(own, structure, self.catalogue, apart)
+        terms = tuple(term for term in terms if term.name not in structure.names)
         fitter = own.fitter(settings=self.settings.fit)
         examiner = Examiner(fitter, folds=self.folds(fitter.blocks))
         fit = fitter.fit(structure.plus(*terms), iterations=self.settings.iterations)

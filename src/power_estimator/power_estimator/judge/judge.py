@@ -16,7 +16,7 @@ from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.judge.estimator import HeldOutEstimator
-from power_estimator.judge.held_out import base_power
+from power_estimator.judge.held_out import base_power, knows
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import HeldOut, JudgedModel
 from power_estimator.judge.settings import JudgeSettings
@@ -68,6 +68,10 @@ class Judge:
         """Signals for a fit of effects, on the power of a base model."""
         power = base_power(self.recordings, base).power if base else None
         return self._estimator.material(power, per)
+
+    def refits(self, model: PowerModel) -> bool:
+        """Return whether a model is refitted on all of the recordings to be judged."""
+        return isinstance(model, EffectModel) and bool(knows(model, self.recordings).all())
 
     def score(self, model: PowerModel) -> JudgedModel:
         """Score one model; InputError where it knows no row."""

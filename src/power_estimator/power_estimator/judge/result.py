@@ -71,6 +71,12 @@ class JudgedModel(HeldOut):
         return ', '.join(dict.fromkeys(self.how))
 
     @property
+    def rms_w(self) -> float:
+        """Root of the mean squared error over the meters, W."""
+        known = [score.rmse_w for score in self.drives.values() if score.samples]
+        return float(np.sqrt(np.mean(np.square(known))))
+
+    @property
     def rmse(self) -> dict[str, float]:
         """Error of each meter in W as files keep it."""
         known = {meter: score.json()['rmse_w'] for meter, score in self.drives.items()}

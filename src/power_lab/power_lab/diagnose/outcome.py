@@ -10,16 +10,15 @@ from power_estimator.effects import Catalogue, Signals
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.training import LEAST_SECONDS, material
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.judge.evidence import Evidence
 from power_estimator.judge.held_out import base_power
+from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.together import together
 from power_estimator.model import PowerModel
 
-from power_lab.compare.comparison import by_drive, describe_state
-from power_lab.compare.regimes import Regime, worst_regimes
 from power_lab.diagnose.diagnosis import Diagnoser
 from power_lab.diagnose.findings import Candidate, Diagnosis
+from power_lab.diagnose.judged_steps import JudgedSteps, judged_steps
 from power_lab.diagnose.measurement_check import MeasurementTerm, check_measurement
 from power_lab.diagnose.next_recording import Motion, separating_motion
 from power_lab.diagnose.verdict import noise_w, remainder, sentence
@@ -89,17 +88,14 @@ class Outcome:
     diagnosis: Diagnosis
     rows: tuple[Row, ...]
     measurement: dict[str, MeasurementTerm]
-    regimes: tuple[Regime, ...]  # of what is left after the named effects
-    base_regimes: tuple[Regime, ...]  # of the model as it was
+    judged: JudgedSteps
     motion: Motion
-    state: dict[str, Floats]
-    labels: dict[str, NDArray[np.str_]]
     seconds: float  # of the recordings, of which the diagnosis may have judged on pieces
 
     @property
     def sentence(self) -> str:
         """The verdict in words."""
-        told = sentence(self.diagnosis)
+        told = sentence(self.diagnosis, self.judged.before.rms_w, self.judged.after.rms_w)
         if self.diagnosis.verdict != 'no_evidence':
             return told
         hidden = _could_be_there(self.diagnosis, self.rows)
@@ -111,7 +107,9 @@ class Outcome:
     def json(self) -> dict[str, Any]:
         """As `diagnose --json` writes it."""
         d = self.diagnosis
-        worst = self.regimes[0].json() if self.regimes else None
+        left = self.judged.regimes_after
+        worst = left[0].json() if left else None
+        model, after = self.judged.model.drives, self.judged.after.drives
         names = self.diagnoser.fitter.prepared.names
         return {
             'verdict': d.verdict,
@@ -137,8 +135,8 @@ class Outcome:
             'next_recording': self.motion.content(),
             'drives': {
                 name: {
-                    'rmse_w': _short(float(d.base.rmse[i])),
-                    'rmse_after_w': _short(float(d.best.rmse[i])),
+                    'rmse_w': model[name].json()['rmse_w'],
+                    'rmse_after_w': after[name].json()['rmse_w'],
                     'sensor_noise_w': _short(float(self.diagnoser.fitter.prepared.noise[i])),
                     'floor_w': _short(float(d.floor[i])),
                     'stranger_floor_w': _short(float(d.structure_floor[i])),
@@ -182,6 +180,7 @@ def diagnose(
     that knows the recordings counts on its test part only. InputError for recordings that are too
     short or too still.
     """
+    given = model
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)
     base, seen = None, False
@@ -203,14 +202,6 @@ def diagnose(
     fitter = own.fitter(per_drive=True)
     diagnoser = Diagnoser(fitter, structure.plus(*terms), catalogue, seed)
     diagnosis = diagnoser.run()
-    state, labels = describe_state(own.prepared, loaded)
-    examiner = diagnoser.examiner
-
-    def regimes_of(evidence: Evidence) -> tuple[Regime, ...]:
-        signals = own.prepared.signals
-        residual = by_drive(examiner.residual(evidence), own.prepared)
-        return tuple(worst_regimes(residual, state, signals.names, labels, scale=signals.scale))
-
     known = {entry.get('sha256') for entry in model.fitted_on}
     other = not seen and not any(entry['sha256'] in known for entry in loaded.identities)
     beside = diagnosis.beside or diagnosis
@@ -224,11 +215,8 @@ def diagnose(
         measurement=check_measurement(
             beside, fitter, model, other_recording=other, delays=delays, seed=seed
         ),
-        regimes=regimes_of(diagnosis.best),
-        base_regimes=regimes_of(diagnosis.base),
+        judged=judged_steps(Judge(loaded, catalogue), given, model, diagnosis, spec),
         motion=_motion(diagnosis, rows, catalogue, own.prepared.signals),
-        state=state,
-        labels=labels,
         seconds=seconds,
     )
 

@@ -12,11 +12,12 @@ from power_lab.structure.floors import above_floor
 from power_lab.structure.words import in_words
 
 
-def sentence(diagnosis: Diagnosis) -> str:
-    """One sentence that a person understands without the tables."""
-    base = diagnosis.base.mean_mse
-    best = diagnosis.best.mean_mse
-    before, after = float(np.sqrt(np.mean(base))), float(np.sqrt(np.mean(best)))
+def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
+    """
+    One sentence that a person understands without the tables.
+
+    before, after: held-out error of the model and with the effects that it lacks, W.
+    """
     unexplained = float(np.sqrt(np.mean(diagnosis.unexplained.explained)))
     if diagnosis.verdict == 'named':
         told = f'{_named(diagnosis, before, after)}{_left(diagnosis)}'

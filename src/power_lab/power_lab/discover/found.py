@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Effect, load_catalogue
+from power_estimator.effects.fit.design import Active
 from power_estimator.judge.evidence import Evidence
 
 from power_lab.discover.effect_file import Written, effect_source
@@ -59,6 +60,12 @@ class Discovery:
     chance: float  # of the first search
     nothing: str  # reason where nothing was found
     named: tuple[Named, ...] = ()  # of the catalogue, that the model has to have first
+
+    @property
+    def actives(self) -> tuple[Active, ...]:
+        """Effects that the model lacks, of the catalogue and learned."""
+        learned = (Active.of(one.effect) for one in self.found if one.effect is not None)
+        return (*(one.active for one in self.named), *learned)
 
 
 @dataclass(frozen=True)

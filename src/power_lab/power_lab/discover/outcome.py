@@ -1,7 +1,7 @@
 """Discover on recordings: from files to what is printed and written."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,9 @@ from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.training import LEAST_SECONDS, Material, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.judge.held_out import base_power
+from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
+from power_estimator.judge.result import JudgedModel
 from power_estimator.model import PowerModel
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
@@ -38,6 +40,8 @@ class DiscoveryOutcome:
     own: Material
     discoverer: Discoverer
     discovery: Discovery
+    before: JudgedModel  # the model
+    after: JudgedModel  # with all that was found that is no time alone
     transfers: tuple[Transfer | None, ...]  # by what was found
     tested_on: tuple[str, ...]
 
@@ -122,8 +126,8 @@ class DiscoveryOutcome:
             'tested_on': list(self.tested_on),
             'drives': {
                 name: {
-                    'rmse_w': _short(float(d.base.rmse[i])),
-                    'rmse_after_w': _short(float(d.best.rmse[i])),
+                    'rmse_w': self.before.drives[name].json()['rmse_w'],
+                    'rmse_after_w': self.after.drives[name].json()['rmse_w'],
                     'floor_w': _short(float(d.floor[i])),
                     'sensor_noise_w': _finite(float(self.own.prepared.noise[i])),
                 }
@@ -204,6 +208,7 @@ def discover(
     InputError for recordings that are too short or too still, and where only the whole robot was
     metered.
     """
+    given = model
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)
     base = None if model.base is None else base_power(loaded, model.base).power
@@ -224,39 +229,51 @@ def discover(
     structure = own.structure(model.structure.actives).plus(*terms)
     discoverer = Discoverer(fitter, structure, catalogue, show, seed)
     discovery = discoverer.run()
+    better = replace(
+        model,
+        structure=model.structure.plus(*discovery.actives),
+        groups=(),
+        fitted_on=(),
+    )
+    before, after = Judge(loaded, catalogue).compare([given, better])
     transfers: list[Transfer | None] = [None] * len(discovery.found)
     if test is not None and any(one.written for one in discovery.found):
         show('testing on another recording')
-        transfers = _tested(test, own, model, catalogue, discovery)
+        transfers = _tested(test, loaded, own, model, catalogue, discovery)
     return DiscoveryOutcome(
         model=model,
         loaded=loaded,
         own=own,
         discoverer=discoverer,
         discovery=discovery,
+        before=before,
+        after=after,
         transfers=tuple(transfers),
         tested_on=() if test is None else tuple(entry['name'] for entry in test.identities),
     )
 
 
 def _tested(
-    test: Loaded, own: Material, model: EffectModel, catalogue: Catalogue, discovery: Discovery
+    test: Loaded,
+    loaded: Loaded,
+    own: Material,
+    model: EffectModel,
+    catalogue: Catalogue,
+    discovery: Discovery,
 ) -> list[Transfer | None]:
     """Each effect on the other recording, on top of those before it."""
     effects = {one.name: one.effect for one in discovery.found if one.written and one.effect}
     whole = EffectCatalogue([*catalogue.values(), *effects.values()])
-    base = None if model.base is None else base_power(test, model.base).power
-    other = OtherRecording(test.data, own, whole)
+    other = OtherRecording(test, own, loaded, model.base, whole)
     actives = [*model.structure.actives, *(one.active for one in discovery.named)]
-    given = None if base is None else np.asarray(base, np.float64)
-    before = other.judge(actives, given)
+    before = other.score(actives)
     out: list[Transfer | None] = []
     for one in discovery.found:
         if one.written is None or one.effect is None:
             out.append(None)
             continue
         actives.append(Active.of(one.effect))
-        after = other.judge(actives, given)
+        after = other.score(actives)
         names = [own.prepared.names[d] for d in one.drives]
         out.append(other.transfer(names, before, after, one.explains))
         before = after

@@ -9,9 +9,9 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.training import Material, fit_model
-from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.signals.prepared import prepare
-from power_recordings.alignment.dataset import AlignedDataset
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded
+from power_estimator.judge.result import JudgedModel
 
 Floats = NDArray[np.float64]
 _BOOTSTRAPS = 400
@@ -39,45 +39,41 @@ class Transfer:
         return 1.0 - after / max(before, 1e-9)
 
 
-@dataclass(frozen=True)
-class ModelElsewhere:
-    """A fitted model on another recording."""
-
-    residual: Floats  # W [N, D]
-    estimated: Floats  # W [N, D]
-    measured: Floats  # W [N, D]
-
-
 class OtherRecording:
     """Another recording of the robot, on which models fitted to the first are judged."""
 
-    def __init__(self, data: AlignedDataset, own: Material, catalogue: Catalogue) -> None:
-        self.data = data
-        self.prepared = prepare(data)
-        self.blocks = Blocks.of(self.prepared)
-        self.own, self.catalogue = own, catalogue
+    def __init__(
+        self,
+        test: Loaded,
+        own: Material,
+        learned_on: Loaded,
+        base: str | None,
+        catalogue: Catalogue,
+    ) -> None:
+        """own: material of what was learned on, on a base model or none."""
+        self.judge = Judge(test, catalogue)
+        self.prepared, self.blocks = self.judge.prepared, Blocks.of(self.judge.prepared)
+        self._own, self._base, self._known = own, base, learned_on.identities
 
-    def judge(self, effects: Sequence[Active], base: Floats | None = None) -> ModelElsewhere:
-        """Fit effects to the first recording, and set them against this one."""
-        catalogue = self.catalogue
-        model, fit = fit_model('trial', self.own, effects, catalogue)
-        names = self.prepared.names
-        data = self.data.drives(names)
-        estimated = self.prepared.reduced(_predicted(model, data, base))
-        measured = self.prepared.power_at(fit.delay)
-        residual = np.where(self.prepared.resolved, measured - estimated, np.nan)
-        return ModelElsewhere(residual, estimated, measured)
+    def score(self, effects: Sequence[Active]) -> JudgedModel:
+        """Fit effects to the first recording, and judge them on this one."""
+        model, _ = fit_model(
+            'trial',
+            self._own,
+            effects,
+            self.judge.catalogue,
+            base=self._base,
+            fitted_on=self._known,
+        )
+        return self.judge.score(model)
 
     def transfer(
-        self, drives: Sequence[str], before: ModelElsewhere, after: ModelElsewhere, explains: float
+        self, drives: Sequence[str], before: JudgedModel, after: JudgedModel, explains: float
     ) -> Transfer:
         """Say whether what the effect explains is borne out on the named drives."""
         shared = [name for name in drives if name in self.prepared.names]
         columns = [self.prepared.names.index(name) for name in shared]
-        errors = [
-            tuple(float(np.sqrt(np.nanmean(np.square(j.residual[:, c])))) for c in columns)
-            for j in (before, after)
-        ]
+        errors = [tuple(j.drives[name].rmse_w for name in shared) for j in (before, after)]
         parts = (before.residual[:, columns], after.residual[:, columns])
         verdict, reason = self._verdict(parts, before, after, columns, explains)
         return Transfer(
@@ -94,8 +90,8 @@ class OtherRecording:
     def _verdict(
         self,
         parts: tuple[Floats, Floats],
-        before: ModelElsewhere,
-        after: ModelElsewhere,
+        before: JudgedModel,
+        after: JudgedModel,
         columns: list[int],
         explains: float,
     ) -> tuple[bool | None, str]:
@@ -123,7 +119,3 @@ class OtherRecording:
         return False, (
             f'it changes the squared error of the other recording by {-share:+.0%}: not borne out'
         )
-
-
-def _predicted(model: EffectModel, data: AlignedDataset, base: Floats | None) -> Floats:
-    return np.asarray(model.predict(data, as_measured=True, base=base), dtype=np.float64)

@@ -158,10 +158,11 @@ def _section_transfer(page: Page, transfer: Transfer) -> None:
 
 
 def _section_errors(page: Page, outcome: DiscoveryOutcome) -> None:
-    discovery, prepared = outcome.discovery, outcome.own.prepared
+    discovery, names = outcome.discovery, outcome.own.prepared.names
     page.heading('Error on held-out data of the same recording')
     figure = discovery_figures.before_and_after(
-        prepared.names, discovery.base.rmse.tolist(), discovery.best.rmse.tolist()
+        names,
+        *([j.drives[name].rmse_w for name in names] for j in (outcome.before, outcome.after)),
     )
     page.add(page.figure(figure, 'Held-out error', size='low'))
     if discovery.nothing:

@@ -2,12 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.prepared import WHOLE, Prepared
+from power_estimator.judge.recordings import Loaded
+from power_estimator.judge.result import JudgedModel
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.compare.comparison import Comparison, by_drive, compare
@@ -50,22 +53,21 @@ def write_diagnosis(
             'Length': f'{prepared.seconds:.0f} of {outcome.seconds:.0f} s without gaps',
         }
     )
-    examiner = outcome.diagnoser.examiner
-    measured = prepared.power_at(diagnosis.best.fit.delay)
-    residuals = {outcome.model.name: examiner.residual(diagnosis.base, all_rows=True)}
-    if diagnosis.best is not diagnosis.base:
-        label = ' + '.join(in_words(name) for name in diagnosis.chosen)
-        residuals[f'with {label}'] = examiner.residual(diagnosis.best, all_rows=True)
-    floors = dict(zip(prepared.names, diagnosis.floor, strict=True))
-    _section_traces(page, prepared, measured, residuals, floors)
+    judged = outcome.judged
+    found = judged.comparison
+    shown = [judged.before] if judged.after is judged.before else [judged.before, judged.after]
+    residuals = {one.name: one.residual for one in shown}
+    floors = dict(zip(found.prepared.names, found.prepared.noise.tolist(), strict=True))
+    floors |= zip(prepared.names, diagnosis.floor.tolist(), strict=True)
+    _section_traces(page, found.prepared, shown[-1].measured, residuals, floors)
     _section_failures(
         page,
-        prepared,
-        measured,
+        found.prepared,
+        shown[-1].measured,
         residuals,
-        outcome.state,
-        outcome.labels,
-        [regime.text for regime in outcome.base_regimes],
+        found.state,
+        found.labels,
+        [regime.text for regime in judged.regimes],
     )
     _section_candidates(page, outcome)
     _section_next(page, outcome)
@@ -258,8 +260,9 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
     left = outcome.diagnosis.unexplained
     total = float(np.sqrt(np.mean(left.explained)))
     sentence = f'After that, {total:.2f} W of structure is left'
-    if outcome.regimes and total > 0.05:
-        sentence += f'; most of it: {outcome.regimes[0].text}'
+    regimes = outcome.judged.regimes_after
+    if regimes and total > 0.05:
+        sentence += f'; most of it: {regimes[0].text}'
     page.text(sentence + '.')
 
 
@@ -288,18 +291,10 @@ def _section_staircase(
     page: Page, outcome: Outcome, others: Sequence[Mapping[str, object]]
 ) -> None:
     page.heading('The error falls')
-    diagnosis = outcome.diagnosis
-    steps, errors = [], []
-    for entry in outcome.model.history[:-1]:
-        known = [float(v) for v in dict(entry.get('rmse_w', {})).values()]
-        if known:
-            steps.append(', '.join(entry.get('added', [])) or str(entry.get('step', '')))
-            errors.append(float(np.sqrt(np.mean(np.square(known)))))
-    steps.append(outcome.model.name)
-    errors.append(float(np.sqrt(np.mean(diagnosis.base.mean_mse))))
-    for rung in diagnosis.ladder[1:]:
-        steps.append('+ ' + ', '.join(in_words(name) for name in rung.names))
-        errors.append(float(np.sqrt(np.mean(rung.mean_mse))))
+    judged = outcome.judged
+    earlier = comparable(outcome.model.history[:-1], judged.before, outcome.loaded)
+    steps = [step for step, _ in earlier] + [one.name for one in judged.steps]
+    errors = [error for _, error in earlier] + [one.rms_w for one in judged.steps]
     prepared = outcome.diagnoser.fitter.prepared
     lines = {'sensor noise': float(np.sqrt(np.nanmean(np.square(prepared.noise))))}
     high = []
@@ -315,13 +310,35 @@ def _section_staircase(
     )
     if high:
         page.text(f'Above the picture: {", ".join(high)}.')
-    added = [name for name in diagnosis.chosen if name != CONSTANT_TORQUE]
+    if judged.before is not judged.model:
+        page.text(
+            f'{judged.model.name} as it is, on recordings that it was not fitted on: '
+            f'{judged.model.rms_w:.2f} W.'
+        )
+    added = [name for name in outcome.diagnosis.chosen if name != CONSTANT_TORQUE]
     if added:
         page.text(
             'To keep it: ros2 run power_lab add '
             f'{" ".join(added)} --to {outcome.model.name}.yaml --bag … -o better.yaml',
             faint=True,
         )
+
+
+def comparable(
+    history: Sequence[Mapping[str, Any]], judged: JudgedModel, loaded: Loaded
+) -> list[tuple[str, float]]:
+    """Steps of a history whose errors are of the same recordings, meters and way, with these."""
+    names = [entry['name'] for entry in loaded.identities]
+    return [
+        (
+            ', '.join(entry.get('added', ())) or str(entry.get('step', '')),
+            float(np.sqrt(np.mean(np.square(list(entry['rmse_w'].values()))))),
+        )
+        for entry in history
+        if entry.get('held_out') == judged.held_out
+        and list(entry.get('recordings', ())) == names
+        and {*entry['rmse_w']} == {*judged.rmse}
+    ]
 
 
 def _section_measurement(page: Page, outcome: Outcome) -> None:

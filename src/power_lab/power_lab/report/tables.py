@@ -179,7 +179,7 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         for row in (*content['candidates'][:_SHOWN], *content['measurement'].values())
     ):
         console.print(_AT_BOUND)
-    for regime in outcome.base_regimes[:3]:
+    for regime in outcome.judged.regimes[:3]:
         console.print(f'the model fails at {regime.text}')
     motion = outcome.motion
     console.print(f'to record next ({motion.seconds:.0f} s): {motion.reason}')

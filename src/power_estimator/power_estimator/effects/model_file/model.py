@@ -11,9 +11,7 @@ from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, owners
-from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import BasePower, Structure, evaluate
-from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.needs import RATE, needs_of
 from power_estimator.effects.signals.carried import Carried
 from power_estimator.effects.signals.prepared import signals_of
@@ -92,17 +90,15 @@ class EffectModel:
         self,
         data: AlignedDataset,
         *,
-        as_measured: bool = False,
         base: Floats | NDArray[np.float32] | None = None,
         carried: Carried | None = None,
     ) -> NDArray[np.float32]:
         """
         Return the electrical power in W [T, D]; NaN for drives of no known type.
 
-        as_measured adds the errors of the meter that it was fitted with (gain, offset, bias), so
-        that it can be set against that meter. base is the base model's power on the same samples,
-        where it is known already. carried holds the memory of effects, of data that come block by
-        block. InputError for a model that is not fitted.
+        base is the base model's power on the same samples, where it is known already. carried
+        holds the memory of effects, of data that come block by block. InputError for a model that
+        is not fitted.
         """
         if not self.fitted:
             raise InputError(
@@ -135,8 +131,7 @@ class EffectModel:
         if base is not None:
             copper = np.array([group.copper for group in members])
             layer = BasePower(np.asarray(base[:, order], dtype=np.float64), copper)
-        structure, coefficients = self.coefficients(members, as_measured=as_measured)
-        result[:, order] = evaluate(structure, coefficients, signals, layer)
+        result[:, order] = evaluate(self.structure, self.coefficients(members), signals, layer)
         return result
 
     def value(self, group: DriveGroup, effect: str) -> tuple[FittedValue, ...]:
@@ -146,26 +141,17 @@ class EffectModel:
             return (FittedValue(found.effect.fixed, (found.effect.fixed, found.effect.fixed)),)
         return group.coefficients[effect]
 
-    def coefficients(
-        self, members: Sequence[DriveGroup], *, as_measured: bool = False
-    ) -> tuple[Structure, Floats]:
-        """Return the structure and its coefficients [D, m], with errors of the meter if asked."""
-        structure = self.structure
-        names = {name for group in members for name in group.measurement}
-        if as_measured and names:
-            terms = measurement_terms(builtin_catalogue(), shaft='shaft' in self.effects)
-            structure = structure.plus(*(term for term in terms if term.name in names))
-        rows = []
-        for group in members:
-            row: list[float] = []
-            for active in structure.free:
-                if active.effect.kind == 'measurement':
-                    known = group.measurement.get(active.name)
-                    row.append(known.value if known else 0.0)
-                else:
-                    row += [value.value for value in group.coefficients[active.name]]
-            rows.append(row)
-        return structure, np.array(rows, dtype=np.float64).reshape(len(members), -1)
+    def coefficients(self, members: Sequence[DriveGroup]) -> Floats:
+        """Return the coefficients of the effects [D, m]; errors of the meter stay behind."""
+        rows = [
+            [
+                value.value
+                for active in self.structure.free
+                for value in group.coefficients[active.name]
+            ]
+            for group in members
+        ]
+        return np.array(rows, dtype=np.float64).reshape(len(members), -1)
 
     @property
     def at_bound(self) -> tuple[str, ...]:
