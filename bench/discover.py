@@ -124,9 +124,7 @@ def error(
     """W rms on one recording of the model fitted to another."""
     catalogue = CATALOGUE if path is None else load_catalogue([path])
     actives = [Active.of(catalogue[name]) for name in (*KNOWN, *more)]
-    model, _ = fit_model(
-        'trial', material(fitted_on), actives, catalogue, fitted_on=({'sha256': 'a'},)
-    )
+    model, _ = fit_model('trial', material(fitted_on), actives, catalogue)
     return round(Judge(Loaded.of(judged_on), catalogue).score(model).rms_w, 4)
 
 

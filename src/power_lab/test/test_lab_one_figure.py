@@ -1,14 +1,21 @@
 """The same model on the same recording has the same figure wherever it is shown."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
 import yaml
 from power_estimator.commands import benchmark as benchmark_command
+from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.model_file.yaml_file import read_model
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import load
 from power_lab.commands import add as add_command
 from power_lab.commands import compare as compare_command
+from power_lab.commands import diagnose as diagnose_command
 from power_lab.commands import fit as fit_command
+from power_lab.report.page import comparable
 
 WALK = str(Path(__file__).resolve().parents[3] / 'bags' / 'walk_small')
 
@@ -44,3 +51,28 @@ def test_fit_add_compare_and_benchmark_have_the_same_figures(made):
         assert figures == pytest.approx(errors(compared[1]['drives']), abs=1e-6)
     assert compared[0]['total']['r2'] == benchmarked[0]['total']['r2'] < 0.35
     assert {m['held_out'] for m in (fit, added, *compared, *benchmarked)} == {'cross-validated'}
+
+
+def test_a_diagnosis_and_its_page_have_the_same_figure(made):
+    file, page = str(made / 'why.json'), made / 'why.html'
+    command = [WALK, '--model', str(made / 'better.yaml'), '--json', file, '--report', str(page)]
+    assert diagnose_command.main(command) == 0
+    compared = json.loads((made / 'compare.json').read_text())['models']
+    drives = json.loads(Path(file).read_text())['drives']
+    assert errors(drives) == pytest.approx(errors(compared[1]['drives']), abs=1e-6)
+    text = page.read_text()
+    for model in compared:
+        mean = math.sqrt(sum(e**2 for e in errors(model['drives']).values()) / len(drives))
+        assert f'{mean:.2f}' in text
+
+
+def test_errors_of_other_kinds_or_recordings_are_no_steps_of_the_staircase(made):
+    loaded = load([Path(WALK)])
+    judged = Judge(loaded).score(read_model(made / 'better.yaml', builtin_catalogue()))
+    history = yaml.safe_load((made / 'better.yaml').read_text())['history']
+    (known,) = comparable(history[:1], judged, loaded)
+    assert known[0] == 'fit'
+    in_sample = {key: value for key, value in history[0].items() if key != 'held_out'}
+    elsewhere = history[0] | {'recordings': ['another']}
+    fewer = history[0] | {'rmse_w': {'LF_HAA': 3.0}}
+    assert comparable([in_sample, elsewhere, fewer], judged, loaded) == []

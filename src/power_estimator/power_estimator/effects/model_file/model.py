@@ -143,12 +143,9 @@ class EffectModel:
 
     def coefficients(self, members: Sequence[DriveGroup]) -> Floats:
         """Return the coefficients of the effects [D, m]; errors of the meter stay behind."""
+        names = [active.name for active in self.structure.free]
         rows = [
-            [
-                value.value
-                for active in self.structure.free
-                for value in group.coefficients[active.name]
-            ]
+            [found.value for name in names for found in group.coefficients[name]]
             for group in members
         ]
         return np.array(rows, dtype=np.float64).reshape(len(members), -1)
