@@ -4,6 +4,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from power_estimator.commands import benchmark as benchmark_command
@@ -15,7 +16,7 @@ from power_lab.commands import add as add_command
 from power_lab.commands import compare as compare_command
 from power_lab.commands import diagnose as diagnose_command
 from power_lab.commands import fit as fit_command
-from power_lab.report.page import comparable
+from power_lab.report.staircase import Stairs
 
 WALK = str(Path(__file__).resolve().parents[3] / 'bags' / 'walk_small')
 
@@ -70,9 +71,16 @@ def test_errors_of_other_kinds_or_recordings_are_no_steps_of_the_staircase(made)
     loaded = load([Path(WALK)])
     judged = Judge(loaded).score(read_model(made / 'better.yaml', builtin_catalogue()))
     history = yaml.safe_load((made / 'better.yaml').read_text())['history']
-    (known,) = comparable(history[:1], judged, loaded)
-    assert known[0] == 'fit'
+    noise = np.array([0.5, 0.5])
+
+    def steps(*entries):
+        return Stairs.of(entries, [judged], loaded, noise).steps
+
+    assert steps(history[0]) == ('fit', 'better')
     in_sample = {key: value for key, value in history[0].items() if key != 'held_out'}
     elsewhere = history[0] | {'recordings': ['another']}
     fewer = history[0] | {'rmse_w': {'LF_HAA': 3.0}}
-    assert comparable([in_sample, elsewhere, fewer], judged, loaded) == []
+    assert steps(in_sample, elsewhere, fewer) == ('better',)
+    stairs = Stairs.of(history[:1], [judged], loaded, noise)
+    assert stairs.errors[0] == pytest.approx(31.69, abs=0.005)
+    assert stairs.errors[1] == pytest.approx(judged.rms_w)

@@ -48,12 +48,12 @@ class JudgedSteps:
 
     @property
     def regimes(self) -> tuple[Regime, ...]:
-        """Where the model fails most."""
+        """Regimes in which the model fails most."""
         return self.comparison.regimes[0]
 
     @property
     def regimes_after(self) -> tuple[Regime, ...]:
-        """Where it fails most with the effects that the diagnosis decides for."""
+        """Regimes in which it fails most with the effects that the diagnosis decides for."""
         return self.comparison.regimes[self.last]
 
 

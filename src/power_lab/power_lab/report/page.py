@@ -2,21 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.prepared import WHOLE, Prepared
-from power_estimator.judge.recordings import Loaded
-from power_estimator.judge.result import JudgedModel
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.compare.comparison import Comparison, by_drive, compare
 from power_lab.diagnose.measurement_check import UNITS as TERM_UNITS
 from power_lab.diagnose.outcome import Outcome
 from power_lab.report import figures
+from power_lab.report.staircase import Stairs
 from power_lab.structure.candidates import CONSTANT_TORQUE
 from power_lab.structure.words import in_words
 
@@ -292,22 +290,13 @@ def _section_staircase(
 ) -> None:
     page.heading('The error falls')
     judged = outcome.judged
-    earlier = comparable(outcome.model.history[:-1], judged.before, outcome.loaded)
-    steps = [step for step, _ in earlier] + [one.name for one in judged.steps]
-    errors = [error for _, error in earlier] + [one.rms_w for one in judged.steps]
-    prepared = outcome.diagnoser.fitter.prepared
-    lines = {'sensor noise': float(np.sqrt(np.nanmean(np.square(prepared.noise))))}
-    high = []
-    for model in others:
-        if _error(model) > _HIGHEST * max(errors):
-            high.append(f'{model["name"]} {_error(model):.1f} W')
-        else:
-            lines[str(model['name'])] = _error(model)
-    page.add(
-        page.figure(
-            figures.staircase(steps, errors, lines), 'Error from base to better', size='mid'
-        )
-    )
+    noise = outcome.diagnoser.fitter.prepared.noise
+    stairs = Stairs.of(outcome.model.history[:-1], judged.steps, outcome.loaded, noise)
+    highest = _HIGHEST * max(stairs.errors)
+    errors = {str(model['name']): _error(model) for model in others}
+    high = [f'{name} {error:.1f} W' for name, error in errors.items() if error > highest]
+    lines = {name: error for name, error in errors.items() if error <= highest}
+    page.add(page.figure(stairs.figure(lines), 'Error from base to better', size='mid'))
     if high:
         page.text(f'Above the picture: {", ".join(high)}.')
     if judged.before is not judged.model:
@@ -322,23 +311,6 @@ def _section_staircase(
             f'{" ".join(added)} --to {outcome.model.name}.yaml --bag … -o better.yaml',
             faint=True,
         )
-
-
-def comparable(
-    history: Sequence[Mapping[str, Any]], judged: JudgedModel, loaded: Loaded
-) -> list[tuple[str, float]]:
-    """Steps of a history whose errors are of the same recordings, meters and way, with these."""
-    names = [entry['name'] for entry in loaded.identities]
-    return [
-        (
-            ', '.join(entry.get('added', ())) or str(entry.get('step', '')),
-            float(np.sqrt(np.mean(np.square(list(entry['rmse_w'].values()))))),
-        )
-        for entry in history
-        if entry.get('held_out') == judged.held_out
-        and list(entry.get('recordings', ())) == names
-        and {*entry['rmse_w']} == {*judged.rmse}
-    ]
 
 
 def _section_measurement(page: Page, outcome: Outcome) -> None:

@@ -1,0 +1,61 @@
+"""Staircase of the error: the steps by which a model became what it is."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from plotly.graph_objects import Figure
+from power_estimator.judge.recordings import Loaded
+from power_estimator.judge.result import JudgedModel
+
+from power_lab.report import figures
+
+
+@dataclass(frozen=True)
+class Stairs:
+    """Held-out errors of one kind on the same recordings, step by step."""
+
+    steps: tuple[str, ...]
+    errors: tuple[float, ...]  # W, over the meters
+    noise: float  # W, of the sensors
+
+    @classmethod
+    def of(
+        cls,
+        history: Sequence[Mapping[str, Any]],
+        judged: Sequence[JudgedModel],
+        loaded: Loaded,
+        noise: NDArray[np.float64],
+    ) -> 'Stairs':
+        """
+        Make a staircase of former steps and of models as they are judged now.
+
+        Of the history, steps whose errors are of other recordings or meters, or were held out in
+        another way, are left out. noise: of the meters, W [M].
+        """
+        former = [entry for entry in history if _comparable(entry, judged[0], loaded)]
+        names = [', '.join(entry.get('added', ())) or str(entry.get('step')) for entry in former]
+        errors = [
+            float(np.sqrt(np.mean(np.square(list(entry['rmse_w'].values()))))) for entry in former
+        ]
+        return cls(
+            (*names, *(one.name for one in judged)),
+            (*errors, *(one.rms_w for one in judged)),
+            float(np.sqrt(np.nanmean(np.square(noise)))),
+        )
+
+    def figure(self, lines: Mapping[str, float] | None = None) -> Figure:
+        """Draw it; lines: errors of other models, W."""
+        return figures.staircase(
+            self.steps, self.errors, {'sensor noise': self.noise, **(lines or {})}
+        )
+
+
+def _comparable(entry: Mapping[str, Any], judged: JudgedModel, loaded: Loaded) -> bool:
+    return (
+        entry.get('held_out') == judged.held_out
+        and list(entry.get('recordings', ())) == [one['name'] for one in loaded.identities]
+        and {*entry.get('rmse_w', ())} == {*judged.rmse}
+    )
