@@ -101,6 +101,24 @@ def by(rows: Sequence[Row], title: str, of: Callable[[Row], object]) -> Table:
     return table
 
 
+MEASUREMENT = ('torque_scale', 'power_gain', 'current_offset', 'torque_bias')
+
+
+def measurement(rows: Sequence[Row]) -> Table:
+    """Share of recordings in which an error of the measurement is named, off or not."""
+    columns = ('named at ≥ 95 % where it is off', 'at ≥ 50 %', 'named where it is not')
+    table = Table('error', *columns, title='errors of the measurement')
+    for name in MEASUREMENT:
+        off, fine = [], []
+        for row in rows:
+            said_at = max((p for effect, p in row['statements'] if effect == name), default=0.0)
+            if row['complete']:
+                (off if name in row['missing'] else fine).append(said_at)
+        cells = [share(sum(p >= least for p in off), len(off)) for least in (0.95, 0.5)]
+        table.add_row(name, *cells, share(sum(p >= 0.95 for p in fine), len(fine)))
+    return table
+
+
 def _order(value: object) -> tuple[bool, Any]:
     return isinstance(value, str), value
 
@@ -130,6 +148,7 @@ def tables(rows: Sequence[Row]) -> list[Table]:
     return [
         reliability(good),
         coverage(good),
+        measurement(good),
         by(good, 'family', lambda row: row['family']),
         by(good, 'length', lambda row: row['seconds']),
         by(good, 'drives', lambda row: row['drives']),

@@ -4,7 +4,8 @@ import json
 
 import pytest
 import reliability
-from reliability_figures import by, clopper_pearson, covered, said, share
+from judgements import diagnosed
+from reliability_figures import by, clopper_pearson, covered, measurement, said, share
 from reliability_questions import OfPlant, Sealed, plant_questions
 from truths import FAMILIES, Case
 
@@ -83,3 +84,21 @@ def test_results_are_kept_and_not_asked_again(tmp_path, capsys):
     assert len(out.read_text().splitlines()) == 2
     assert reliability.main(['--judge', 'stub_judges:broken', *options]) == 0
     assert 'no judge today' in capsys.readouterr().err
+
+
+def test_scales_are_counted_where_they_are_off_and_where_they_are_not():
+    off = ROW | {'missing': ['torque_scale'], 'statements': [['torque_scale', 0.97]]}
+    table = measurement([off, ROW])
+    assert [next(iter(column.cells)) for column in table.columns] == [
+        'torque_scale',
+        '1.00 [0.03, 1.00] of 1',
+        '1.00 [0.03, 1.00] of 1',
+        '0.00 [0.00, 0.97] of 1',
+    ]
+
+
+def test_todays_lab_can_be_asked():
+    sealed = OfPlant(Case('rigid', 'ladder', 30.0, 1, seed=1)).seal()
+    judgement = diagnosed(sealed.data, sealed.known)
+    assert {one.coefficient for one in judgement.intervals} >= {'k', 'idle', 'friction_at_1'}
+    assert judgement.words

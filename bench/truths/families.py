@@ -200,7 +200,7 @@ def polled(random: Draw) -> Sampling:
     rate = random.choice([50.0, 100.0])
     return Sampling(
         joint_rate=rate,
-        meter_rate=random.choice([50.0, 100.0]),
+        meter_rate=random.choice([20.0, 50.0, 100.0]),
         jitter=random.uniform(0.02, 0.1),
         skew=random.uniform(0.0, 0.3) / rate,
         meter_delay=random.uniform(-0.005, 0.01),
