@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from power_recordings.reading.reader import Recording
+from priority import prefer
 
 MOTION = """
 format: motion/1
@@ -31,6 +32,7 @@ def bench(node_process, tmp_path):
         *('sim_bridge', 'sim', *bus, '-p', 'world:=bench', '-p', 'joint:=RH_KFE'),
         *('-p', 'publish_clock:=true', *PENDULUM),
     )
+    prefer(daq, sim)
     daq.wait_for_output('measuring|reading')
     return sim
 
@@ -50,6 +52,7 @@ def recorded(node_process, tmp_path, attempt):
     recorder.wait_for_output('recording to')
     in_its_time = ('-p', 'use_sim_time:=true')  # a busy machine makes it slow then, not wrong
     node = run_motion(node_process, tmp_path, MOTION, *in_its_time)
+    prefer(node, recorder)
     assert node.wait(90) == 0, node.output
     assert 'segment 3 of 3: hold 5 N·m, 5 s' in node.output
     assert 'ros2 run power_lab diagnose bags/next' in node.output

@@ -1,15 +1,14 @@
 """The nodes together, each in a process of its own, as a user runs them."""
 
-import os
 import re
 import xml.etree.ElementTree as ElementTree
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 from power_recordings.alignment.align import load_aligned
 from power_recordings.reading.reader import Recording
+from priority import prefer
 from soak_bags import told_lost
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -60,12 +59,6 @@ def cut_out(recording):
     return sum(int(found[1]) for told in recording.problems if (found := re.search(words, told)))
 
 
-def prefer(node):
-    """Put a node before other work of the machine, where the system allows it."""
-    with suppress(PermissionError, ProcessLookupError):
-        os.setpriority(os.PRIO_PGRP, node.pid, -15)
-
-
 @pytest.fixture
 def measured(walking, node_process, tmp_path):
     """
@@ -78,8 +71,7 @@ def measured(walking, node_process, tmp_path):
     for attempt in range(ATTEMPTS):
         bag, seen = tmp_path / f'bag{attempt}', len(walking['policy'].lines)
         recorder = node_process('power_daq', 'record', '-o', str(bag), '--duration', '10')
-        for node in (*walking.values(), recorder):
-            prefer(node)
+        prefer(*walking.values(), recorder)
         assert recorder.wait(90) == 0, recorder.output
         for name, node in walking.items():
             assert node.returncode is None, f'{name} ended:\n{node.output}'
