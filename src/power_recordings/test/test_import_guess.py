@@ -167,3 +167,53 @@ def test_a_real_log_imports_from_its_guessed_map_as_it_is(tmp_path, capsys, log)
         assert 'they agree' in out
     else:
         assert 'power computed by the firmware,' not in out
+
+
+@pytest.mark.parametrize(
+    ('names', 'encoding'),
+    [
+        (('时间', '转速 [r/min]', '扭矩 [N·m]', '母线电压 [V]', '母线电流 [A]'), 'gb18030'),
+        (('Zeit', 'Drehzahl [1/min]', 'Drehmoment [Nm]', 'U_DC [V]', 'Strom [A]'), 'latin-1'),
+    ],
+)
+def test_columns_of_german_and_chinese_benches_are_known(tmp_path, capsys, names, encoding):
+    rows = np.stack([T, SPEED, TORQUE, 48 + NOISE, (1.2 * SHAFT + 1 + NOISE) / 48], axis=1)
+    text = '\n'.join([','.join(names), *(','.join(f'{x:.6g}' for x in row) for row in rows), ''])
+    (tmp_path / 'log.csv').write_bytes(text.encode(encoding))
+    assert main([str(tmp_path / 'log.csv'), '--list']) == 0
+    listed = capsys.readouterr().out
+    for name, quantity in zip(
+        names[1:], ('velocity', 'torque', 'voltage', 'current'), strict=True
+    ):
+        line = next(x for x in listed.splitlines() if x.strip().startswith(f'{quantity}:'))
+        assert name in line
+    assert f'column: {names[0]}' in listed.replace("'", '')
+    (tmp_path / 'map.yaml').write_text(listed)
+    args = ['--map', str(tmp_path / 'map.yaml'), '-o', str(tmp_path / 'bag')]
+    assert main([str(tmp_path / 'log.csv'), *args]) == 0
+
+
+def test_operating_points_are_asked_for_nothing_that_needs_time(tmp_path, capsys):
+    speed, torque = (x.ravel() for x in np.meshgrid(np.arange(1, 21) * 300.0, [2.0, 4.0, 9.0]))
+    watts = 1.1 * torque * speed * 2 * np.pi / 60 + 20
+    columns = {'N [1/min]': speed, 'Torque [Nm]': torque, 'U_DC [V]': 48 + 0 * speed}
+    guessed(tmp_path, capsys, {**columns, 'U [V]': 48 + speed / 1e4, 'I [A]': watts / 48})
+    out = capsys.readouterr().out
+    assert '60 operating points' in out
+    assert 'clipped' not in out
+    assert 'jitter' not in out
+    assert 'constant for' not in out
+
+
+def test_a_power_at_a_constant_voltage_is_said_to_be_one(tmp_path, capsys):
+    columns = {'time_s': T, 'speed_rpm': SPEED, 'torque_nm': TORQUE, 'current': 1 + TORQUE}
+    log = csv(tmp_path / 'log.csv', np.stack(list(columns.values()), axis=1), ','.join(columns))
+    (tmp_path / 'map.yaml').write_text(
+        'format: import/1\ntime: {column: time_s}\ndrives:\n  A:\n'
+        '    velocity: {from: speed_rpm}\n    torque: {from: torque_nm}\n'
+        '    voltage: {value: 24, unit: V}\n    current: {from: current, unit: A}\n'
+    )
+    args = ['--map', str(tmp_path / 'map.yaml'), '-o', str(tmp_path / 'bag')]
+    assert main([str(log), *args]) == 0
+    out = capsys.readouterr().out
+    assert 'its voltage is 24 V throughout: its power is a constant times its current' in out

@@ -59,12 +59,15 @@ def print_quality(checked: 'Checked') -> None:
     console.print(
         f'[bold]{_plain(str(checked.path))}[/]  {quality.seconds:.1f} s  {_plain(about)}'
     )
-    for name, timing in quality.topics.items():
+    for name, timing in quality.topics.items() if not card.steady else ():
         gaps = f', {timing.gaps} gaps of {timing.gap_seconds:.2f} s in all' if timing.gaps else ''
         console.print(
             f'  {name}: {timing.samples} samples at {timing.rate:.4g} Hz, '
             f'jitter ±{100 * timing.jitter:.1f} %{gaps}'
         )
+    if card.steady:
+        points = max((timing.samples for timing in quality.topics.values()), default=0)
+        console.print(f'  {points} operating points, of which none follows on another')
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for head in ('drive', 'torque', 'updates', 'dP/d(τω)', 'of var P', 'ω/(dq/dt)'):
         table.add_column(head, justify='left' if head in ('drive', 'torque') else 'right')

@@ -13,6 +13,22 @@ _KINDS: Final[tuple[tuple[Kind, str], ...]] = (
     ('voltage', r'volt|(^|_)[vu][qd]?(_|$)'),
     ('current', r'curr|(^|_)amps?(_|$)|(^|_)i([qd]|bus)?(_|$)'),
 )
+_OTHER_LANGUAGES: Final = {
+    **dict.fromkeys(('drehmoment', '扭矩', '转矩', '力矩'), 'torque'),
+    **dict.fromkeys(('drehzahl', '转速', '速度'), 'speed'),
+    **dict.fromkeys(('spannung', '电压'), 'voltage'),
+    **dict.fromkeys(('strom', '电流'), 'current'),
+    **dict.fromkeys(('leistung', '功率'), 'power'),
+    **dict.fromkeys(('wirkungsgrad', '效率'), 'efficiency'),
+    **dict.fromkeys(('zeit', '时间'), 'time'),
+    **dict.fromkeys(('temperatur', '温度'), 'temp'),
+    **dict.fromkeys(('winkel', '角度', '位置'), 'angle'),
+    **dict.fromkeys(('电机', '马达'), 'motor'),
+    **dict.fromkeys(('输入', '母线'), 'input'),
+    **dict.fromkeys(('目标', '给定', '设定'), 'target'),
+}
+"""Words of German and Chinese benches, whose instruments name columns so."""
+_FOREIGN: Final = re.compile('|'.join(_OTHER_LANGUAGES))
 _AXIS: Final = re.compile(r'(^|_)[iuv]?([qd])(_|$)')
 
 
@@ -21,6 +37,7 @@ def words(address: str) -> str:
     name = re.sub(r'\s*[\[(][^\[\]()]*[\])]$', '', address) if address[:1] not in '[(' else address
     name = name.rpartition(':')[2]
     name = re.sub(r'([a-z])([A-Z])', r'\1_\2', name).lower()
+    name = _FOREIGN.sub(lambda found: f'_{_OTHER_LANGUAGES[found[0]]}_', name)
     name = re.sub(r'[^a-z]+', '_', name).strip('_')
     return re.sub(r'^(motor_data|data|feedback)_', '', name)
 

@@ -14,6 +14,8 @@ from power_recordings.quality.clocks import clock_findings, loss_findings
 from power_recordings.quality.findings import (
     Finding,
     computed_findings,
+    constant_voltage,
+    judged,
     power_finding,
     velocity_finding,
 )
@@ -124,11 +126,14 @@ def check_recording(recording: Recording) -> Quality:
         topics,
         drives,
         dict(recording.card.torque),
-        (
-            *clock_findings(recording, topics),
-            *loss_findings(lost, counts),
-            *checker.findings,
-            *computed_findings(recording.card),
+        judged(
+            (
+                *clock_findings(recording, topics),
+                *loss_findings(lost, counts),
+                *checker.findings,
+                *computed_findings(recording.card),
+            ),
+            recording.card.steady,
         ),
         line,
         robot,
@@ -242,6 +247,8 @@ class _Checker:
                     f'{quantity}: {{unit: m{unit}}}',
                 )
         power = electric.power[:, column]
+        if (volts := constant_voltage(name, electric.voltage[:, column])) is not None:
+            self.findings.append(volts)
         rate = float(updates(electric.stamp_ns, power[:, None])[0])
         if rate < LEAST_UPDATES:
             self._find(

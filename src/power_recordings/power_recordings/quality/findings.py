@@ -1,10 +1,11 @@
 """Findings of a check, and the meaning of slopes that wrong units make."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from power_recordings.card import Card
 from power_recordings.quality.physics import ShaftBalance
@@ -26,6 +27,7 @@ class Finding:
     mend: str = ''
 
 
+_OF_TIME: Final = ('clipped', 'frozen', 'jitter', 'gaps', 'lost', 'clock_step', 'slow_power')
 _TOLERANCE: Final = 0.12
 _USUAL: Final = (0.6, 1.6)  # of the slope of power, with friction of the gear in it or out of it
 _DECIDED: Final = 0.3  # of the variance, from which the slope stands for itself
@@ -130,6 +132,22 @@ def computed_findings(card: Card) -> list[Finding]:
         for drive, kind in card.power.items()
         if kind == 'computed'
     ]
+
+
+def constant_voltage(drive: str, voltage: NDArray[np.floating]) -> Finding | None:
+    """Return a finding for a power that is its current times a constant."""
+    known = voltage[np.isfinite(voltage)]
+    if not len(known) or known.min() < known.max():
+        return None
+    text = f'its voltage is {known[0]:.4g} V throughout: its power is a constant times its current'
+    return Finding(
+        'constant_voltage', 'warning', drive, f'{text}, how the supply sags is not in it'
+    )
+
+
+def judged(findings: Sequence[Finding], steady: bool) -> tuple[Finding, ...]:
+    """Return the findings that mean something: of steady operating points, none that needs time."""
+    return tuple(f for f in findings if not steady or f.code not in _OF_TIME)
 
 
 def _meaning(slope: float, known: Mapping[float, tuple[str, str]]) -> tuple[str, str]:
