@@ -146,7 +146,7 @@ def constant_voltage(drive: str, voltage: NDArray[np.floating]) -> Finding | Non
 
 
 def judged(findings: Sequence[Finding], steady: bool) -> tuple[Finding, ...]:
-    """Return the findings that mean something: of steady operating points, none that needs time."""
+    """Return the findings that count; those that need time do not of steady operating points."""
     return tuple(f for f in findings if not steady or f.code not in _OF_TIME)
 
 
