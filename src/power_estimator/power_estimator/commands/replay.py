@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import fmean
 
 from wattwalk_core.command import command, command_parser
 from wattwalk_core.errors import InputError
@@ -36,7 +37,8 @@ def main(args: Sequence[str] | None = None) -> int:
     expected = round(recording.duration * 50)
     made = list(track(results, 'estimating', total=expected, console=console, transient=True))
     if not made:
-        raise InputError(f'{options.bag}: joint states and commands never overlap in time')
+        inputs = ', '.join(model.needs.inputs)
+        raise InputError(f'{options.bag}: never has all of {inputs} at once')
     card = recording.card
     with BagWriter(options.output, overwrite=options.overwrite) as bag:
         topic = bag.add_topic('power_estimate', POWER_ESTIMATE)
@@ -47,8 +49,9 @@ def main(args: Sequence[str] | None = None) -> int:
     Card(robot=card.robot, unit=card.unit, controller=card.controller, notes=notes).save(
         options.output
     )
-    total = sum(e.total for e in made if e.status == 0) / max(1, sum(e.status == 0 for e in made))
-    print(f'{len(made)} estimates of {len(drives)} drives, {total:.1f} W in the mean')
+    known = [e.total for e in made if e.status == 0]
+    mean = f'{fmean(known):.1f} W in the mean' if known else 'all within the warm-up'
+    print(f'{len(made)} estimates of {len(drives)} drives, {mean}')
     print('both at once, where ROS 2 is installed:')
     print(f'  ros2 bag play {options.bag} & ros2 bag play {options.output}')
     return 0
@@ -61,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
         'example: ros2 run power_estimator replay bags/walk --model ppn:runs/first '
         '-o bags/walk_estimate',
     )
-    parser.add_argument('bag', type=Path, help='recording with joint_states and joint_commands')
+    parser.add_argument('bag', type=Path, help='recording with what the model needs')
     parser.add_argument('--model', required=True, help='ppn:RUN, model.yaml, …')
     parser.add_argument('-o', '--output', type=Path, required=True, help='new bag')
     parser.add_argument('--overwrite', action='store_true', help='replace the output bag')
