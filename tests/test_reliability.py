@@ -6,7 +6,7 @@ import pytest
 import reliability
 from judgements import diagnosed
 from reliability_figures import by, clopper_pearson, covered, measurement, said, share
-from reliability_questions import OfPlant, Sealed, plant_questions
+from reliability_questions import OfPlant, OfRobot, Sealed, plant_questions, robot_questions
 from truths import FAMILIES, Case
 
 ROW = {
@@ -102,3 +102,13 @@ def test_todays_lab_can_be_asked():
     judgement = diagnosed(sealed.data, sealed.known)
     assert {one.coefficient for one in judgement.intervals} >= {'k', 'idle', 'friction_at_1'}
     assert judgement.words
+
+
+def test_every_other_walk_of_the_robot_has_real_drives():
+    questions = robot_questions(40)
+    assert sum(question.real for question in questions) == 20
+    assert {question.about['developed'] for question in questions if question.real} == {False}
+    sealed = OfRobot(4.0, 1, ('spring',), real=True).seal()
+    assert sealed.missing == {'spring'}
+    assert not {'spring', 'torque_loop', 'battery'} & {*sealed.known}
+    assert sealed.coefficients['LF_KFE']['spring'] == pytest.approx(1 / 400)
