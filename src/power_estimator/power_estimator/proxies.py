@@ -59,7 +59,7 @@ class Proxy:
         """Torque and speed, and measured power where it has no factor."""
         inputs = dict.fromkeys(('torque', 'velocity'), '')
         if not self.factors and self.name not in WATTS:
-            inputs['power'] = ''
+            inputs['power'] = 'its factor to watts'
         return Needs(inputs, RATE, smooth=True, memory=2 / RATE)
 
     def fit(self, data: AlignedDataset, types: tuple[DriveType, ...] = ()) -> 'Proxy':

@@ -201,7 +201,7 @@ def test_bad_input_ends_with_code_2_and_one_line(trained, bag, tmp_path, capsys)
         (benchmark, (missing, '--models', 'torque_abs'), 'none'),
         (benchmark, (bag, '--models', 'torque_abs', '--picture', 'x.doc'), 'x.doc'),
         (replay, (missing, '--model', f'ppn:{trained}', '-o', run), 'none'),
-        (replay, (bag, '--model', 'torque_abs', '-o', run), 'has no unit of power'),
+        (replay, (bag, '--model', 'torque_abs', '-o', run), 'its factor to watts needs power'),
     ]
     for main, arguments, quoted in cases:
         refused(main, *arguments)

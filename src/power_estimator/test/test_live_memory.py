@@ -176,5 +176,5 @@ def test_an_effect_that_cannot_be_carried_is_refused_by_name():
 
 
 def test_a_proxy_that_has_to_be_scaled_is_refused_by_what_it_needs():
-    with pytest.raises(InputError, match='torque_squared: it needs power, which no topic brings'):
+    with pytest.raises(InputError, match='torque_squared: its factor to watts needs power'):
         LiveEstimator(Proxy('torque_squared'), NAMES)
