@@ -98,7 +98,7 @@ drives:
 def measure(log: Path, mapping: str, folder: Path) -> tuple[float, float, float]:
     """Import a log in a process of its own; return seconds, CPU seconds and peak memory in MB."""
     (folder / 'map.yaml').write_text(mapping)
-    code = 'from power_recordings.commands.import_logs import main; raise SystemExit(main())'
+    code = 'from power_recordings.commands.arguments import import_logs as run; exit(run())'
     command = [str(log), '--map', str(folder / 'map.yaml'), '-o', str(folder / 'out')]
     start = time.perf_counter()
     process = subprocess.Popen([sys.executable, '-c', code, *command], stdout=subprocess.DEVNULL)

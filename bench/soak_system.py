@@ -40,8 +40,8 @@ def until(condition: Callable[[], object], what: str) -> None:
 class SoakProcess(ChildProcess):
     """A node in a process of its own, on the clock that can be stepped."""
 
-    def __init__(self, module: str, arguments: Sequence[str], clock: Path, log: Path) -> None:
-        super().__init__([sys.executable, str(_SHIM), str(clock), module, *arguments], log)
+    def __init__(self, command: str, arguments: Sequence[str], clock: Path, log: Path) -> None:
+        super().__init__([sys.executable, str(_SHIM), str(clock), command, *arguments], log)
 
     def memory(self) -> int:
         """Return the resident memory [B]."""
@@ -145,15 +145,15 @@ class System:
         bus = ['-p', 'interface:=unixsocket', '-p', f'channel:={folder}/bus']
         instrument = ['-p', 'host:=127.0.0.1', '-p', f'port:={self.supply.port}']
         self.nodes = {
-            'daq': self._start('power_daq.commands.daq', ['--ros-args', *bus], 'daq'),
+            'daq': self._start('power_daq.commands.arguments:daq', ['--ros-args', *bus], 'daq'),
             'supply': self._start(
-                'power_daq.commands.supply', ['--ros-args', *instrument], 'supply'
+                'power_daq.commands.arguments:supply', ['--ros-args', *instrument], 'supply'
             ),
         }
         self.used: dict[str, tuple[float, float, int]] = {}
 
-    def _start(self, module: str, arguments: Sequence[str], name: str) -> SoakProcess:
-        return SoakProcess(module, arguments, self.folder / 'clock', self.folder / f'{name}.log')
+    def _start(self, command: str, arguments: Sequence[str], name: str) -> SoakProcess:
+        return SoakProcess(command, arguments, self.folder / 'clock', self.folder / f'{name}.log')
 
     def measured(self) -> dict[str, int]:
         """Samples by stream that the devices have measured by now."""
@@ -163,7 +163,7 @@ class System:
         """Start a recorder, and wait until it is ready."""
         name = f'bag_{len(self.takes) + 1}'
         path = (folder or self.folder) / name
-        process = self._start('power_daq.commands.record', ['-o', str(path)], name)
+        process = self._start('power_daq.commands.arguments:record', ['-o', str(path)], name)
         process.wait_for_line('recording to', PATIENCE)
         now = self.measured()
         self.takes.append(Take(path, process, now, now))

@@ -5,15 +5,15 @@ It stands in for `time.time` and `time.time_ns` before anything else is imported
 is the machine's clock plus an offset in a file that other processes share. The steady clock is
 left alone, as NTP leaves it.
 
-    python bench/stepped_clock.py OFFSET_FILE MODULE [ARGUMENT…]     runs MODULE.main()
+    python bench/stepped_clock.py OFFSET_FILE MODULE:FUNCTION [ARGUMENT…]     runs a command
 """
 
 import mmap
 import struct
 import sys
 import time
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 
 _OFFSET = struct.Struct('<q')
 _time_ns = time.time_ns
@@ -44,11 +44,11 @@ class ClockFile:
 
 
 def main() -> int:
-    """Run a module's main with the clock of the file."""
-    path, module, *arguments = sys.argv[1:]
+    """Run a command with the clock of the file."""
+    path, function, *arguments = sys.argv[1:]
     ClockFile(Path(path)).install()
-    sys.argv = [module, *arguments]
-    return int(import_module(module).main(arguments) or 0)
+    sys.argv = [function, *arguments]
+    return int(resolve_name(function)(arguments) or 0)
 
 
 if __name__ == '__main__':

@@ -33,7 +33,7 @@ format: power_model/1
 name: base
 effects: [shaft, copper_loss, viscous_friction, coulomb_friction, rotor_inertia, idle]
 """
-PROGRAM = 'import sys; from power_fleet.commands.track import main; sys.exit(main())'
+PROGRAM = 'import sys; from power_fleet.commands.arguments import track as main; sys.exit(main())'
 LONGEST = 86_400.0  # s
 KILLED_AT = 0.3  # of the recordings
 

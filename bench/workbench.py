@@ -26,7 +26,7 @@ from rich.table import Table
 from wattwalk_core.processes import ChildProcess
 
 OPENINGS = 5
-_OPEN = 'import sys; from power_workbench.commands.open import main; sys.exit(main(sys.argv[1:]))'
+_OPEN = 'from power_workbench.commands.arguments import open; raise SystemExit(open())'
 _FRAME = 'await new Promise((done) => requestAnimationFrame(() => setTimeout(done, 0)));'
 _OPENED = """async (until) => {
   const { bench } = await import('/page/dom.js');

@@ -14,7 +14,7 @@ from soak_bags import told_lost
 from wattwalk_core.processes import wait_until
 
 ROOT = Path(__file__).resolve().parents[1]
-LIVE = 'import sys; from wattwalk_bringup.commands.live import main; sys.exit(main())'
+LIVE = 'import sys; from wattwalk_bringup.commands.arguments import live as main; sys.exit(main())'
 NETWORK = f'ppn:{ROOT / "bags" / "ppn_small"}'
 NODES = {'sim_bridge/sim', 'power_daq/daq', 'policy_runner/run', 'power_estimator/estimate'}
 SLOW = 180.0

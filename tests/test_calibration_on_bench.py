@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 from calibration import estimates, plant_blocks, trial
-from power_calibration.commands.calibrate import main as calibrate
+from power_calibration.commands.arguments import calibrate as calibrate
 from power_calibration.timing.delay import delay_of
 from power_calibration.timing.step_response import step_response
 from power_recordings.card import Card
 from power_recordings.reading.reader import Recording
-from sim_bridge.commands.bench import main as bench
+from sim_bridge.commands.arguments import bench as bench
 from sim_bridge.offline.run import OfflineRun, simulate_recording
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant

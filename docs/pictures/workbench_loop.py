@@ -24,9 +24,7 @@ HOLD, FADE, FADES = 2600, 70, 4  # ms, ms, frames
 KNOWN = ('viscous friction', 'Coulomb friction', 'rotor inertia')
 PATIENCE = 300_000  # ms
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
-PROGRAM = (
-    'import sys; from power_workbench.commands.open import main; sys.exit(main(sys.argv[1:]))'
-)
+PROGRAM = 'from power_workbench.commands.arguments import open; raise SystemExit(open())'
 
 
 def scenes(page: Any) -> Iterator[tuple[str, str]]:

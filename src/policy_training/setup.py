@@ -36,11 +36,11 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'train = policy_training.commands.train:main',
-            'evaluate = policy_training.commands.evaluate:main',
-            'blend = policy_training.commands.blend:main',
-            'export = policy_training.commands.export:main',
-            'optimise_gait = policy_training.commands.optimise_gait:main',
+            'train = policy_training.commands.arguments:train',
+            'evaluate = policy_training.commands.arguments:evaluate',
+            'blend = policy_training.commands.arguments:blend',
+            'export = policy_training.commands.arguments:export',
+            'optimise_gait = policy_training.commands.arguments:optimise_gait',
         ],
     },
 )

@@ -26,8 +26,8 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'calibrate = power_calibration.commands.calibrate:main',
-            'sync = power_calibration.commands.sync:main',
+            'calibrate = power_calibration.commands.arguments:calibrate',
+            'sync = power_calibration.commands.arguments:sync',
         ],
     },
 )

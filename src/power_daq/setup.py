@@ -32,11 +32,11 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'daq = power_daq.commands.daq:main',
-            'record = power_daq.commands.record:main',
-            'watch = power_daq.commands.watch:main',
-            'supply = power_daq.commands.supply:main',
-            'topics = power_daq.commands.topics:main',
+            'daq = power_daq.commands.arguments:daq',
+            'record = power_daq.commands.arguments:record',
+            'watch = power_daq.commands.arguments:watch',
+            'supply = power_daq.commands.arguments:supply',
+            'topics = power_daq.commands.arguments:topics',
         ],
         'can.interface': ['unixsocket = power_daq.bus.unix_socket:UnixSocketBus'],
     },

@@ -27,9 +27,9 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'track = power_fleet.commands.track:main',
-            'challenge = power_fleet.commands.challenge:main',
-            'reveal = power_fleet.commands.challenge:reveal',
+            'track = power_fleet.commands.arguments:track',
+            'challenge = power_fleet.commands.arguments:challenge',
+            'reveal = power_fleet.commands.arguments:reveal',
         ],
     },
 )

@@ -36,9 +36,9 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'import = power_recordings.commands.import_logs:main',
-            'info = power_recordings.commands.info:main',
-            'index = power_recordings.commands.index:main',
+            'import = power_recordings.commands.arguments:import_logs',
+            'info = power_recordings.commands.arguments:info',
+            'index = power_recordings.commands.arguments:index',
         ],
     },
 )

@@ -26,8 +26,8 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'open = power_workbench.commands.open:main',
-            'replay_session = power_workbench.commands.replay_session:main',
+            'open = power_workbench.commands.arguments:open',
+            'replay_session = power_workbench.commands.arguments:replay_session',
         ],
     },
 )

@@ -24,11 +24,11 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'sim = sim_bridge.commands.sim:main',
-            'bench = sim_bridge.commands.bench:main',
-            'record = sim_bridge.commands.record:main',
-            'supply_instrument = sim_bridge.commands.supply_instrument:main',
-            'ethercat_segment = sim_bridge.commands.ethercat_segment:main',
+            'sim = sim_bridge.commands.arguments:sim',
+            'bench = sim_bridge.commands.arguments:bench',
+            'record = sim_bridge.commands.arguments:record',
+            'supply_instrument = sim_bridge.commands.arguments:supply_instrument',
+            'ethercat_segment = sim_bridge.commands.arguments:ethercat_segment',
         ],
     },
 )

@@ -29,7 +29,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'sound = sound_levels.commands.sound:main',
+            'sound = sound_levels.commands.arguments:sound',
         ],
     },
 )

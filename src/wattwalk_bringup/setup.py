@@ -25,7 +25,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'live = wattwalk_bringup.commands.live:main',
+            'live = wattwalk_bringup.commands.arguments:live',
         ],
     },
 )

@@ -1,7 +1,7 @@
 """A log of one drive as delimited text, and the map that imports it."""
 
 import numpy as np
-from power_recordings.commands.import_logs import main
+from power_recordings.commands.arguments import import_logs as main
 
 MAP = """
 format: import/1

@@ -14,9 +14,7 @@ BROWSER = next(
     filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None
 )
 SLOW = 180_000  # ms
-PROGRAM = (
-    'import sys; from power_workbench.commands.open import main; sys.exit(main(sys.argv[1:]))'
-)
+PROGRAM = 'from power_workbench.commands.arguments import open; raise SystemExit(open())'
 
 
 class Served:

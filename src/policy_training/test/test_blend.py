@@ -7,7 +7,7 @@ from policy_runner.policies.blended_network import network_of
 from policy_runner.policies.by_name import learned_folder
 from policy_runner.policies.folder import read_folder
 from policy_runner.policies.observations import CLOCKED
-from policy_training.commands.blend import main
+from policy_training.commands.arguments import blend as main
 from policy_training.learning.run_folder import policy_source
 from wattwalk_core.errors import InputError
 

@@ -7,7 +7,7 @@ import numpy as np
 import policy_folders
 import pytest
 from policy_runner.policies.by_name import load_policy
-from policy_training.commands.evaluate import main
+from policy_training.commands.arguments import evaluate as main
 from policy_training.evaluation.figures import falls_front
 from policy_training.evaluation.gait_cycle import find_steps
 from policy_training.evaluation.measured_walk import (

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from policy_runner.policies.trot_gait import TROTS
-from policy_training.commands import optimise_gait
+from policy_training.commands.arguments import optimise_gait
 from policy_training.config import TrainingConfig, TrialConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.plant_power import PlantPower
@@ -188,13 +188,13 @@ def test_the_command_searches_goes_on_and_writes_a_gait_that_loads(tmp_path, cap
         lambda trial, gaits, seed: [fake_score(gait) for gait in gaits],
     )
     run = str(tmp_path / 'run')
-    assert optimise_gait.main(['-o', run, '--generations', '2', '--population', '4']) == 0
-    assert optimise_gait.main(['-o', run, '--generations', '3', '--resume']) == 0
+    assert optimise_gait(['-o', run, '--generations', '2', '--population', '4']) == 0
+    assert optimise_gait(['-o', run, '--generations', '3', '--resume']) == 0
     assert 'imitation.gait=' in capsys.readouterr().out
     rows = (tmp_path / 'run' / 'generations.jsonl').read_text().splitlines()
     assert [json.loads(row)['generation'] for row in rows] == [1, 2, 3]
     assert load_gait(run).height > 0.4
-    assert optimise_gait.main(['-o', run]) == 2
+    assert optimise_gait(['-o', run]) == 2
     assert '--resume' in capsys.readouterr().err
 
 
@@ -211,13 +211,13 @@ def test_searches_of_a_task_each_join_to_a_gait_with_one_line_of_frequency_over_
 ):
     tasks = {'turn': 1.2, 'forward': 1.8, 'fast': 2.2}  # at 0, 0.6 and 1 m/s
     runs = [str(searched(tmp_path / task, task, hz)) for task, hz in tasks.items()]
-    assert optimise_gait.main(['--join', *runs, '-o', str(tmp_path / 'all')]) == 0
+    assert optimise_gait(['--join', *runs, '-o', str(tmp_path / 'all')]) == 0
     assert '1.20 Hz, and 1.00 Hz more for each m/s' in capsys.readouterr().out
     gait, table = (load(str(tmp_path / 'all')) for load in (load_gait, load_gait_table))
     assert (gait.frequency, gait.frequency_per_speed) == pytest.approx((1.2, 1.0), abs=1e-3)
     assert [command for command in table.commands][1] == (0.6, 0.0, 0.0)
     assert {shape.height for shape in table.gaits} == {0.55}
-    assert optimise_gait.main(['--join', runs[0], runs[0], '-o', str(tmp_path / 'two')]) == 2
+    assert optimise_gait(['--join', runs[0], runs[0], '-o', str(tmp_path / 'two')]) == 2
     assert 'of different tasks' in capsys.readouterr().err
 
 

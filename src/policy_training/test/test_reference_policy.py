@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 from policy_runner.policies.observations import CLOCKED
-from policy_training.commands.train import main
+from policy_training.commands.arguments import train as main
 from policy_training.learning.reference_policy import ReferencePolicy
 from policy_training.learning.run_folder import read_checkpoint, read_curves
 

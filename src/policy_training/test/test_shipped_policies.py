@@ -3,7 +3,7 @@ import pytest
 from policy_runner.policies.blended_network import network_of
 from policy_runner.policies.by_name import SHIPPED, load_policy, shipped
 from policy_runner.policies.folder import read_folder
-from policy_training.commands import export
+from policy_training.commands.arguments import export
 from policy_training.evaluation.measured_walk import idle_power, measure_walk
 from policy_training.evaluation.robustness import LIMITS, RobustnessConfig, evaluate_robustness
 from policy_training.evaluation.scores import score
@@ -80,12 +80,12 @@ def test_an_economical_policy_draws_a_fifth_less_than_the_baseline(name, slower)
 
 
 def test_a_shipped_policy_is_exported_by_name_with_its_contract(tmp_path, capsys):
-    assert export.main(['pmp', '-o', str(tmp_path / 'pmp.pt')]) == 0
+    assert export(['pmp', '-o', str(tmp_path / 'pmp.pt')]) == 0
     assert '--policy' in capsys.readouterr().out
     assert load_policy(str(tmp_path / 'pmp.pt'), trust_code=True).rate == 50.0
 
 
 def test_a_scripted_gait_has_no_network_to_export(tmp_path, capsys):
-    assert export.main(['trot', '-o', str(tmp_path / 'trot.pt')]) == 2
+    assert export(['trot', '-o', str(tmp_path / 'trot.pt')]) == 2
     assert "'trot' is a scripted trot" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

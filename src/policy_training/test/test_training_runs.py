@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from policy_runner.policies.by_name import load_policy
-from policy_training.commands.train import main
+from policy_training.commands.arguments import train as main
 from policy_training.config import TrainingConfig
 from policy_training.learning.run_folder import read_checkpoint, read_curves
 

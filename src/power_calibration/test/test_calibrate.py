@@ -8,7 +8,7 @@ from power_calibration.analyser.bandwidth import response
 from power_calibration.analyser.coarse_alignment import Match, matches
 from power_calibration.analyser.curve import Curve
 from power_calibration.analyser.reference_fit import Clock, fit
-from power_calibration.commands.calibrate import main
+from power_calibration.commands.arguments import calibrate as main
 from power_recordings.calibration import Calibration, label
 from power_recordings.card import Card
 

@@ -2,7 +2,7 @@ import json
 
 import numpy as np
 import pytest
-from power_calibration.commands.sync import main
+from power_calibration.commands.arguments import sync as main
 from power_calibration.timing.delay import delay_of
 from power_calibration.timing.stamps import clock_quality, stamp_qualities
 from power_calibration.timing.step_response import step_response

@@ -25,7 +25,7 @@ from signal_generator import SignalGenerator
 from drive_power_msgs.msg import DriveSupply
 
 DOMAIN = 1 + os.getpid() % 100
-RUN = 'from power_daq.commands.daq import main; raise SystemExit(main())'
+RUN = 'from power_daq.commands.arguments import daq; raise SystemExit(daq())'
 
 
 class Topic:

@@ -17,7 +17,8 @@ import pytest
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
-from power_daq.commands.record import card_of, main, topics_of
+from power_daq.commands.arguments import record as main
+from power_daq.commands.record import card_of, topics_of
 from power_daq.nodes.card_topic import publish_card
 from power_recordings.card import Card
 from power_recordings.reading.reader import Recording
@@ -107,7 +108,7 @@ class Recorder:
         self, robot: Robot, path: Path, *arguments: str, limit: int = 0, before: str = ''
     ) -> None:
         self.path = path
-        run = f'{before}\nimport sys\nfrom power_daq.commands.record import main\nsys.exit(main())'
+        run = f'{before}\nfrom power_daq.commands.arguments import record as r\nexit(r())'
         command = [sys.executable, '-c', run, '-o', str(path), *arguments]
         command += ['--ros-args', '-r', f'__ns:={robot.namespace}']
         self.process = subprocess.Popen(

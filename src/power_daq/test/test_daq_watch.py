@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from power_daq.commands.watch import main
+from power_daq.commands.arguments import watch as main
 from power_daq.monitor.screen import Screen, line
 from power_daq.monitor.state import MonitorState
 from power_recordings.messages import cdr
@@ -339,7 +339,7 @@ def test_on_a_terminal_it_draws_a_screen_until_ctrl_c(robot, node_process, tmp_p
     ours, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (24, 80))
     picture = tmp_path / 'now.svg'
-    run = 'import sys; from power_daq.commands.watch import main; sys.exit(main())'
+    run = 'import sys; from power_daq.commands.arguments import watch as main; sys.exit(main())'
     process = subprocess.Popen(
         [sys.executable, '-c', run, '--save', str(picture)],
         stdin=theirs,

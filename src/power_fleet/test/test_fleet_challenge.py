@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from power_fleet.commands import challenge as command
+from power_fleet.commands.arguments import challenge, reveal
 from power_fleet.fleet_challenge import draw_fleet
 from power_lab.challenge.challenge import SEALED
+from power_lab.commands.challenge import DRIVES
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
@@ -48,18 +49,18 @@ def test_a_fleet_is_recorded_sealed_and_revealed(tmp_path, capsys, monkeypatch):
     while draw_fleet(seed, 16, 10.0).course is None:
         seed += 1
     run = ['--seed', str(seed), '--recordings', '16', '--duration', '10']
-    assert command.main([*run, '-o', str(folder), '--workers', '2']) == 0
+    assert challenge([*run, '-o', str(folder), '--workers', '2']) == 0
     told = capsys.readouterr().out
     bags = sorted(folder.glob('robot_*'))
     assert len(bags) == 16
     cards = [Recording.open(bag).card for bag in bags]
     assert len({card.unit for card in cards}) == 2
     assert all(card.created and 'temperature' in card.other for card in cards)
-    (hidden,) = draw_fleet(seed, 16, 10.0, command.DRIVES).answer()['hidden']
+    (hidden,) = draw_fleet(seed, 16, 10.0, DRIVES).answer()['hidden']
     sealed = (folder / SEALED).read_text()
     assert hidden['words'] not in sealed + told
     assert not any(hidden['effect'] in (bag / 'card.yaml').read_text() for bag in bags)
-    assert command.reveal([str(folder)]) == 0
+    assert reveal([str(folder)]) == 0
     assert hidden['words'] in capsys.readouterr().out
-    assert command.main([*run, '-o', str(folder)]) == 2
+    assert challenge([*run, '-o', str(folder)]) == 2
     assert 'is there already; give another folder' in capsys.readouterr().err

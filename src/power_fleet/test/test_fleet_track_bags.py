@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from aligned_bag import write
 from power_estimator.judge.recordings import load
-from power_fleet.commands import track as track_command
+from power_fleet.commands.arguments import track as track_command
 from power_fleet.track import reading
 from power_lab.commands import fit as fit_command
 from truth_circuit import Truth, record
@@ -40,7 +40,7 @@ def test_recordings_with_a_hidden_step_of_friction_end_in_one_alarm(days, tmp_pa
     bags, base = days
     told, page = tmp_path / 't.json', tmp_path / 't.html'
     outputs = ['--json', str(told), '--report', str(page), '--workers', '1']
-    assert track_command.main([*bags[::-1], '--model', str(base), *outputs]) == 0
+    assert track_command([*bags[::-1], '--model', str(base), *outputs]) == 0
     content = json.loads(told.read_text())
     series = {(one['drive'], one['effect']): one for one in content['series']}
     knee = series['LF_HFE', 'coulomb_friction']
@@ -95,7 +95,7 @@ def test_an_effect_that_the_model_lacks_is_named_by_diagnosis_and_tracked(tmp_pa
 
 def test_a_model_without_effects_is_refused_in_one_line(days, capsys):
     bags, _ = days
-    assert track_command.main([bags[0], '--model', 'torque_squared']) == 2
+    assert track_command([bags[0], '--model', 'torque_squared']) == 2
     error = capsys.readouterr().err.strip()
     assert 'model.yaml' in error
     assert '\n' not in error
@@ -108,7 +108,7 @@ def index(tmp_path, monkeypatch):
 
 def tracked_json(bags, base, told, *more):
     outputs = ['--json', str(told), '--workers', '1', *more]
-    assert track_command.main([*map(str, bags), '--model', str(base), *outputs]) == 0
+    assert track_command([*map(str, bags), '--model', str(base), *outputs]) == 0
     return json.loads(told.read_text())
 
 
@@ -145,7 +145,7 @@ def test_after_an_interruption_finished_recordings_are_not_fitted_again(
         return load(paths, *rest, **options)
 
     monkeypatch.setattr(reading, 'load', interrupted)
-    assert track_command.main([*bags[:5], '--model', str(base), '--workers', '1']) == 130
+    assert track_command([*bags[:5], '--model', str(base), '--workers', '1']) == 130
     content = tracked_json(bags[:5], base, tmp_path / 'a.json')
     assert read == ['walk00', 'walk01', 'walk02', 'walk02', 'walk03', 'walk04']
     assert len(content['series'][0]['points']) == 5
@@ -177,5 +177,5 @@ def test_a_copy_counts_once_and_equal_names_become_longer(days, tmp_path):
 
 def test_a_recording_that_is_not_there_is_refused(days, capsys):
     bags, base = days
-    assert track_command.main([*bags, 'nowhere', '--model', str(base)]) == 2
+    assert track_command([*bags, 'nowhere', '--model', str(base)]) == 2
     assert 'there is no recording nowhere' in capsys.readouterr().err

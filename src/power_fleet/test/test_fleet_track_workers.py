@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from aligned_bag import write
-from power_fleet.commands import track as track_command
+from power_fleet.commands.arguments import track as track_command
 from power_fleet.track import reading
 from power_fleet.track.outcome import Request
 from power_recordings.index.stamp import Stamp
@@ -46,7 +46,7 @@ def index(tmp_path, monkeypatch):
 
 def tracked(days, told, *more):
     bags, base = days
-    assert track_command.main([*bags, '--model', str(base), '--json', str(told), *more]) == 0
+    assert track_command([*bags, '--model', str(base), '--json', str(told), *more]) == 0
     return told.read_text()
 
 
@@ -78,7 +78,9 @@ def test_after_ctrl_c_the_fits_that_ended_are_not_made_again(
     days, alone, index, tmp_path, monkeypatch
 ):
     bags, base = days
-    program = 'import sys; from power_fleet.commands.track import main; sys.exit(main())'
+    program = (
+        'import sys; from power_fleet.commands.arguments import track as main; sys.exit(main())'
+    )
     given = [*bags, '--model', str(base), '--workers', '2']
     log = tmp_path / 'track.log'
     with ChildProcess([sys.executable, '-c', program, *given], log) as process:
@@ -139,14 +141,14 @@ def test_users_effects_reach_the_workers(days, index, tmp_path):
     model = tmp_path / 'own.yaml'
     model.write_text(base.read_text().replace('idle]', 'idle, fan]'))
     given = ['--effects-path', str(own), '--json', str(tmp_path / 't.json'), '--workers', '2']
-    assert track_command.main([*bags[:2], '--model', str(model), *given]) == 0
+    assert track_command([*bags[:2], '--model', str(model), *given]) == 0
     series = json.loads((tmp_path / 't.json').read_text())['series']
     assert 'fan' in {one['effect'] for one in series}
 
 
 def test_a_scheduler_that_is_no_address_is_refused_in_one_line(days, capsys):
     bags, base = days
-    assert track_command.main([*bags, '--model', str(base), '--scheduler', 'nowhere']) == 2
+    assert track_command([*bags, '--model', str(base), '--scheduler', 'nowhere']) == 2
     error = capsys.readouterr().err.strip()
     assert 'tcp://HOST:PORT' in error
     assert '\n' not in error

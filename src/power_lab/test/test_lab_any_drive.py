@@ -11,7 +11,7 @@ from power_estimator.effects.model_file.yaml_file import read_model
 from power_lab.commands import compare, diagnose, fit
 from power_lab.commands.options import console
 from power_lab.report.tables import print_model
-from power_recordings.commands import import_logs
+from power_recordings.commands.arguments import import_logs
 from real_logs import HOPPER, REAL
 
 MAP = """
@@ -61,7 +61,7 @@ def recording(
     ]
     chart.write_text('\n'.join(lines))
     bag = tmp_path / 'bag'
-    assert import_logs.main([str(log), '--map', str(chart), '-o', str(bag)]) == 0
+    assert import_logs([str(log), '--map', str(chart), '-o', str(bag)]) == 0
     return bag
 
 
@@ -267,7 +267,7 @@ class TestRealDrives:
         chart, bag = tmp_path / 'hopper.yaml', tmp_path / 'hop'
         chart.write_text(HOPPER)
         log = REAL / 'hopper_500_hops.mat'
-        assert import_logs.main([str(log), '--map', str(chart), '-o', str(bag)]) == 0
+        assert import_logs([str(log), '--map', str(chart), '-o', str(bag)]) == 0
         model, scores = fitted(bag, tmp_path)
         assert scores['total']['r2'] > 0.98
         assert {value.split()[1] for value in scores['at_bound']} <= {'velocity_lag'}
@@ -283,14 +283,14 @@ class TestRealDrives:
     def test_a_robot_arm_is_judged_by_the_power_of_its_supply(self, tmp_path):
         bag = tmp_path / 'ur'
         arguments = [str(REAL / 'ur3e_move.xlsx'), '--map', 'ur_rtde', '-o', str(bag)]
-        assert import_logs.main(arguments) == 0
+        assert import_logs(arguments) == 0
         _, scores = fitted(bag, tmp_path)
         assert scores['total']['r2'] > 0.9
 
     def test_the_axes_of_a_cobot_are_told_from_two_seconds(self, tmp_path, capsys):
         bag = tmp_path / 'cobot'
         arguments = [str(REAL / 'yu_cobot.parquet'), '--map', 'voraus', '-o', str(bag)]
-        assert import_logs.main(arguments) == 0
+        assert import_logs(arguments) == 0
         _, scores = fitted(bag, tmp_path)
         loaded = [scores['drives'][f'AXIS_{axis}']['r2'] for axis in (1, 2, 3, 4, 6)]
         assert min(loaded) > 0.9

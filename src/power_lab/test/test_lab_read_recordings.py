@@ -14,7 +14,7 @@ from power_estimator.judge.read_recordings import (
 )
 from power_estimator.judge.recordings import load
 from power_lab.commands import compare
-from power_recordings.commands import import_logs
+from power_recordings.commands.arguments import import_logs
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
@@ -54,7 +54,7 @@ def recording(folder, joints, rate, seconds=40.0):
     log, chart, bag = folder / 'log.csv', folder / 'map.yaml', folder / 'bag'
     np.savetxt(log, np.column_stack(table), delimiter=',', header=','.join(names), comments='')
     chart.write_text(MAP)
-    assert import_logs.main([str(log), '--map', str(chart), '-o', str(bag)]) == 0
+    assert import_logs([str(log), '--map', str(chart), '-o', str(bag)]) == 0
     return bag
 
 

@@ -28,8 +28,8 @@ from crafted_tables import (
     workbooks,
 )
 from hostile_files import BAG_MAP, TABLE_MAP, TABLES, damaged, mcap_bag, special_paths, write_logs
-from power_recordings.commands.import_logs import main as import_command
-from power_recordings.commands.info import main as info_command
+from power_recordings.commands.arguments import import_logs as import_command
+from power_recordings.commands.arguments import info as info_command
 from power_recordings.reading.reader import open_recordings
 
 SEEDS = {
@@ -313,7 +313,7 @@ def test_hostile_files_take_little_memory(
     (tmp_path / name).write_bytes(data)
     # ru_maxrss of a child begins with the memory of the process that started it; VmHWM does not.
     code = (
-        'import re, pathlib; from power_recordings.commands.import_logs import main; '
+        'import re, pathlib; from power_recordings.commands.arguments import import_logs as main; '
         'code = main(); status = pathlib.Path("/proc/self/status").read_text(); '
         'print(re.search(r"VmHWM:\\s*(\\d+) kB", status)[1]); raise SystemExit(code)'
     )

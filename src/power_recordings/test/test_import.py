@@ -3,7 +3,7 @@ import json
 
 import numpy as np
 import pytest
-from power_recordings.commands.import_logs import main
+from power_recordings.commands.arguments import import_logs as main
 from power_recordings.importing import sources
 from power_recordings.reading.reader import Recording
 from table_log import MAP, csv, run, table

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from power_recordings.commands.import_logs import main
+from power_recordings.commands.arguments import import_logs as main
 from power_recordings.importing.map_file import parse_map
 from power_recordings.importing.merge import Merger
 from power_recordings.importing.times import LogClock

@@ -10,8 +10,8 @@ from contextlib import closing
 
 import pytest
 from power_recordings.card import Card
-from power_recordings.commands.index import main as index_command
-from power_recordings.commands.info import main as info
+from power_recordings.commands.arguments import index as index_command
+from power_recordings.commands.arguments import info as info
 from power_recordings.index import kept_quality
 from power_recordings.index.stamp import Stamp
 from power_recordings.index.store import (

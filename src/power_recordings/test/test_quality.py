@@ -2,8 +2,8 @@ import json
 
 import numpy as np
 import pytest
-from power_recordings.commands.import_logs import main
-from power_recordings.commands.info import main as info
+from power_recordings.commands.arguments import import_logs as main
+from power_recordings.commands.arguments import info as info
 from power_recordings.messages.samples import DriveSamples, JointSamples
 from power_recordings.quality.check import check_recording
 from power_recordings.quality.refusal import refuse_wrong_units

@@ -3,7 +3,7 @@
 import pytest
 from power_estimator.effects import load_catalogue
 from power_estimator.effects.model_file.yaml_file import read_model
-from power_workbench.commands import replay_session as replay_command
+from power_workbench.commands.arguments import replay_session as replay_command
 from power_workbench.sessions.steps import SessionRecord
 from workbench_page import BROWSER, page_of, served
 
@@ -106,7 +106,7 @@ def test_the_session_replays_to_the_same_numbers_where_its_effects_may_run(
     learned, tmp_path, capsys
 ):
     arguments = [str(learned['session']), '-o', str(tmp_path / 'again')]
-    assert replay_command.main(arguments) == 2
+    assert replay_command(arguments) == 2
     assert 'read them, then give --run-effects' in capsys.readouterr().err
-    assert replay_command.main([*arguments, '--run-effects']) == 0
+    assert replay_command([*arguments, '--run-effects']) == 0
     assert 'the same numbers as in the session' in capsys.readouterr().out

@@ -3,7 +3,7 @@
 import socket
 
 import pytest
-from power_workbench.commands import open as open_command
+from power_workbench.commands.arguments import open as open_command
 from power_workbench.server.guard import LONGEST_BODY
 from workbench_page import served
 
@@ -174,7 +174,7 @@ def test_answers_tell_the_browser_to_run_nothing_else(bench):
     ],
 )
 def test_bad_arguments_are_refused_in_one_line(arguments, said, capsys):
-    assert open_command.main([*arguments, '--no-browser']) == 2
+    assert open_command([*arguments, '--no-browser']) == 2
     error = capsys.readouterr().err
     assert said in error
     assert error.count('\n') == 1

@@ -10,7 +10,7 @@ import yaml
 from power_lab.commands import add as add_command
 from power_lab.commands import compare as compare_command
 from power_lab.commands import fit as fit_command
-from power_workbench.commands import replay_session as replay_command
+from power_workbench.commands.arguments import replay_session as replay_command
 from power_workbench.sessions.steps import SessionRecord
 from workbench_page import BROWSER, page_of, served
 
@@ -185,7 +185,7 @@ def test_a_session_replays_to_the_same_numbers(walked, tmp_path, capsys):
     found = tmp_path / 'again.json'
     again = tmp_path / 'again'
     arguments = [str(walked['session']), '-o', str(again), '--json', str(found)]
-    assert replay_command.main(arguments) == 0
+    assert replay_command(arguments) == 0
     assert 'the same numbers as in the session' in capsys.readouterr().out
     assert [step['step'] for step in json.loads(found.read_text())['steps']][1:] == [
         'add load_friction'
@@ -199,7 +199,7 @@ def test_a_session_whose_numbers_were_changed_does_not_replay(walked, tmp_path, 
     session = SessionRecord.read(walked['session'])
     value = next(iter(session.steps[1].rmse_w.values()))
     (tmp_path / 'session.yaml').write_text(text.replace(f'{value}', f'{1.01 * value:.6g}', 1))
-    assert replay_command.main([str(tmp_path)]) == 1
+    assert replay_command([str(tmp_path)]) == 1
     assert 'not the same numbers' in capsys.readouterr().out
 
 

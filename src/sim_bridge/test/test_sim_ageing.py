@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from power_recordings.reading.reader import Recording
-from sim_bridge.commands import record as record_command
+from sim_bridge.commands.arguments import record as record_command
 from sim_bridge.plant.ageing import AgeingPlan
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.anymal import JOINT_NAMES
@@ -96,7 +96,7 @@ def test_recordings_of_a_plan_are_dated_and_do_not_depend_on_the_workers(tmp_pat
     plan = written(tmp_path)
     for workers in ('1', '2'):
         run = ['ageing', '--plan', str(plan), '-o', str(tmp_path / workers)]
-        assert record_command.main([*run, '--workers', workers]) == 0
+        assert record_command([*run, '--workers', workers]) == 0
     bags = sorted((tmp_path / '1').iterdir())
     assert [bag.name for bag in bags] == ['day_000_0', 'day_001_50', 'day_002_100']
     cards = [Recording.open(bag).card for bag in bags]
@@ -108,5 +108,5 @@ def test_recordings_of_a_plan_are_dated_and_do_not_depend_on_the_workers(tmp_pat
         other = tmp_path / '2' / bag.name
         name = f'{bag.name}_0.mcap'
         assert (bag / name).read_bytes() == (other / name).read_bytes()
-    assert record_command.main(['ageing', '--plan', str(plan), '-o', str(tmp_path / '1')]) == 2
+    assert record_command(['ageing', '--plan', str(plan), '-o', str(tmp_path / '1')]) == 2
     assert 'day_000_0 is there already' in capsys.readouterr().err

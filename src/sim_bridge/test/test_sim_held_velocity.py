@@ -1,6 +1,6 @@
 import numpy as np
 from power_recordings.reading.reader import Recording
-from sim_bridge.commands.sim import main as sim_main
+from sim_bridge.commands.arguments import sim as sim_main
 
 
 def test_a_command_that_is_held_turns_the_robot_on_the_spot(tmp_path, capsys):

@@ -4,7 +4,7 @@ import re
 
 import can
 import pytest
-from sim_bridge.commands import sim as sim_command
+from sim_bridge.commands.arguments import sim as sim_command
 
 RUNNING = r'anymal_c, unit 2, on unixsocket'
 
@@ -71,7 +71,7 @@ def test_a_push_is_answered_with_its_velocity(sim, node_process):
     ],
 )
 def test_a_wrong_parameter_ends_the_node_with_one_line(ros_domain, capfd, name, value, quoted):
-    assert sim_command.main(['--ros-args', '-p', f'{name}:={value}']) == 2
+    assert sim_command(['--ros-args', '-p', f'{name}:={value}']) == 2
     error = capfd.readouterr().err
     assert len(error.splitlines()) == 1
     assert re.search(quoted, error)

@@ -7,8 +7,8 @@ import pytest
 from power_daq.bus.description import BusDescription
 from power_recordings.card import Card
 from power_recordings.reading.reader import Recording
-from sim_bridge.commands import bench as bench_command
-from sim_bridge.commands import sim as sim_command
+from sim_bridge.commands.arguments import bench as bench_command
+from sim_bridge.commands.arguments import sim as sim_command
 from sim_bridge.offline.motions import bench_motion
 from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
 from sim_bridge.offline.session import Pushes, Session
@@ -176,11 +176,11 @@ def test_wrong_arguments_are_refused_before_anything_is_written(tmp_path, argume
 
 def test_the_command_writes_a_bag_and_refuses_to_replace_one(tmp_path, capsys):
     arguments = ['--offline', '--seed', '3', '--duration', '0.5', '-o', str(tmp_path / 'bag')]
-    assert sim_command.main([*arguments, '--drives', 'LF_KFE', '--controller', 'stand']) == 0
+    assert sim_command([*arguments, '--drives', 'LF_KFE', '--controller', 'stand']) == 0
     assert Recording.open(tmp_path / 'bag').card.drives == ('LF_KFE',)
-    assert sim_command.main(arguments) == 2
+    assert sim_command(arguments) == 2
     assert 'exists already' in capsys.readouterr().err
-    assert sim_command.main(['--offline']) == 2
+    assert sim_command(['--offline']) == 2
 
 
 class Topple:
@@ -231,7 +231,7 @@ def test_a_push_in_the_air_gives_the_whole_robot_the_velocity_asked_for():
 def test_the_bench_command_records_one_drive_in_each_mode(tmp_path, mode):
     bag = tmp_path / mode
     arguments = ['sine', '-o', str(bag), '--mode', mode, '--duration', '1', '--drive', 'RF_HFE']
-    assert bench_command.main(arguments) == 0
+    assert bench_command(arguments) == 0
     recording = Recording.open(bag)
     commands = recording.joint_commands()
     given = {
@@ -275,7 +275,7 @@ def test_a_soak_on_the_stand_ends_once_the_winding_is_warm(tmp_path):
         '- {mode: position, shape: sine, amplitude: 1.5, frequency: 4.0, saturate: true, '
         'until_warmer: 0.5, seconds: 6}\n- {mode: rest, seconds: 1}\n'
     )
-    assert bench_command.main([str(file), '-o', str(tmp_path / 'soak')]) == 0
+    assert bench_command([str(file), '-o', str(tmp_path / 'soak')]) == 0
     recording = Recording.open(tmp_path / 'soak')
     joints, supply = recording.joint_states(), recording.drive_supply()
     since = (joints.stamp_ns - joints.stamp_ns[0]) * 1e-9

@@ -2,14 +2,16 @@ import numpy as np
 import pytest
 import yaml
 from power_recordings.reading.reader import Recording
-from sim_bridge.commands import record as record_command
+from sim_bridge.commands.arguments import SECONDS
+from sim_bridge.commands.arguments import record as record_command
+from sim_bridge.commands.record import plans
 from wattwalk_core.anymal import JOINT_NAMES
 
 
 @pytest.fixture(scope='module')
 def paper(tmp_path_factory):
     folder = tmp_path_factory.mktemp('sets') / 'paper'
-    assert record_command.main(['paper', '-o', str(folder), '--seconds', '2']) == 0
+    assert record_command(['paper', '-o', str(folder), '--seconds', '2']) == 0
     return folder
 
 
@@ -29,7 +31,7 @@ def test_the_papers_set_meters_one_drive_of_each_type_on_rough_ground_with_pushe
 
 def test_the_robustness_set_has_other_gaits_and_another_unit(tmp_path, capsys):
     folder = tmp_path / 'set'
-    assert record_command.main(['robustness', '-o', str(folder), '--seconds', '1']) == 0
+    assert record_command(['robustness', '-o', str(folder), '--seconds', '1']) == 0
     cards = {bag.name: Recording.open(bag).card for bag in folder.iterdir()}
     assert {name: card.controller for name, card in cards.items()} == {
         'trot_slow': 'trot_slow',
@@ -48,7 +50,7 @@ def test_finished_recordings_are_kept_and_broken_ones_are_made_anew(paper, tmp_p
     whole = (broken / f'{broken.name}_0.mcap').read_bytes()
     (broken / 'card.yaml').unlink()
     (broken / f'{broken.name}_0.mcap').write_bytes(whole[:5000])
-    assert record_command.main(['paper', '-o', str(paper), '--seconds', '2']) == 0
+    assert record_command(['paper', '-o', str(paper), '--seconds', '2']) == 0
     assert (kept / 'HAA_0.mcap').stat().st_mtime_ns == before[kept].st_mtime_ns
     assert (broken / 'KFE_0.mcap').read_bytes() == whole
 
@@ -57,7 +59,7 @@ def test_a_set_that_stopped_before_its_card_was_complete_is_made_anew(paper):
     card = yaml.safe_load((paper / 'HFE' / 'card.yaml').read_text())
     del card['plan']
     (paper / 'HFE' / 'card.yaml').write_text(yaml.safe_dump(card))
-    assert record_command.main(['paper', '-o', str(paper), '--seconds', '2']) == 0
+    assert record_command(['paper', '-o', str(paper), '--seconds', '2']) == 0
     assert 'plan' in yaml.safe_load((paper / 'HFE' / 'card.yaml').read_text())
 
 
@@ -71,7 +73,7 @@ def test_a_set_that_stopped_before_its_card_was_complete_is_made_anew(paper):
     ],
 )
 def test_bad_input_ends_with_code_2_and_one_line(paper, capsys, options, quoted):
-    assert record_command.main(['paper', '-o', str(paper), *options]) == 2
+    assert record_command(['paper', '-o', str(paper), *options]) == 2
     error = capsys.readouterr().err.strip()
     assert len(error.splitlines()) == 1
     assert quoted in error
@@ -79,13 +81,13 @@ def test_bad_input_ends_with_code_2_and_one_line(paper, capsys, options, quoted)
 
 def test_help_shows_an_example(capsys):
     with pytest.raises(SystemExit) as end:
-        record_command.main(['--help'])
+        record_command(['--help'])
     assert end.value.code == 0
     assert 'ros2 run sim_bridge record paper -o' in capsys.readouterr().out
 
 
 def test_seeds_of_the_two_sets_differ():
-    seeds = [plan.seed for which in record_command.SECONDS for plan in record_command.plans(which)]
+    seeds = [plan.seed for which in SECONDS for plan in plans(which)]
     assert len(np.unique(seeds)) == 6
 
 
@@ -93,7 +95,7 @@ def test_recordings_made_side_by_side_are_those_of_one_worker(tmp_path, capsys):
     for workers in ('1', '2'):
         folder = tmp_path / workers
         run = ['paper', '-o', str(folder), '--seconds', '1', '--seed', '4', '--workers', workers]
-        assert record_command.main(run) == 0
+        assert record_command(run) == 0
         assert '3 of 3: ' in capsys.readouterr().out
     for kind in ('HAA', 'HFE', 'KFE'):
         one, two = (tmp_path / workers / kind for workers in ('1', '2'))
@@ -103,8 +105,8 @@ def test_recordings_made_side_by_side_are_those_of_one_worker(tmp_path, capsys):
 
 def test_no_workers_and_an_error_in_one_of_several_are_told_in_one_line(tmp_path, capsys):
     run = ['paper', '-o', str(tmp_path / 'set')]
-    assert record_command.main([*run, '--workers', '0']) == 2
+    assert record_command([*run, '--workers', '0']) == 2
     assert '--workers is 0; it must lie in 1..256' in capsys.readouterr().err
-    assert record_command.main([*run, '--seconds', '0.5', '--workers', '2']) == 2
+    assert record_command([*run, '--seconds', '0.5', '--workers', '2']) == 2
     assert '--seconds is 0.5; it must lie in 1..36000' in capsys.readouterr().err
     assert not (tmp_path / 'set').exists()

@@ -9,7 +9,8 @@ import pytest
 import soundfile
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sound_levels.commands.sound import entries_of, main
+from sound_levels.commands.arguments import sound as main
+from sound_levels.commands.sound import entries_of
 from sound_levels.levels.analysis import analyse
 from sound_levels.levels.calibrator import read_tone
 from sound_levels.levels.meter import measure

@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 import pytest
-from wattwalk_bringup.commands.live import main
+from wattwalk_bringup.commands.arguments import live as main
 from wattwalk_bringup.node_set import NodeCommand, commands
 from wattwalk_bringup.settings import NODES, BringupSettings, arguments, as_text
 from wattwalk_core.errors import InputError

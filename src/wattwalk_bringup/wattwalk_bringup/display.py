@@ -3,15 +3,15 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
+from rich.box import SIMPLE_HEAD
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
 from wattwalk_core.console import output
 
 from wattwalk_bringup.node_group import RunningNode
-
-if TYPE_CHECKING:
-    from rich.live import Live
-    from rich.table import Table
 
 
 class Display(Protocol):
@@ -40,7 +40,7 @@ class PlainDisplay:
 class TableDisplay:
     """A table of node, state, time in it, share of a core and last line of the log."""
 
-    def __init__(self, live: 'Live') -> None:
+    def __init__(self, live: Live) -> None:
         self._live = live
 
     def show(self, nodes: Sequence[RunningNode]) -> None:
@@ -50,11 +50,7 @@ class TableDisplay:
         self._live.update(_table(nodes))
 
 
-def _table(nodes: Sequence[RunningNode]) -> 'Table':
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-    from rich.text import Text
-
+def _table(nodes: Sequence[RunningNode]) -> Table:
     table = Table(box=SIMPLE_HEAD, expand=True)
     for title in ('node', 'state'):
         table.add_column(title, no_wrap=True)
@@ -82,7 +78,6 @@ def display() -> Iterator[Display]:
     if not console.is_terminal:
         yield PlainDisplay()
         return
-    from rich.live import Live
 
     with Live(console=console, refresh_per_second=4) as live:
         yield TableDisplay(live)

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 from rclpy.utilities import remove_ros_args
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import command, entry_point, own_arguments
 from wattwalk_core.errors import InputError
 
 
@@ -30,6 +30,25 @@ def test_bad_input_ends_with_one_line_and_exit_code_2(capsys):
 
     assert refuse(['a']) == 2
     assert capsys.readouterr().err.endswith(": ['a'] are bad\n")
+
+
+def test_the_body_of_an_entry_point_is_imported_once_its_arguments_are_read(
+    tmp_path, monkeypatch, capsys
+):
+    (tmp_path / 'slow_body.py').write_text('def run(number):\n    return number + 1\n')
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    @entry_point('slow_body:run')
+    def count(args):
+        if not args:
+            raise InputError('give a number')
+        return int(args[0])
+
+    assert count([]) == 2
+    assert 'give a number' in capsys.readouterr().err
+    assert 'slow_body' not in sys.modules
+    assert count(['2']) == 3
+    monkeypatch.delitem(sys.modules, 'slow_body')
 
 
 WAITING = """

@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from functools import wraps
+from pkgutil import resolve_name
 from typing import Final
 
 from wattwalk_core import early
@@ -13,13 +14,13 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.interruption import Interrupted, RaisedSignals
 from wattwalk_core.quoting import printable
 
+Entry = Callable[[Sequence[str] | None], int]
+
 _LONGEST: Final = 2000
 _INTERRUPTED: Final = 'interrupted'
 
 
-def command(
-    body: Callable[[Sequence[str] | None], int | None],
-) -> Callable[[Sequence[str] | None], int]:
+def command(body: Callable[[Sequence[str] | None], int | None]) -> Entry:
     """
     Turn a function of the argument list into an entry point that returns an exit code.
 
@@ -51,6 +52,26 @@ def command(
         return 128 + number
 
     return main
+
+
+def entry_point(body: str) -> Callable[[Callable[[Sequence[str] | None], object]], Entry]:
+    """
+    Turn a function that reads arguments into a command; the body takes what it returns.
+
+    body: `module:function`, imported once the arguments are read, so that `--help` and errors in
+    arguments wait for no library.
+    """
+
+    def decorate(read: Callable[[Sequence[str] | None], object]) -> Entry:
+        @wraps(read)
+        def main(args: Sequence[str] | None = None) -> int | None:
+            options = read(args)
+            found: int | None = resolve_name(body)(options)
+            return found
+
+        return command(main)
+
+    return decorate
 
 
 def _end_at_once_by_signals() -> None:
@@ -93,3 +114,11 @@ def own_arguments(args: Sequence[str] | None = None) -> list[str]:
         elif argument == '--':
             is_own = True
     return own
+
+
+def node_options(
+    parser: argparse.ArgumentParser, args: Sequence[str] | None
+) -> argparse.Namespace:
+    """Parse the own arguments of a node; `ros_args` of the options holds all that were given."""
+    given = sys.argv[1:] if args is None else list(args)
+    return parser.parse_args(own_arguments(given), argparse.Namespace(ros_args=given))

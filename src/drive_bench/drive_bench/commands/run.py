@@ -4,22 +4,19 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from wattwalk_core.command import command, own_arguments
+from wattwalk_core.command import entry_point, own_arguments
 
-from drive_bench.run.options import check_new, parse
+from drive_bench.motion.file import MotionFile
+from drive_bench.run.options import RunOptions, check_new, parse
 
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until the motion is over; return the exit code."""
+@entry_point('drive_bench.nodes.motion:run')
+def main(
+    args: Sequence[str] | None = None,
+) -> tuple[RunOptions, MotionFile, Sequence[str]]:
+    """Options, the motion, and the arguments for ROS."""
     options = parse(own_arguments(args))
     motion = options.read_motion()
     if options.record:
         check_new(Path(options.record))
-
-    from wattwalk_core.nodes.running import run_node
-
-    from drive_bench.nodes.motion import MotionNode
-
-    arguments = sys.argv[1:] if args is None else args
-    return run_node(lambda: MotionNode(options, motion), arguments)
+    return options, motion, sys.argv[1:] if args is None else args

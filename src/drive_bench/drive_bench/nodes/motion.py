@@ -1,6 +1,6 @@
 """Node that executes a motion: joint states in, joint commands out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray
 from policy_runner.policies.inputs import Inputs
@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
+from wattwalk_core.nodes.running import run_node
 
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import limits_of
@@ -198,3 +199,9 @@ def _take(inputs: Inputs, message: JointState, now: float) -> None:
     m, stamp = message, message.header.stamp
     nanoseconds = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
     inputs.on_joints(nanoseconds, m.name, m.position, m.velocity, now, m.effort)
+
+
+def run(given: tuple[RunOptions, MotionFile, Sequence[str]]) -> int:
+    """Run the node until the motion is over; return the exit code."""
+    options, motion, arguments = given
+    return run_node(lambda: MotionNode(options, motion), arguments)

@@ -10,7 +10,9 @@ from typing import Final
 from wattwalk_core.processes import ChildProcess
 
 NAME: Final = 'bench_recorder'
-_RUN: Final = 'import sys; from power_daq.commands.record import main; sys.exit(main())'
+_RUN: Final = (
+    'import sys; from power_daq.commands.arguments import record as main; sys.exit(main())'
+)
 _PATIENCE: Final = 30.0  # s to close a bag
 
 

@@ -3,24 +3,19 @@
 import sys
 from collections.abc import Sequence
 
-from wattwalk_core.command import command, command_parser, own_arguments
+from wattwalk_core.command import command_parser, entry_point, own_arguments
 
 from policy_runner.nodes.run_options import Options
 from policy_runner.policies.by_name import POLICIES, load_policy
 
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is interrupted; the drives are damped when it ends."""
+@entry_point('policy_runner.nodes.run:run')
+def main(args: Sequence[str] | None = None) -> tuple[Options, Sequence[str]]:
+    """Arguments of run, and those for ROS."""
     arguments = sys.argv[1:] if args is None else list(args)
     options = parse(own_arguments(arguments))
     load_policy(options.policy, trust_code=options.trust_code)
-
-    from wattwalk_core.nodes.running import run_node
-
-    from policy_runner.nodes.run import PolicyRunner
-
-    return run_node(lambda: PolicyRunner(options), arguments)
+    return options, arguments
 
 
 def parse(arguments: Sequence[str]) -> Options:

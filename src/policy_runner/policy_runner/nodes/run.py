@@ -15,6 +15,7 @@ from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
+from wattwalk_core.nodes.running import run_node
 
 from policy_runner.nodes.run_options import Options
 from policy_runner.nodes.topic_inputs import TopicInputs
@@ -183,3 +184,9 @@ class PolicyRunner(Node):
         sound = fault is None or fault.kind is FaultKind.STOP
         level = Level.OK if sound else Level.ERROR
         self._reporter.publish(Report(level, self._supervisor.reason, figures))
+
+
+def run(given: tuple[Options, Sequence[str]]) -> int:
+    """Run the node until it is interrupted; the drives are damped when it ends."""
+    options, arguments = given
+    return run_node(lambda: PolicyRunner(options), arguments)

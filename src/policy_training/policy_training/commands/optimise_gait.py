@@ -2,79 +2,28 @@
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command, command_parser
+from policy_runner.policies.trot_gait import TROTS, TrotConfig
+from rich.console import Console
 from wattwalk_core.console import output, print_table
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+from wattwalk_core.schema import parse
+from wattwalk_core.yaml_file import dump_yaml
 
-if TYPE_CHECKING:
-    from policy_runner.policies.trot_gait import TrotConfig
-
-    from policy_training.evaluation.task_trial import TrialScore
-
-_EPILOG = """\
-RUN/gait.yaml is the gait so far, for `imitation.gait` of a training; Ctrl-C and kill lose one
-generation at most.
-
-examples:
-  ros2 run policy_training optimise_gait -o runs/gait
-  ros2 run policy_training optimise_gait -o runs/gait --resume --generations 150
-  ros2 run policy_training train --config baseline --set imitation.gait=runs/gait -o runs/economy
-
-A gait for each task draws less than one for all (give each of the four its search):
-  ros2 run policy_training optimise_gait --task forward -o runs/forward
-  ros2 run policy_training optimise_gait --join runs/forward runs/fast runs/turn -o runs/gait
-"""
+from policy_training.evaluation.task_trial import TrialScore
+from policy_training.learning.gait_files import GAIT, GaitSearchFolder, join_searches
+from policy_training.learning.gait_search import (
+    GaitSearch,
+    GaitSearchConfig,
+    GaitTrial,
+    optimise,
+    start_of,
+)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(
-        'policy_training optimise_gait',
-        'Search the scripted gait that draws least power over all tasks, by CMA-ES, with pushed '
-        'robots in the objective.',
-        _EPILOG,
-    )
-    add = parser.add_argument
-    add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the search')
-    add('--resume', action='store_true', help='go on with the search in that folder')
-    add('--gait', default='trot_even', help='gait to start from, by name (trot_even)')
-    add('--generations', type=int, default=100, metavar='N', help='in all (100)')
-    add('--population', type=int, metavar='N', help='gaits in a generation (14)')
-    add('--task', help='search the gait of one task alone: forward, fast, turn or sideways')
-    add(
-        '--join',
-        nargs='+',
-        type=Path,
-        metavar='RUN',
-        help='write the gaits of searches of a task each as one that follows the command',
-    )
-    add('--seed', type=int, help='of everything random (1)')
-    add('--threads', type=int, default=0, metavar='N', help='of the simulation; 0: one per core')
-    return parser
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    options = _parser().parse_args(args)
-    if options.generations < 1 or options.threads < 0:
-        raise InputError('--generations must be 1 or more, --threads not negative')
-
-    from policy_runner.policies.trot_gait import TROTS
-    from rich.console import Console
-    from wattwalk_core.schema import parse
-
-    from policy_training.learning.gait_files import GaitSearchFolder
-    from policy_training.learning.gait_search import (
-        GaitSearch,
-        GaitSearchConfig,
-        GaitTrial,
-        optimise,
-        start_of,
-    )
-
+def run(options: argparse.Namespace) -> int:
+    """Run the command with its options; return the exit code."""
     folder = GaitSearchFolder(options.output)
     if options.join:
         _join(options)
@@ -99,7 +48,7 @@ def main(args: Sequence[str] | None = None) -> int:
         folder.start(config, base)
     console = Console(stderr=True)
 
-    def report(generation: int, scores: 'Sequence[TrialScore]', centre: 'TrotConfig') -> None:
+    def report(generation: int, scores: Sequence[TrialScore], centre: TrotConfig) -> None:
         folder.add(generation, scores, centre, base)
         best = min(scores, key=lambda score: score.cost)
         console.print(
@@ -117,11 +66,6 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _join(options: argparse.Namespace) -> None:
-    from wattwalk_core.files import write_whole
-    from wattwalk_core.yaml_file import dump_yaml
-
-    from policy_training.learning.gait_files import GAIT, join_searches
-
     content = join_searches(options.join)
     path = options.output / GAIT
     if path.exists():
@@ -135,7 +79,7 @@ def _join(options: argparse.Namespace) -> None:
     )
 
 
-def _print(scores: 'Sequence[TrialScore]', base: str) -> None:
+def _print(scores: Sequence[TrialScore], base: str) -> None:
     tasks = list(scores[0].by_task)
     columns = (
         'gait',

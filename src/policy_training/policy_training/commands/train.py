@@ -1,61 +1,24 @@
 """`ros2 run policy_training train`: train a policy by a config, into a run folder."""
 
 import argparse
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
+import torch
 import yaml
-from wattwalk_core.command import command, command_parser
 from wattwalk_core.errors import InputError
 
 from policy_training.config import TrainingConfig
-
-_EPILOG = """\
-examples:
-  ros2 run policy_training train --config baseline --steps 250e3 -o runs/first
-  ros2 run policy_training train --config baseline --from runs/first -o runs/baseline
-  ros2 run policy_training train --config pmp --from runs/first --power ppn:RUN -o runs/pmp
-  ros2 run policy_training train --resume -o runs/pmp
-  tensorboard --logdir runs
-"""
+from policy_training.learning.gait_files import with_clock_of_gait
+from policy_training.learning.run_folder import RunFolder, fitting_checkpoint, read_checkpoint
+from policy_training.learning.training import imitate_expert, make_learner, train
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(
-        'policy_training train',
-        'Train a walking policy with PPO, with predicted power in its reward.',
-        _EPILOG,
-    )
-    add = parser.add_argument
-    add('--config', default='baseline', help='file, or a shipped one: baseline, pmp, …')
-    add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the run')
-    add('--resume', action='store_true', help='go on with the run in that folder')
-    add('--from', dest='source', type=Path, metavar='RUN', help="start from a run's networks")
-    add('--seed', type=int, help='of everything random')
-    add('--steps', type=float, help='policy steps of all environments together')
-    add('--power', metavar='MODEL', help='ppn:RUN, a YAML of effects, mechanical_power, plant')
-    add('--weight', type=float, metavar='W', help='of the power term, per watt; the paper: 4e-4')
-    add('--environments', type=int, metavar='N', help='robots that learn at the same time')
-    add('--threads', type=int, metavar='N', help='of the simulation; 0: one per core')
-    add('--set', nargs='+', action='extend', default=[], metavar='KEY=VALUE', help="the config's")
-    add('--device', default='cpu', help='cpu or cuda, of the network and its learning')
-    add('--seconds', type=float, help='stop after so long; --resume goes on')
-    return parser
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    options = _parser().parse_args(args)
+def run(options: argparse.Namespace) -> int:
+    """Run the command with its options; return the exit code."""
     changes = _changes(options)
     _check_device(options.device)
 
     config = TrainingConfig.load(options.config).with_values({} if options.resume else changes)
-
-    from policy_training.learning.gait_files import with_clock_of_gait
-    from policy_training.learning.run_folder import RunFolder, fitting_checkpoint, read_checkpoint
-    from policy_training.learning.training import imitate_expert, make_learner, train
 
     folder = RunFolder(options.output)
     state: dict[str, Any] | None = None
@@ -89,8 +52,6 @@ def _check_device(device: str) -> None:
     if kind not in ('cpu', 'cuda'):
         raise InputError(f'--device is {device!r}; give cpu or cuda')
     if kind == 'cuda':
-        import torch
-
         if torch.cuda.is_available():
             return
         raise InputError('--device cuda: torch sees no CUDA device here; leave it out')

@@ -1,58 +1,27 @@
 """`ros2 run power_calibration sync`: agreement in time of electrical and joint streams."""
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command, command_parser, own_arguments
+from power_recordings.reading.bag_folder import check_recordings
+from power_recordings.reading.reader import Recording
 from wattwalk_core.console import (
-    PICTURES,
-    check_suffix,
     output,
     print_table,
     progress,
     write_json,
 )
+from wattwalk_core.figures import save_figure
 
-if TYPE_CHECKING:
-    from power_calibration.timing.summary import Summary
-
-_EPILOG = """\
-examples:
-  ros2 run power_calibration sync bags/walk_small
-  ros2 run power_calibration sync bags/walk_1 --drives LF_KFE RF_KFE --report sync.html \\
-      --json sync.json
-"""
+from power_calibration.timing.figure import draw
+from power_calibration.timing.page import write_page
+from power_calibration.timing.summary import MATTERS, Summary, summarise
+from power_calibration.timing.tables import DRIVE_COLUMNS, STREAM_COLUMNS, drive_rows, stream_rows
 
 
-def _parse(args: Sequence[str]) -> argparse.Namespace:
-    parser = command_parser(
-        'power_calibration sync',
-        'Measure the delay of electrical samples against joint samples, the error '
-        'of power that it causes, and the regularity of the stamps of each stream.',
-        _EPILOG,
-    )
-    add = parser.add_argument
-    add('recording', type=Path, metavar='BAG')
-    add('--drives', nargs='+', metavar='NAME', help='only these')
-    add('--json', type=Path, metavar='F', help='results as JSON')
-    add('--report', type=Path, metavar='F', help='page (.html) or picture (.png, .svg, .pdf)')
-    options = parser.parse_args(args)
-    check_suffix(options.report, '--report', ('.html', *PICTURES))
-    return options
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Measure and report; 2 for bad input."""
-    options = _parse(own_arguments(args))
-    from power_recordings.reading.bag_folder import check_recordings
-    from power_recordings.reading.reader import Recording
-
     check_recordings([options.recording])
-
-    from power_calibration.timing.summary import MATTERS, summarise
 
     with progress(f'reading {options.recording}') as show:
         found = summarise(Recording.open(options.recording), options.drives, show)
@@ -78,27 +47,14 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _report(path: Path, found: 'Summary') -> None:
+def _report(path: Path, found: Summary) -> None:
     if path.suffix == '.html':
-        from power_calibration.timing.page import write_page
-
         write_page(path, found)
     else:
-        from wattwalk_core.figures import save_figure
-
-        from power_calibration.timing.figure import draw
-
         save_figure(draw(found), path)
 
 
-def _print(found: 'Summary') -> None:
-    from power_calibration.timing.tables import (
-        DRIVE_COLUMNS,
-        STREAM_COLUMNS,
-        drive_rows,
-        stream_rows,
-    )
-
+def _print(found: Summary) -> None:
     console = output(140)
     print_table(console, DRIVE_COLUMNS, drive_rows(found))
     print_table(console, STREAM_COLUMNS, stream_rows(found))

@@ -2,43 +2,29 @@
 
 import argparse
 import datetime
-import sys
 from collections.abc import Sequence
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 from power_recordings.card import Card
+from power_recordings.messages.cdr import full_name
 from power_recordings.messages.types import TYPES, message_class
-from wattwalk_core.command import command, command_parser, own_arguments
+from power_recordings.writing.background import BackgroundRecorder
+from power_recordings.writing.card_file import CardFile
+from power_recordings.writing.writer import BagWriter, make_way
 from wattwalk_core.errors import InputError
+from wattwalk_core.files import check_room
+from wattwalk_core.nodes.running import run_node
 
-_EXAMPLE = """
-example, until Ctrl-C:
-  ros2 run power_daq record -o bags/walk_1 --card robot=anymal_c unit=A terrain=flat
-example, one minute of two topics:
-  ros2 run power_daq record -o bags/leg --duration 60 --topics drive_supply joint_states
-"""
+from power_daq.nodes.recorder import RecorderNode
 
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Record until Ctrl-C or the end of the duration; 2 for bad input or a full disk."""
-    arguments = sys.argv[1:] if args is None else list(args)
-    options = _parse(arguments)
     card = card_of(options.card)
     topics = topics_of(options.topics)
 
-    from power_recordings.writing.background import BackgroundRecorder
-    from power_recordings.writing.card_file import CardFile
-    from power_recordings.writing.writer import BagWriter, make_way
-
     make_way(options.output, overwrite=False)
-
-    from wattwalk_core.files import check_room
-    from wattwalk_core.nodes.running import run_node
-
-    from power_daq.nodes.recorder import RecorderNode
 
     for type_name in topics.values():
         message_class(type_name)
@@ -57,37 +43,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f'recording to {options.output}; Ctrl-C ends it', flush=True)
         return node
 
-    return run_node(make, arguments)
-
-
-def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    parser = command_parser(
-        'power_daq record',
-        "Records the suite's topics to a rosbag2 MCAP bag, until Ctrl-C.",
-        _EXAMPLE,
-    )
-    parser.add_argument(
-        '-o', '--output', type=Path, required=True, metavar='BAG', help='new folder of the bag'
-    )
-    parser.add_argument(
-        '--topics', nargs='+', metavar='TOPIC', help='instead of all: NAME or NAME:package/Type'
-    )
-    parser.add_argument('--duration', type=float, default=0.0, metavar='S', help='stop after that')
-    parser.add_argument(
-        '--wait', action='store_true', help='count the duration from the first sample of power on'
-    )
-    parser.add_argument(
-        '--card',
-        nargs='+',
-        action='extend',
-        default=[],
-        metavar='KEY=VALUE',
-        help='robot, unit, drives, controller, calibration, terrain, notes, … for card.yaml',
-    )
-    options = parser.parse_args(own_arguments(arguments))
-    if options.duration < 0:
-        raise InputError(f'--duration is {options.duration:g} s; expected a positive number')
-    return options
+    return run_node(make, options.ros_args)
 
 
 def topics_of(given: Sequence[str] | None) -> dict[str, str]:
@@ -97,8 +53,6 @@ def topics_of(given: Sequence[str] | None) -> dict[str, str]:
         name, _, type_name = text.partition(':')
         known = TYPES.get(name.rsplit('/', 1)[-1])
         if type_name:
-            from power_recordings.messages.cdr import full_name
-
             known = full_name(type_name)
         if known is None:
             raise InputError(

@@ -1,5 +1,6 @@
 """The DAQ node: publishes supply and joint states of drives from their bus or meters."""
 
+import argparse
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,6 +15,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from wattwalk_core.nodes.diagnostics import Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
+from wattwalk_core.nodes.running import run_node
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.bus_acquisition import SampleQueue
@@ -129,3 +131,8 @@ class DaqNode(Node):
             logger.error(
                 f'{device.hardware} did not end within {device.ending:.0f} s: {device.abandoned}'
             )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the node until Ctrl-C; 2 for bad parameters, 1 for a failed device."""
+    return run_node(DaqNode, options.ros_args)

@@ -1,5 +1,6 @@
 """The supply node: polls a bench supply for voltage and current and publishes them."""
 
+import argparse
 import time
 from functools import partial
 
@@ -11,6 +12,7 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 from wattwalk_core.nodes.diagnostics import Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
+from wattwalk_core.nodes.running import run_node
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.supply.battery import BatteryPublisher
@@ -127,3 +129,8 @@ class SupplyNode(Node):
         """End the thread; raise its error if it failed."""
         self._poller.stop()
         self._poller.join(self._ending)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the node until Ctrl-C; 2 for bad parameters or a refused output."""
+    return run_node(SupplyNode, options.ros_args)

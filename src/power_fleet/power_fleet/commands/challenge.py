@@ -1,45 +1,19 @@
 """`ros2 run power_fleet challenge` and `reveal`: learn `track` on a hidden change."""
 
-from collections.abc import Sequence
-from pathlib import Path
+import argparse
 
-from power_lab.commands import options as common
+from power_lab.challenge.challenge import unseal
 from power_lab.commands.challenge import DRIVES
-from wattwalk_core.command import command
 from wattwalk_core.console import write_json
-from wattwalk_core.engine.options import Workplace, add_workplace
+from wattwalk_core.engine.options import Workplace
+from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 
+from power_fleet.fleet_challenge import draw_fleet, record_fleet
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point of challenge."""
-    parser = common.parser(
-        'challenge',
-        'Record two simulated robots over months, in one of which a drive or its meter may '
-        'change. The answer is sealed in the folder.',
-        'example: ros2 run power_fleet challenge --seed 7 -o bags/fleet',
-        effects=False,
-        package='power_fleet',
-    )
-    add = parser.add_argument
-    add('--seed', type=int, required=True, metavar='N', help='draws what is hidden')
-    add('-o', '--output', type=Path, required=True, metavar='FOLDER', help='folder to write')
-    add('--recordings', type=int, default=40, metavar='N', help='in all (default: 40)')
-    add('--duration', type=float, default=30.0, metavar='S', help='of each (default: 30)')
-    add_workplace(parser, 'recordings')
-    options = parser.parse_args(args)
-    if options.seed < 0:
-        raise InputError(f'--seed {options.seed}: give a number from 0')
-    if not 10.0 <= options.duration <= 3600.0:
-        raise InputError(f'--duration {options.duration:g}: it must lie in 10..3600 s')
-    if options.output.exists():
-        raise InputError(f'{options.output} is there already; give another folder')
 
-    from wattwalk_core.engine.task_engine import TaskEngine
-
-    from power_fleet.fleet_challenge import draw_fleet, record_fleet
-
+def run(options: argparse.Namespace) -> int:
+    """Run challenge with its options; return the exit code."""
     challenge = draw_fleet(options.seed, options.recordings, options.duration, DRIVES)
     with TaskEngine(Workplace.of(options)) as engine:
         for number, bag in enumerate(record_fleet(challenge, options.output, engine), 1):
@@ -54,22 +28,8 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-@command
-def reveal(args: Sequence[str] | None = None) -> int:
-    """Entry point of reveal."""
-    parser = common.parser(
-        'reveal',
-        'Open the sealed answer of a fleet.',
-        'example: ros2 run power_fleet reveal bags/fleet',
-        effects=False,
-        package='power_fleet',
-    )
-    parser.add_argument('folder', type=Path, metavar='FOLDER', help='written by challenge')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write the answer as JSON')
-    options = parser.parse_args(args)
-
-    from power_lab.challenge.challenge import unseal
-
+def reveal(options: argparse.Namespace) -> int:
+    """Run reveal with its options; return the exit code."""
     answer = unseal(options.folder)
     if not answer.get('fleet'):
         raise InputError(

@@ -1,48 +1,33 @@
 """`ros2 run power_recordings import`: a log that others recorded becomes a recording."""
 
 import argparse
+import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command, command_parser, own_arguments
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
-if TYPE_CHECKING:
-    from power_recordings.importing.sources.source import LogSource
+from power_recordings.alignment.align import align
+from power_recordings.commands.info import print_quality
+from power_recordings.importing.convert import import_logs
+from power_recordings.importing.guess import guess_map
+from power_recordings.importing.listing import list_columns
+from power_recordings.importing.map_file import ImportMap, load_map
+from power_recordings.importing.plan import fitting_maps
+from power_recordings.importing.sources import open_source
+from power_recordings.importing.sources.source import LogSource
+from power_recordings.index.kept_quality import Checked
+from power_recordings.reading.reader import Recording
 
 _MOST_NOTES = 20
 _CHECKED = 100_000  # messages, whose quality is printed after an import
-_EXAMPLE = """example:
-  ros2 run power_recordings import hops.mat --list > hops.yaml   # look, edit the map
-  ros2 run power_recordings import hops.mat --map hops.yaml -o bags/hops
-  ros2 run power_recordings info bags/hops"""
 
 
-def _arguments(args: Sequence[str] | None) -> argparse.Namespace:
-    parser = command_parser(
-        'power_recordings import',
-        'Turn logs (csv, xlsx, parquet, feather, mat, HDF5, JSON, hebilog, ROS 1 and '
-        '2 bags) into one recording.',
-        _EXAMPLE,
-    )
-    add = parser.add_argument
-    add('logs', nargs='+', type=Path, metavar='LOG', help='log file or bag folder')
-    add('--map', metavar='NAME|FILE', help='ready map by name, or a YAML file (format: import/1)')
-    add('--list', action='store_true', help='print columns or topics and a guessed map to edit')
-    add('--msgs', type=Path, metavar='DIR', help='.msg files of types that a bag does not define')
-    add('-o', '--output', type=Path, metavar='BAG', help='folder of the recording')
-    add('--overwrite', action='store_true', help='replace a recording that is there')
-    return parser.parse_args(own_arguments(args))
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """List what a log holds, or import it."""
-    options = _arguments(args)
-    from power_recordings.importing.sources import open_source
-
     if options.list:
         for log in options.logs:
             _list(open_source(log, options.msgs))
@@ -54,7 +39,6 @@ def main(args: Sequence[str] | None = None) -> int:
         )
     if options.output is None:
         raise InputError('-o is missing: give the folder of the recording, such as -o bags/first')
-    from power_recordings.importing.map_file import load_map
 
     mapping = load_map(options.map)
     sources = [open_source(log, options.msgs) for log in options.logs]
@@ -62,17 +46,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.Namespace) -> None:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    from power_recordings.alignment.align import align
-    from power_recordings.commands.info import print_quality
-    from power_recordings.importing.convert import import_logs
-    from power_recordings.importing.map_file import ImportMap
-    from power_recordings.index.kept_quality import Checked
-    from power_recordings.reading.reader import Recording
-
+def _import(sources: Sequence[LogSource], mapping: object, options: argparse.Namespace) -> None:
     assert isinstance(mapping, ImportMap)
     total = sum(source.size for source in sources)
     columns = (TextColumn('import'), BarColumn(), TextColumn('{task.percentage:.0f} %'))
@@ -117,15 +91,7 @@ def _import(sources: 'Sequence[LogSource]', mapping: object, options: argparse.N
     print(f'next: {fit}' + (' --slow' if errors else ''))
 
 
-def _list(source: 'LogSource') -> None:
-    import sys
-
-    import numpy as np
-
-    from power_recordings.importing.guess import guess_map
-    from power_recordings.importing.listing import list_columns
-    from power_recordings.importing.plan import fitting_maps
-
+def _list(source: LogSource) -> None:
     listed = list_columns(source)
     lines = [f'# {printable(str(source.path))}: {len(listed)} columns']
     width = min(max((len(item.column.address) for item in listed), default=6), 60)

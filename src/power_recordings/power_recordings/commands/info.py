@@ -1,36 +1,25 @@
 """`ros2 run power_recordings info`: content and quality of a recording."""
 
-from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
+import argparse
+import json
+from collections.abc import Iterable
 
-from wattwalk_core.command import command, command_parser, own_arguments
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from wattwalk_core.files import write_whole
+from wattwalk_core.quoting import printable
+
+from power_recordings.card import Card
+from power_recordings.index.kept_quality import Checked, checked
+from power_recordings.index.store import RecordingIndex, usual_path
 
 _WIDTH = 110
 
-if TYPE_CHECKING:
-    from power_recordings.card import Card
-    from power_recordings.index.kept_quality import Checked
 
-_EXAMPLE = """example:
-  ros2 run power_recordings info bags/walk_small --json info.json"""
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Print the quality of recordings."""
-    parser = command_parser(
-        'power_recordings info',
-        'Rates, gaps, updates of the electrical signals, units judged by physics, and '
-        'coverage of recordings.',
-        _EXAMPLE,
-    )
-    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG')
-    parser.add_argument('--json', type=Path, metavar='F', help='also write the figures as JSON')
-    options = parser.parse_args(own_arguments(args))
-    from power_recordings.index.kept_quality import checked
-    from power_recordings.index.store import RecordingIndex, usual_path
-
     found = {}
     with RecordingIndex(usual_path()) as index:
         for path in options.bags:
@@ -38,20 +27,12 @@ def main(args: Sequence[str] | None = None) -> int:
             print_quality(one)
             found[str(path)] = one.quality.content()
     if options.json is not None:
-        import json
-
-        from wattwalk_core.files import write_whole
-
         write_whole(options.json, json.dumps(_finite(found), indent=2, ensure_ascii=False) + '\n')
     return 0
 
 
-def print_quality(checked: 'Checked') -> None:
+def print_quality(checked: Checked) -> None:
     """Print a recording's card, its topics, a table by drive and what is amiss."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, _WIDTH)
     card, quality = checked.card, checked.quality
@@ -107,15 +88,12 @@ def print_quality(checked: 'Checked') -> None:
         console.print(f'  {finding.severity}: {_plain(who + finding.text + mend)}')
 
 
-def _torque_units(card: 'Card', drives: 'Iterable[str]') -> list[str]:
+def _torque_units(card: Card, drives: 'Iterable[str]') -> list[str]:
     return [card.torque_unit.get(name, 'N*m').replace('N*m', 'N·m') for name in drives]
 
 
 def _plain(text: str) -> str:
     """A text of a file or a user as rich prints it: no markup, no control characters."""
-    from rich.markup import escape
-    from wattwalk_core.quoting import printable
-
     return escape(printable(text))
 
 

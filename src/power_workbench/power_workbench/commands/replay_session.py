@@ -1,43 +1,18 @@
 """`ros2 run power_workbench replay_session`: the steps of a workbench session taken again."""
 
-from collections.abc import Sequence
+import argparse
+import tempfile
 from pathlib import Path
 
-from power_lab.commands import options as common
-from wattwalk_core.command import command
 from wattwalk_core.console import progress, write_json
 from wattwalk_core.errors import InputError
 
+from power_workbench.sessions.replay import replay
+from power_workbench.sessions.steps import SessionRecord
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    parser = common.parser(
-        'replay_session',
-        'Take the steps of a workbench session again and compare the held-out errors with those '
-        'that the session kept. Ends with 0 if they are the same, with 1 if not.',
-        'example: ros2 run power_workbench replay_session workbench/20261123-101500-1a2b -o again',
-        effects=False,
-        package='power_workbench',
-    )
-    add = parser.add_argument
-    add('session', type=Path, metavar='SESSION', help='its folder, or its session.yaml')
-    add('-o', '--output', type=Path, metavar='FOLDER', help='keep the models there')
-    add(
-        '--run-effects',
-        action='store_true',
-        help='run the files of effects that the session names; allow only what you trust',
-    )
-    add('--json', type=Path, metavar='FILE', help='write the errors as JSON')
-    options = parser.parse_args(args)
-    if not options.session.exists():
-        raise InputError(f'{options.session} does not exist; name a session of the workbench')
 
-    import tempfile
-
-    from power_workbench.sessions.replay import replay
-    from power_workbench.sessions.steps import SessionRecord
-
+def run(options: argparse.Namespace) -> int:
+    """Run the command with its options; return the exit code."""
     session = SessionRecord.read(options.session)
     folder = options.session if options.session.is_dir() else options.session.parent
     if session.effect_files and not options.run_effects:

@@ -1,42 +1,23 @@
 """`ros2 run sim_bridge record`: make recordings to train and evaluate power models on."""
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from power_recordings.card import FILE, Card
 from wattwalk_core.anymal import JOINT_NAMES, JOINT_TYPES
-from wattwalk_core.command import command, command_parser, own_arguments
-from wattwalk_core.engine.options import Workplace, add_workplace
+from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError
 
+from sim_bridge.commands.arguments import SECONDS, SEED
 from sim_bridge.commands.sim import load_plant
+from sim_bridge.offline.history import record_history
+from sim_bridge.offline.run import run_offline
+from sim_bridge.plant.ageing import AgeingPlan
+from sim_bridge.plant.parameters import Plant
 
-if TYPE_CHECKING:
-    from sim_bridge.plant.parameters import Plant
-
-_SEED = 21
 _SHORTEST, _LONGEST = 1.0, 36_000.0  # s
-_EPILOG = """\
-sets:
-  paper       HAA, HFE, KFE: ten minutes each with one drive of that type metered, on rough
-              ground (±2 cm, slopes to 2 %) and pushed (Section II-A)
-  ageing      a unit that ages day by day, by the plan of --plan FILE.yaml
-  robustness  trot_slow, trot_high, unit: 150 s each of other gaits and of another unit of the
-              robot on level ground, all drives metered (Section III-B)
-
-All walk by random velocity commands, side by side, one to a core. A seed belongs to a recording:
-it does not depend on the number of workers. Recordings that are there already are kept; what was
-broken off is recorded anew.
-
-examples:
-  ros2 run sim_bridge record paper -o bags/paper
-  ros2 run sim_bridge record robustness -o bags/robustness --seconds 120
-  ros2 run power_estimator train bags/paper/* -o runs/paper
-"""
 
 
 @dataclass(frozen=True)
@@ -52,7 +33,7 @@ class RecordingPlan:
     pushes: bool = False
 
 
-def plans(which: str, seed: int = _SEED) -> tuple[RecordingPlan, ...]:
+def plans(which: str, seed: int = SEED) -> tuple[RecordingPlan, ...]:
     """Return the recordings of the set `paper` or `robustness`, with seeds that count up."""
     if which == 'paper':
         return tuple(
@@ -68,16 +49,13 @@ def plans(which: str, seed: int = _SEED) -> tuple[RecordingPlan, ...]:
     raise InputError(f'set {which!r} is not one of {", ".join(SECONDS)}')
 
 
-SECONDS = {'paper': 600.0, 'robustness': 150.0}
-
-
 def record(
     plan: RecordingPlan,
     folder: Path,
     seconds: float,
     plant: str = 'anymal_c',
     *,
-    loaded: 'Plant | None' = None,
+    loaded: Plant | None = None,
     progress: bool = True,
 ) -> bool:
     """
@@ -101,8 +79,6 @@ def record(
                 )
         if 'plan' in found:
             return False
-
-    from sim_bridge.offline.run import run_offline
 
     known = load_plant(plant, None) if loaded is None else loaded
     folder.mkdir(parents=True, exist_ok=True)
@@ -128,48 +104,21 @@ def _content(plan: RecordingPlan) -> dict[str, object]:
 
 
 def _age(options: argparse.Namespace) -> int:
-    from wattwalk_core.engine.task_engine import TaskEngine
-
-    from sim_bridge.offline.history import record_history
-    from sim_bridge.plant.ageing import AgeingPlan
-
-    if options.seconds is not None or options.seed != _SEED:
+    if options.seconds is not None or options.seed != SEED:
         raise InputError('--seconds and --seed are entries of the plan in the set ageing')
     plan = AgeingPlan.load(options.plan)
-    with TaskEngine(Workplace.of(options)) as engine:
+    with TaskEngine(options.place) as engine:
         for number, bag in enumerate(record_history(plan, options.output, engine), 1):
             print(f'{number} of {len(plan.days)}: {bag} recorded', flush=True)
     print(f'next: ros2 run power_fleet track {options.output}/* --model model.yaml')
     return 0
 
 
-def parse(args: Sequence[str]) -> argparse.Namespace:
-    """Return the options of the command from its own arguments."""
-    parser = command_parser(
-        'sim_bridge record',
-        'Make a set of recordings of the simulated robot, to train and judge on.',
-        _EPILOG,
-    )
-    add = parser.add_argument
-    add('set', choices=(*SECONDS, 'ageing'), help='which recordings to make')
-    add('--plan', type=Path, metavar='FILE.yaml', help='of the set ageing: wear and days')
-    add('-o', '--output', type=Path, required=True, metavar='FOLDER', help='of the recordings')
-    add('--seconds', type=float, metavar='S', help='of each recording (600 or 150)')
-    add('--seed', type=int, default=_SEED, help='of commands, noise, terrain and pushes')
-    add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
-    add_workplace(parser, 'recordings')
-    return parser.parse_args(args)
-
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Make the recordings that are not there yet."""
-    options = parse(own_arguments(args))
-    place = Workplace.of(options)
-    if (options.set == 'ageing') != (options.plan is not None):
-        raise InputError('--plan FILE.yaml belongs to the set ageing; give both or neither')
     if options.plan is not None:
         return _age(options)
+    place = options.place
     seconds = SECONDS[options.set] if options.seconds is None else options.seconds
     wanted = plans(options.set, options.seed)
     made_of = partial(
@@ -180,8 +129,6 @@ def main(args: Sequence[str] | None = None) -> int:
         loaded=load_plant(options.plant, None),
         progress=not place.scheduler and place.processes(len(wanted)) == 1,
     )
-
-    from wattwalk_core.engine.task_engine import TaskEngine
 
     with TaskEngine(place) as engine:
         results = engine.in_order(made_of, wanted)

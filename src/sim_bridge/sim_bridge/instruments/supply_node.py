@@ -1,11 +1,13 @@
 """Node `supply_instrument`: an emulated EA PSB 9000 on a TCP socket."""
 
+import argparse
 import time
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
 from wattwalk_core.nodes.parameters import DeviceParameters
+from wattwalk_core.nodes.running import run_node
 
 from sim_bridge.instruments.scpi import (
     RATED_CURRENT,
@@ -52,3 +54,8 @@ class SupplyInstrumentNode(Node):
     def stop(self) -> None:
         """Close the socket."""
         self._instrument.close()
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the node until Ctrl-C; 2 for bad parameters or a port that is taken."""
+    return run_node(SupplyInstrumentNode, options.ros_args)

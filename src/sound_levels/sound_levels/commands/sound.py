@@ -3,68 +3,18 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command, command_parser, own_arguments
+from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.console import output, print_table, progress, write_json
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
 
-from sound_levels.levels.settings import METHODS, TIMES, WEIGHTINGS, Entry, Settings
-
-if TYPE_CHECKING:
-    from sound_levels.levels.analysis import Analysis
-
-_EPILOG = """\
-Without --calibration levels are relative to full scale, and only differences are meaningful.
-
-examples:
-  ros2 run sound_levels sound walk.wav
-  ros2 run sound_levels sound --policy baseline=b1.wav,b2.wav --policy pmp=p1.wav,p2.wav \\
-      --calibration tone.wav --report sound.html
-  ros2 run sound_levels sound b.wav p.wav --recording bags/b bags/p --calibration tone.wav \\
-      --picture fig7.png
-"""
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(
-        'sound_levels sound',
-        'Sound levels over time (IEC 61672-1) of sound files, by policy, in dB SPL '
-        'with a calibrator; statistics, differences with intervals, third-octave spectra.',
-        _EPILOG,
-    )
-    add = parser.add_argument
-    add('files', nargs='*', type=Path, metavar='WAV', help='wav, flac, …; 8 to 192 kHz')
-    add(
-        '--policy',
-        action='append',
-        default=[],
-        metavar='NAME=WAV,WAV',
-        help='files of one policy; the others are compared with the first policy',
-    )
-    add(
-        '--recording',
-        nargs='+',
-        default=[],
-        type=Path,
-        metavar='BAG',
-        help='made at the same time: one for each file, in the order of the files',
-    )
-    add('--calibration', type=Path, metavar='WAV', help='of an acoustic calibrator, same gain')
-    add('--level', type=float, default=94.0, metavar='DB', help='of the calibrator (94 dB SPL)')
-    add('--tone', type=float, default=1000.0, metavar='HZ', help='of the calibrator (1000)')
-    add('--weighting', choices=WEIGHTINGS, default='A')
-    add('--time', choices=tuple(TIMES), default='fast', help='weighting: 125 ms or 1 s')
-    add('--channel', type=int, metavar='N', help='from 1; default: the energy mean of all')
-    add('--align', choices=METHODS, default='auto', help='alignment of sound and recording')
-    add('--clap-at', type=float, metavar='S', help='of the recording, if its IMU has no jolt')
-    add('--from', dest='start', type=float, metavar='S', help='start of the evaluated part')
-    add('--to', dest='stop', type=float, metavar='S', help='its end')
-    add('--json', type=Path, metavar='F', help='results as JSON')
-    add('--report', type=Path, metavar='F.html', help='one page that needs no network')
-    add('--picture', type=Path, metavar='F.png', help='level over time, as Figure 7')
-    return parser
+from sound_levels.levels.analysis import Analysis, analyse
+from sound_levels.levels.settings import Entry, Settings
+from sound_levels.levels.sound_file import SoundFile
+from sound_levels.levels.summary import LEVEL_COLUMNS, level_cells, sentences, summary
+from sound_levels.report.figure import draw_sound
+from sound_levels.report.page import write_report
 
 
 def entries_of(
@@ -90,22 +40,14 @@ def entries_of(
     return [Entry(entry.path, entry.policy, bag) for entry, bag in pairs]
 
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
+def run(options: argparse.Namespace) -> int:
     """Measure, compare and report; 2 for bad input."""
-    options = _parser().parse_args(own_arguments(args))
     entries = entries_of(options.files, options.policy, options.recording)
     settings = Settings(**{name: getattr(options, name) for name in Settings.__annotations__})
-    from power_recordings.reading.bag_folder import check_recordings
-
-    from sound_levels.levels.sound_file import SoundFile
 
     check_recordings(options.recording)
     for entry in entries:
         SoundFile(entry.path)
-
-    from sound_levels.levels.analysis import analyse
-    from sound_levels.levels.summary import summary
 
     with progress('measuring') as show:
         analysis = analyse(
@@ -118,12 +60,8 @@ def main(args: Sequence[str] | None = None) -> int:
         if options.json is not None:
             write_json(options.json, result)
         if options.picture is not None:
-            from sound_levels.report.figure import draw_sound
-
             draw_sound(options.picture, analysis)
         if options.report is not None:
-            from sound_levels.report.page import write_report
-
             write_report(options.report, analysis)
     for path in (options.json, options.picture, options.report):
         if path is not None:
@@ -137,9 +75,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _print(analysis: 'Analysis') -> None:
-    from sound_levels.levels.summary import LEVEL_COLUMNS, level_cells, sentences
-
+def _print(analysis: Analysis) -> None:
     console = output()
     rows = []
     for name in analysis.policies:

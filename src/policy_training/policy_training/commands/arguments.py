@@ -1,0 +1,199 @@
+"""Arguments of the commands."""
+
+import argparse
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from wattwalk_core.command import command_parser, entry_point
+from wattwalk_core.console import check_suffix
+from wattwalk_core.errors import InputError
+
+from policy_training.evaluation.tasks import TASKS
+
+_BLEND = """\
+POLICY and FALLBACK are shipped ones (baseline, economy, …), policy folders or training runs. The
+fallback acts out of balance, under commands that mix axes and when the robot is to stand.
+
+examples:
+  ros2 run policy_training blend runs/calm runs/sturdy -o runs/blend
+  ros2 run policy_training evaluate --policies baseline runs/blend
+"""
+
+
+@entry_point('policy_training.commands.blend:run')
+def blend(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of blend."""
+    parser = command_parser(
+        'policy_training blend',
+        'Join two learned policies into one that is economical in balance and sturdy out of it.',
+        _BLEND,
+    )
+    add = parser.add_argument
+    add('policy', metavar='POLICY', help='acts in balance; the gait clock is its')
+    add('fallback', metavar='FALLBACK', help='acts elsewhere')
+    add('-o', '--output', type=Path, required=True, metavar='FOLDER', help='of the new policy')
+    add('--name', help='of the new policy, that of FOLDER if absent')
+    add('--onset', type=float, default=0.2, help='capture-point error, m/s, of its first share')
+    add('--full', type=float, default=0.5, help='capture-point error, m/s, where it acts alone')
+    return parser.parse_args(args)
+
+
+_EVALUATE = """\
+A policy is a name (baseline, economy, trot, …), a policy folder or a training run.
+
+examples:
+  ros2 run policy_training evaluate --policies baseline pmp --report policies.html
+  ros2 run policy_training evaluate --bags baseline=bags/b1 pmp=bags/p1 --json live.json
+  ros2 run policy_training evaluate --policies runs/baseline runs/pmp --models ppn:runs/ppn \\
+      --tasks forward turn strafe=0,0.3,0 --unit 2 --json policies.json
+  ros2 run policy_training evaluate --policies pmp --tasks forward --trials 0 --video walks
+"""
+_DEFAULT_TASKS: Final = tuple(task.name for task in TASKS)
+
+
+@entry_point('policy_training.commands.evaluate:run')
+def evaluate(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of evaluate."""
+    parser = command_parser(
+        'policy_training evaluate',
+        'Measure what policies draw on the simulated robot, and how well they walk.',
+        _EVALUATE,
+    )
+    add = parser.add_argument
+    add('--policies', nargs='+', default=[], metavar='DIR', help='names, folders or runs')
+    add('--bags', nargs='+', default=[], metavar='NAME=BAG', help='recordings of running nodes')
+    add(
+        '--tasks', nargs='+', default=_DEFAULT_TASKS, metavar='TASK', help='NAME or NAME=VX,VY,YAW'
+    )
+    add('--models', nargs='+', default=[], metavar='MODEL', help='power models to estimate with')
+    add('--duration', type=float, default=12.0, metavar='S', help='of each task')
+    add('--seed', type=int, default=1, help='of noise and ground')
+    add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
+    add('--unit', type=int, default=0, metavar='N', help='which unit of the robot')
+    add('--rough', action='store_true', help='on rough ground rather than level')
+    add('--trials', type=int, default=64, metavar='N', help='robots on rough ground; 0: none')
+    add('--threads', type=int, default=0, metavar='N', help='of the trials; 0: one per core')
+    add('--trust-code', action='store_true', help='run TorchScript files, which are code')
+    add('--json', type=Path, metavar='F', help='write the figures')
+    add('--report', type=Path, metavar='F.html', help='write a page')
+    add('--video', type=Path, metavar='DIR', help='write each walk as a picture beside its watts')
+    options = parser.parse_args(args)
+    if not 5.0 <= options.duration <= 600.0:
+        raise InputError(f'--duration is {options.duration!r}; give 5..600 s')
+    if not options.policies and not options.bags:
+        raise InputError('nothing to evaluate; name policies, or recordings with --bags')
+    if options.trials < 0 or options.unit < 0 or options.seed < 0:
+        raise InputError('--trials, --unit and --seed must not be negative')
+    check_suffix(options.report, '--report', ('.html',))
+    if options.video is not None and 'DISPLAY' not in os.environ:
+        os.environ.setdefault('MUJOCO_GL', 'egl')  # before mujoco is imported
+    return options
+
+
+_EXPORT = """\
+POLICY is a shipped one (baseline, economy, pmp, …), a policy folder or a training run.
+FILE.yaml beside FILE.pt is its contract: what the observation holds, in which scale and order,
+joints, default pose, action scale, gains and rate.
+
+examples:
+  ros2 run policy_training export pmp -o pmp.pt
+  ros2 run policy_runner run --policy pmp.pt --trust-code
+"""
+
+
+@entry_point('policy_training.commands.export:run')
+def export(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of export."""
+    parser = command_parser(
+        'policy_training export',
+        'Write a learned policy as TorchScript, from observations [N, size] to actions [N, 12].',
+        _EXPORT,
+    )
+    parser.add_argument('policy', metavar='POLICY', help='name, folder or run')
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='FILE.pt')
+    options = parser.parse_args(args)
+    check_suffix(options.output, '--output', ('.pt',))
+    return options
+
+
+_OPTIMISE_GAIT = """\
+RUN/gait.yaml is the gait so far, for `imitation.gait` of a training; Ctrl-C and kill lose one
+generation at most.
+
+examples:
+  ros2 run policy_training optimise_gait -o runs/gait
+  ros2 run policy_training optimise_gait -o runs/gait --resume --generations 150
+  ros2 run policy_training train --config baseline --set imitation.gait=runs/gait -o runs/economy
+
+A gait for each task draws less than one for all (give each of the four its search):
+  ros2 run policy_training optimise_gait --task forward -o runs/forward
+  ros2 run policy_training optimise_gait --join runs/forward runs/fast runs/turn -o runs/gait
+"""
+
+
+@entry_point('policy_training.commands.optimise_gait:run')
+def optimise_gait(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of optimise_gait."""
+    parser = command_parser(
+        'policy_training optimise_gait',
+        'Search the scripted gait that draws least power over all tasks, by CMA-ES, with pushed '
+        'robots in the objective.',
+        _OPTIMISE_GAIT,
+    )
+    add = parser.add_argument
+    add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the search')
+    add('--resume', action='store_true', help='go on with the search in that folder')
+    add('--gait', default='trot_even', help='gait to start from, by name (trot_even)')
+    add('--generations', type=int, default=100, metavar='N', help='in all (100)')
+    add('--population', type=int, metavar='N', help='gaits in a generation (14)')
+    add('--task', help='search the gait of one task alone: forward, fast, turn or sideways')
+    add(
+        '--join',
+        nargs='+',
+        type=Path,
+        metavar='RUN',
+        help='write the gaits of searches of a task each as one that follows the command',
+    )
+    add('--seed', type=int, help='of everything random (1)')
+    add('--threads', type=int, default=0, metavar='N', help='of the simulation; 0: one per core')
+    options = parser.parse_args(args)
+    if options.generations < 1 or options.threads < 0:
+        raise InputError('--generations must be 1 or more, --threads not negative')
+    return options
+
+
+_TRAIN = """\
+examples:
+  ros2 run policy_training train --config baseline --steps 250e3 -o runs/first
+  ros2 run policy_training train --config baseline --from runs/first -o runs/baseline
+  ros2 run policy_training train --config pmp --from runs/first --power ppn:RUN -o runs/pmp
+  ros2 run policy_training train --resume -o runs/pmp
+  tensorboard --logdir runs
+"""
+
+
+@entry_point('policy_training.commands.train:run')
+def train(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of train."""
+    parser = command_parser(
+        'policy_training train',
+        'Train a walking policy with PPO, with predicted power in its reward.',
+        _TRAIN,
+    )
+    add = parser.add_argument
+    add('--config', default='baseline', help='file, or a shipped one: baseline, pmp, …')
+    add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the run')
+    add('--resume', action='store_true', help='go on with the run in that folder')
+    add('--from', dest='source', type=Path, metavar='RUN', help="start from a run's networks")
+    add('--seed', type=int, help='of everything random')
+    add('--steps', type=float, help='policy steps of all environments together')
+    add('--power', metavar='MODEL', help='ppn:RUN, a YAML of effects, mechanical_power, plant')
+    add('--weight', type=float, metavar='W', help='of the power term, per watt; the paper: 4e-4')
+    add('--environments', type=int, metavar='N', help='robots that learn at the same time')
+    add('--threads', type=int, metavar='N', help='of the simulation; 0: one per core')
+    add('--set', nargs='+', action='extend', default=[], metavar='KEY=VALUE', help="the config's")
+    add('--device', default='cpu', help='cpu or cuda, of the network and its learning')
+    add('--seconds', type=float, help='stop after so long; --resume goes on')
+    return parser.parse_args(args)

@@ -1,0 +1,90 @@
+"""Arguments of the commands."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from wattwalk_core.command import command_parser, entry_point, own_arguments
+from wattwalk_core.console import (
+    PICTURES,
+    check_suffix,
+)
+from wattwalk_core.errors import InputError
+
+_CALIBRATE = """\
+The analyser's CSV may have any dialect, 20 Hz to 1 MHz, and seconds, dates or an epoch on a clock
+of its own. It is aligned with the recording by correlation: the motion has to begin, end or vary
+within both. Columns are identified by their heads, or by --columns.
+
+examples:
+  ros2 run power_calibration calibrate bags/fig2 --reference fig2.csv -o calibration.yaml \\
+      --report fig2.html
+  ros2 run power_calibration calibrate bags/hfe --reference hfe.csv -o calibration.yaml \\
+      --onto calibration.yaml --columns "time=1,voltage=U1,current=I1*0.001"
+  ros2 run power_daq daq --ros-args -p calibration:=calibration.yaml
+"""
+
+
+@entry_point('power_calibration.commands.calibrate:run')
+def calibrate(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of calibrate."""
+    parser = command_parser(
+        'power_calibration calibrate',
+        'Compare one drive of a recording with the log of a certified power analyser: '
+        'align the two, fit gain and offset of voltage and current with intervals, state the '
+        'bandwidth, and write the file that the DAQ node applies.',
+        _CALIBRATE,
+    )
+    add = parser.add_argument
+    add('recording', type=Path, metavar='BAG')
+    add('--reference', type=Path, required=True, metavar='CSV', help="the analyser's log")
+    add('-o', '--output', type=Path, required=True, metavar='YAML', help='file to write')
+    add('--drive', metavar='NAME', help='the drive in the log, if several were measured')
+    add(
+        '--columns',
+        default='',
+        metavar='MAP',
+        help='time=NAME,voltage=NAME,current=NAME,power=NAME; a head or a number from 1, with '
+        '*scale if needed',
+    )
+    add(
+        '--onto',
+        type=Path,
+        metavar='YAML',
+        help='keep its other channels; if it was applied to the recording, the two are combined',
+    )
+    add('--json', type=Path, metavar='F', help='results as JSON')
+    add('--report', type=Path, metavar='F', help='page (.html) or picture (.png, .svg, .pdf)')
+    options = parser.parse_args(own_arguments(args))
+    check_suffix(options.report, '--report', ('.html', *PICTURES))
+    check_suffix(options.output, '--output', ('.yaml', '.yml'))
+    if not options.reference.is_file():
+        raise InputError(f'cannot read {options.reference}: there is no such file')
+    return options
+
+
+_SYNC = """\
+examples:
+  ros2 run power_calibration sync bags/walk_small
+  ros2 run power_calibration sync bags/walk_1 --drives LF_KFE RF_KFE --report sync.html \\
+      --json sync.json
+"""
+
+
+@entry_point('power_calibration.commands.sync:run')
+def sync(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of sync."""
+    parser = command_parser(
+        'power_calibration sync',
+        'Measure the delay of electrical samples against joint samples, the error '
+        'of power that it causes, and the regularity of the stamps of each stream.',
+        _SYNC,
+    )
+    add = parser.add_argument
+    add('recording', type=Path, metavar='BAG')
+    add('--drives', nargs='+', metavar='NAME', help='only these')
+    add('--json', type=Path, metavar='F', help='results as JSON')
+    add('--report', type=Path, metavar='F', help='page (.html) or picture (.png, .svg, .pdf)')
+    options = parser.parse_args(own_arguments(args))
+    check_suffix(options.report, '--report', ('.html', *PICTURES))
+    return options

@@ -1,0 +1,60 @@
+"""Arguments of the command."""
+
+import argparse
+from collections.abc import Sequence
+
+from wattwalk_core.command import command_parser, entry_point, own_arguments
+
+from wattwalk_bringup.settings import arguments
+
+_LIVE = """\
+Each argument replaces an entry of the file. Ctrl-C ends all nodes, the policy runner first,
+and so does the end of any of them. Exit code: 0, 1 if a node failed, 2 for bad input.
+
+example, the simulated robot, a minute of it recorded:
+  ros2 run wattwalk_bringup live --record bags/walk_1 --duration 60
+example, a robot on can0, walking on command after `ros2 service call /start std_srvs/srv/Trigger`:
+  ros2 run wattwalk_bringup live --config robot --dbc robot.dbc --mapping robot.yaml
+example, settings of your own:
+  ros2 run wattwalk_bringup live --config lab.yaml --velocity=0.4,0,0
+"""
+
+
+@entry_point('wattwalk_bringup.commands.live:run')
+def live(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of live."""
+    parser = command_parser(
+        'wattwalk_bringup live',
+        'The simulated robot or the DAQ of a real one, policy runner, estimator and recorder: '
+        'started together, shown in one terminal, ended as one.',
+        _LIVE,
+    )
+    parser.add_argument(
+        '--config', default='sim', metavar='FILE', help='YAML file, or one of sim (default), robot'
+    )
+    for argument in arguments():
+        option = f'--{argument.name.replace("_", "-")}'
+        if argument.is_flag:
+            actions = parser.add_mutually_exclusive_group()
+            actions.add_argument(
+                option,
+                dest=argument.name,
+                action='store_const',
+                const='true',
+                help=argument.description,
+            )
+            actions.add_argument(
+                option.replace('--', '--no-', 1),
+                dest=argument.name,
+                action='store_const',
+                const='false',
+                help=f'not {argument.name}',
+            )
+        else:
+            parser.add_argument(
+                option,
+                dest=argument.name,
+                metavar='|'.join(argument.choices) or argument.name.upper(),
+                help=argument.description,
+            )
+    return parser.parse_args(own_arguments(args))
