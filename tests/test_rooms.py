@@ -139,6 +139,26 @@ def test_no_folder_imports_itself_through_those_beside_it(package):
     check_acyclic(graph)
 
 
+def inner_imports(file: Path) -> Iterator[ast.stmt]:
+    """Imports inside functions; of adjoining ones the first."""
+    for function in ast.walk(tree(file)):
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
+            found = [n for n in ast.walk(function) if isinstance(n, ast.Import | ast.ImportFrom)]
+            ends = {node.end_lineno + gap for node in found for gap in (1, 2)}
+            yield from (node for node in found if node.lineno not in ends)
+
+
+def test_what_a_function_imports_has_its_reason_on_the_line():
+    found = [
+        f'{file.relative_to(ROOT)}:{node.lineno}'
+        for package in {*PACKAGES} - {'power_estimator', 'power_lab'}
+        for file in modules(package).values()
+        for node in inner_imports(file)
+        if '#' not in file.read_text(encoding='utf-8').splitlines()[node.lineno - 1]
+    ]
+    assert found == []
+
+
 def class_names(folders: list[Path]) -> dict[str, list[Path]]:
     found = defaultdict(list)
     for folder in folders:

@@ -92,7 +92,7 @@ def draw_fleet(
 
 def record_fleet(challenge: FleetChallenge, folder: Path, engine: TaskEngine) -> Iterator[Path]:
     """Record all days of all robots into a folder, and seal the answer there last."""
-    from sim_bridge.offline.history import record_history
+    from sim_bridge.offline.history import record_history  # a bus, which analyses do without
 
     for index, plan in enumerate(challenge.plans):
         yield from record_history(plan, folder, engine, prefix=f'robot_{index}')

@@ -21,7 +21,7 @@ class NodeFailedError(Exception):
 
 def describe(name: str) -> Any:
     """Return the launch description of shipped settings, each of which is an argument."""
-    from launch import LaunchDescription
+    from launch import LaunchDescription  # on ROS 2 alone
     from launch.actions import DeclareLaunchArgument, OpaqueFunction
 
     settings = BringupSettings.shipped(name)
@@ -38,7 +38,7 @@ def describe(name: str) -> Any:
 
 
 def _start(base: BringupSettings, context: Any) -> list[Any]:
-    from launch.substitutions import LaunchConfiguration
+    from launch.substitutions import LaunchConfiguration  # on ROS 2 alone
 
     given = {
         argument.name: LaunchConfiguration(argument.name).perform(context)
@@ -47,7 +47,7 @@ def _start(base: BringupSettings, context: Any) -> list[Any]:
     settings = base.changed(given)
     actions = [_node(command) for command in commands(settings)]
     if settings.duration and not settings.record_counts:
-        from launch.actions import Shutdown, TimerAction
+        from launch.actions import Shutdown, TimerAction  # on ROS 2 alone
 
         end = Shutdown(reason=f'{settings.duration:g} s are over')
         actions.append(TimerAction(period=settings.duration, actions=[end]))
@@ -55,7 +55,7 @@ def _start(base: BringupSettings, context: Any) -> list[Any]:
 
 
 def _node(command: NodeCommand) -> Any:
-    from launch.actions import ExecuteProcess
+    from launch.actions import ExecuteProcess  # on ROS 2 alone
     from launch_ros.actions import Node
 
     common = {
@@ -82,7 +82,7 @@ def _on_exit(name: str) -> Callable[[Any, Any], Sequence[Any] | None]:
     """Return the end of the whole launch at the end of a node: an error if the node failed."""
 
     def end(event: Any, context: Any) -> Sequence[Any] | None:
-        from launch.actions import Shutdown
+        from launch.actions import Shutdown  # on ROS 2 alone
 
         if context.is_shutdown:
             return None

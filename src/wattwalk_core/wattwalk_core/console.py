@@ -11,7 +11,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console  # slow to import, and parsers import this file
     from rich.text import Text
 
 PICTURES = ('.png', '.svg', '.pdf')
@@ -20,7 +20,7 @@ PICTURES = ('.png', '.svg', '.pdf')
 @contextmanager
 def progress(text: str) -> Iterator[Callable[[str], None]]:
     """Show a text and the time since the start on stderr; the value changes the text."""
-    from rich.console import Console
+    from rich.console import Console  # slow to import, and parsers import this file
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn('{task.description}'), TimeElapsedColumn())
@@ -31,7 +31,7 @@ def progress(text: str) -> Iterator[Callable[[str], None]]:
 
 def output(width: int = 100) -> 'Console':
     """Return a console on stdout, of a fixed width where that is no terminal."""
-    from rich.console import Console
+    from rich.console import Console  # slow to import, and parsers import this file
 
     size = None if sys.stdout.isatty() else width
     return Console(width=size, highlight=False, markup=False)
@@ -44,7 +44,7 @@ def print_table(
     title: str | None = None,
 ) -> None:
     """Print a table whose first column is text, which may wrap, and whose others are numbers."""
-    from rich.box import SIMPLE_HEAD
+    from rich.box import SIMPLE_HEAD  # slow to import, and parsers import this file
     from rich.table import Table
 
     table = Table(title=title, title_justify='left', box=SIMPLE_HEAD)

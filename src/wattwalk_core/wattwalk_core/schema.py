@@ -28,8 +28,8 @@ from wattwalk_core.quoting import printable, quoted
 from wattwalk_core.yaml_file import read_yaml
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, TypeAdapter
-    from pydantic_core import CoreSchema, ErrorDetails
+    from pydantic import GetCoreSchemaHandler, TypeAdapter  # slow to import
+    from pydantic_core import CoreSchema, ErrorDetails  # slow to import
 
 T = TypeVar('T')
 
@@ -107,7 +107,7 @@ class Quantity:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: 'GetCoreSchemaHandler'
     ) -> 'CoreSchema':
-        from pydantic_core import PydanticCustomError, core_schema
+        from pydantic_core import PydanticCustomError, core_schema  # slow to import
 
         kind = int if source is int else float
 
@@ -142,7 +142,7 @@ class Printable:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: 'GetCoreSchemaHandler'
     ) -> 'CoreSchema':
-        from pydantic_core import PydanticCustomError, core_schema
+        from pydantic_core import PydanticCustomError, core_schema  # slow to import
 
         def check(value: str) -> str:
             if self.least <= len(value) <= self.most and value.isprintable():
@@ -167,7 +167,7 @@ def parse(kind: type[T], content: object, where: str) -> T:
     kind: a class decorated with `schema`, or a type made of such, as `dict[str, Drive]`.
     where: what errors begin with, such as `plant lab.yaml`. Raises InputError.
     """
-    from pydantic import ValidationError
+    from pydantic import ValidationError  # slow to import, and parsers import this file
 
     try:
         # JSON's strict mode takes lists for tuples, but no text for numbers nor 1 for true.
@@ -215,7 +215,7 @@ def _quantities(cls: type) -> dict[str, tuple[type, Quantity]]:
 
 @lru_cache
 def _adapter(kind: Any) -> 'TypeAdapter[Any]':
-    from pydantic import TypeAdapter
+    from pydantic import TypeAdapter  # slow to import, and parsers import this file
 
     return TypeAdapter(kind)
 

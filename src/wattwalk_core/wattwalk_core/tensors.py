@@ -36,7 +36,7 @@ class TensorFile:
 
 def read_tensors(path: Path, what: str, limit: int = SIZE) -> TensorFile:
     """Read a safetensors file; InputError, which calls it `what`, for anything else."""
-    from safetensors import SafetensorError
+    from safetensors import SafetensorError  # only files of tensors need it
     from safetensors.numpy import load
 
     data = read_bytes(path, what, limit)
@@ -94,7 +94,7 @@ def read_state(path: Path, what: str, limit: int = SIZE) -> Any:
 
     torch reads it with weights_only, and nothing of it is run.
     """
-    import torch
+    import torch  # slow to import; numpy serves without
 
     data = read_bytes(path, what, limit)
     try:

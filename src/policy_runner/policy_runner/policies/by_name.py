@@ -89,7 +89,7 @@ def load_policy(source: str, *, trust_code: bool = False) -> Policy:
     if source in TROTS:
         return TrotPolicy(ScriptedTrot(TROTS[source]))
     if source not in POLICIES and os.path.isfile(source):
-        from policy_runner.policies.torchscript import SUFFIXES, load_torchscript
+        from policy_runner.policies.torchscript import SUFFIXES, load_torchscript  # torch
 
         path = Path(source)
         if path.suffix in SUFFIXES:

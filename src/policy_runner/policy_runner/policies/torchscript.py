@@ -5,6 +5,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import read_bytes, together, write_whole
@@ -14,6 +15,7 @@ from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 from policy_runner.policies.folder import CARD, Contract, read_folder
 from policy_runner.policies.learned import LearnedPolicy
+from policy_runner.policies.torch_network import torch_network
 
 SUFFIXES = ('.pt', '.pth', '.jit', '.ts')
 
@@ -48,10 +50,6 @@ def write_torchscript(folder: Path, file: Path) -> Path:
     The contract NAME.yaml beside NAME.pt says how observations are made and what actions mean.
     InputError names what is wrong in the folder.
     """
-    import torch
-
-    from policy_runner.policies.torch_network import torch_network
-
     contract, tensors = read_folder(folder)
     module = torch_network(contract, tensors)
     stream = io.BytesIO()
@@ -67,7 +65,6 @@ def write_torchscript(folder: Path, file: Path) -> Path:
 
 class _TorchNetwork:
     def __init__(self, file: Path, contract: Contract) -> None:
-        import torch
 
         torch.set_num_threads(1)
         data = io.BytesIO(read_bytes(file, 'policy', SIZE))

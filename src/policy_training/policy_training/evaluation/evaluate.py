@@ -52,7 +52,7 @@ def evaluate(
         if cycle is not None:
             cycles.setdefault(walk.task.name, {})[name] = cycle
         if options.video is not None:
-            from policy_training.evaluation.video import Clip, write_video
+            from policy_training.evaluation.video import Clip, write_video  # a renderer
 
             file = options.video / f'{name}_{walk.task.name}.webp'
             write_video(file, walk.recording, Clip(title=f'{name}, {walk.task.name}'))

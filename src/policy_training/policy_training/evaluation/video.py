@@ -4,6 +4,7 @@ Animated pictures of a walk: the robot beside the watts of its drives.
 The robot is drawn offscreen, in the poses of the recording; its watts are those of the meter.
 """
 
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,10 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image as Pictures
 from power_estimator.model import PowerModel
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
@@ -165,9 +169,6 @@ def frames(walk: Recording, clip: Clip, model: PowerModel | None = None) -> Iter
     model: whose estimate is drawn over the measured power, or None. InputError for a walk that is
     shorter than the clip.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     data = align(walk)
     time = data.time - data.time[0]
     if time[-1] < clip.start + clip.seconds:
@@ -195,10 +196,6 @@ def frames(walk: Recording, clip: Clip, model: PowerModel | None = None) -> Iter
 
 def write_video(path: Path, walk: Recording, clip: Clip, model: PowerModel | None = None) -> int:
     """Write an animated picture (.webp or .gif) that plays in real time; return its frames."""
-    import io
-
-    from PIL import Image as Pictures
-
     pictures = [Pictures.fromarray(frame) for frame in frames(walk, clip, model)]
     stream = io.BytesIO()
     pictures[0].save(

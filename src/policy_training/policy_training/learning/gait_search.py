@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from typing import Annotated, Final
 
+import cma
 import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.gait_phase import CADENCE_ADAPTATION
@@ -110,7 +111,6 @@ class GaitSearch:
     """
 
     def __init__(self, config: GaitSearchConfig, start: TrotConfig) -> None:
-        import cma
 
         random = np.random.default_rng(config.seed)
         self.config = config

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from statsmodels.stats.meta_analysis import combine_effects
 
 from power_fleet.track.change_test import ChangeModel
 
@@ -40,7 +41,6 @@ def common_levels(models: Sequence[ChangeModel]) -> dict[tuple[str, int], Common
     """
     if len(models) < _LEAST_DRIVES:
         return {}
-    from statsmodels.stats.meta_analysis import combine_effects
 
     levels = [model.levels for model in models]
     out = {}

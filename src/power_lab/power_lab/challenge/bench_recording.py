@@ -28,8 +28,7 @@ def record_motion(
     drive: the first that the motion names, where none is given. challenge: its robot takes the
     place of the plant's unit. InputError for a drive that the bench does not have.
     """
-    # The simulated bus comes with these, which an analysis does without.
-    from sim_bridge.offline.run import OfflineRun, write_bag
+    from sim_bridge.offline.run import OfflineRun, write_bag  # the simulated bus
     from sim_bridge.plant.world import stand_world
 
     motion = BenchMotion(file)

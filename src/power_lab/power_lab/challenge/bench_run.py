@@ -37,7 +37,7 @@ def record_on_bench(
     tell: Callable[[str], None],
 ) -> None:
     """Save a motion fitted to its drive's limits, and record it; tell how long that will take."""
-    from sim_bridge.plant.parameters import Plant
+    from sim_bridge.plant.parameters import Plant  # slow to import: the simulator
 
     from power_lab.challenge.bench_recording import record_motion
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.signals.prepared import Prepared
+from scipy.optimize import minimize
 
 from power_lab.discover.grammar import Primitive
 from power_lab.structure.drivers import Family
@@ -101,7 +102,6 @@ def refined(
     """Parameters that fit best with exact columns, from those found on the shape's nodes."""
     if not primitive.parameters:
         return place
-    from scipy.optimize import minimize
 
     z, weight = instant(place.family, point, problem.drive)
     names = primitive.parameters

@@ -8,7 +8,7 @@ Floats = NDArray[np.float64]
 
 def lagged(values: Floats, before: Floats | None, rate: float, seconds: float) -> Floats:
     """First-order lag of values [T] of one stretch; from zero on after a cold start."""
-    from scipy.signal import lfilter
+    from scipy.signal import lfilter  # here, as effect files copy the function
 
     keep = np.exp(-1.0 / (rate * seconds))
     state = [0.0 if before is None else keep * before[1]]

@@ -36,7 +36,7 @@ def low_pass(rate: float, passband: float, stopband: float) -> Floats:
 
     It is flat within 0.2 % up to `passband` Hz and at least 58 dB down from `stopband` Hz on.
     """
-    from scipy.signal import kaiserord
+    from scipy.signal import kaiserord  # slow to import, and nodes import this file
 
     length, beta = kaiserord(_RIPPLE, (stopband - passband) / (rate / 2))
     half = length // 2
@@ -66,15 +66,15 @@ def smoothing(rate: float, cutoff: float = SMOOTHING) -> Floats:
 
     The window is a whole number of samples; at 400 Hz, 12.18 Hz is nearest to 12.5 Hz.
     """
-    from scipy.signal import savgol_coeffs
+    from scipy.signal import savgol_coeffs  # slow to import, and nodes import this file
 
     best = min(range(5, int(2 * rate / cutoff), 2), key=lambda n: abs(_cutoff(n, rate) - cutoff))
     return np.asarray(savgol_coeffs(best, _POLYORDER), np.float64)
 
 
 def _cutoff(window: int, rate: float) -> float:
-    from scipy.optimize import brentq
-    from scipy.signal import savgol_coeffs
+    from scipy.optimize import brentq  # slow to import, and nodes import this file
+    from scipy.signal import savgol_coeffs  # slow to import, and nodes import this file
 
     taps = np.asarray(savgol_coeffs(window, _POLYORDER), np.float64)
     first_null = rate * 1.7 / window
@@ -93,7 +93,7 @@ def centred(values: NDArray[Any], taps: Floats) -> NDArray[np.float32]:
     if not half:
         return np.asarray(values, np.float32)
 
-    from scipy.ndimage import correlate1d
+    from scipy.ndimage import correlate1d  # slow to import, and nodes import this file
 
     filtered = correlate1d(np.asarray(values, np.float32), taps, axis=0, mode='nearest')
     return np.asarray(filtered[half:-half], np.float32)

@@ -11,7 +11,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
 
 if TYPE_CHECKING:
-    from pint import UnitRegistry
+    from pint import UnitRegistry  # slow to import
 
 SI: Final = {
     'position': 'rad',
@@ -99,7 +99,7 @@ def conversion(unit: str, quantity: str) -> Conversion:
     unit = _ALIASES.get(unit.strip(), unit.strip())
     if unit == wanted:
         return Conversion()
-    import pint
+    import pint  # slow to import; SI does without
 
     registry = _registry()
     try:
@@ -146,7 +146,7 @@ def quantities_of(unit: str) -> tuple[str, ...]:
 
 @cache
 def _registry() -> 'UnitRegistry':
-    from pint import UnitRegistry
+    from pint import UnitRegistry  # slow to import
 
     return UnitRegistry()
 

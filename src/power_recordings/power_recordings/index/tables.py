@@ -95,7 +95,7 @@ def export(index: RecordingIndex, folder: Path) -> None:
     InputError where pyarrow is not installed; RecordingError where a file cannot be written.
     """
     try:
-        import pyarrow as pa
+        import pyarrow as pa  # may be absent
         from pyarrow import parquet
     except ImportError:
         raise InputError('--export needs pyarrow: pip install pyarrow') from None

@@ -25,7 +25,7 @@ _OF_TIME = re.compile(r'\b(no time|times? (in|reach|goes)|with a time)\b')
 
 def look(show: Show, file: str) -> dict[str, Any]:
     """Columns of a log, a guessed map with remarks by place, and the ready maps that fit."""
-    from power_recordings.importing.guess import guess_map
+    from power_recordings.importing.guess import guess_map  # slow to import
     from power_recordings.importing.listing import list_columns
     from power_recordings.importing.map_file import MAPS
     from power_recordings.importing.plan import fitting_maps
@@ -62,7 +62,7 @@ def look(show: Show, file: str) -> dict[str, Any]:
 
 def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """Signals of the first rows in SI units, or the error and the place in the map that has it."""
-    from power_recordings.importing.map_file import parse_map
+    from power_recordings.importing.map_file import parse_map  # slow to import
     from power_recordings.importing.preview import preview_log
     from power_recordings.importing.sources import open_source
 
@@ -91,7 +91,7 @@ def bring_in(
     show: Show, file: str, content: Mapping[str, Any], map_file: Path, output: Path
 ) -> dict[str, Any]:
     """Write the map, and import the log with it; the recording, notes and quality, or an error."""
-    from power_recordings.importing.convert import import_logs
+    from power_recordings.importing.convert import import_logs  # slow to import
     from power_recordings.importing.map_file import load_map, parse_map
     from power_recordings.importing.sources import open_source
 

@@ -13,7 +13,7 @@ def main(descriptor: int) -> int:
     os.nice(_NICER)
     pipe = Connection(descriptor)
     try:
-        from wattwalk_core.nodes.running import run_node
+        from wattwalk_core.nodes.running import run_node  # ROS 2 may be absent
 
         from power_workbench.live.node import LiveViewNode
     except ImportError as error:

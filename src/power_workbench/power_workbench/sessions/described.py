@@ -60,7 +60,10 @@ def described_model(spec: str, catalogue: Catalogue) -> dict[str, Any]:
 
 def described_shapes(outcome: 'DiscoveryOutcome') -> list[dict[str, Any]]:
     """Learned shapes with their formulas, one of each effect and drive."""
-    from power_lab.report.discovery_page import formula_over_shape, standard_error
+    from power_lab.report.discovery_page import (  # slow to import: plots
+        formula_over_shape,
+        standard_error,
+    )
 
     names, out = outcome.own.prepared.names, []
     for one in outcome.discovery.found:

@@ -54,7 +54,7 @@ class SessionWorker:
     @staticmethod
     def prepare() -> None:
         """Import what only a diagnosis needs, before one is asked for."""
-        import power_lab.diagnose.outcome  # noqa: F401
+        import power_lab.diagnose.outcome  # noqa: F401  slow to import
 
     def open(self, show: Show, source: Source, spec: str) -> dict[str, Any]:
         """Read recordings; views as they come, then what is known of the recordings."""
@@ -141,7 +141,7 @@ class SessionWorker:
         """Write the page of the diagnosis; return its name."""
         outcome = self._diagnosed(show, source, spec)
         show('progress', 'writing the report')
-        from power_lab.report.page import write_diagnosis
+        from power_lab.report.page import write_diagnosis  # slow to import: plots
 
         write_diagnosis(output, outcome, [], source.catalogue())
         return output.name
@@ -150,7 +150,7 @@ class SessionWorker:
         self, show: Show, source: Source, spec: str, output: Path, seed: int = 0
     ) -> dict[str, Any]:
         """Learn what no catalogue has; its effects are written to output, which is not run."""
-        from power_lab.discover.outcome import discover
+        from power_lab.discover.outcome import discover  # slow to import
 
         catalogue = source.catalogue()
         loaded = self._load(show, source)
@@ -178,7 +178,7 @@ class SessionWorker:
         output: Path,
     ) -> str:
         """Record the proposed motion on the simulated bench; return the recording's path."""
-        from power_lab.challenge.challenge import SEALED
+        from power_lab.challenge.challenge import SEALED  # slow to import: the simulator
 
         outcome = self._diagnosed(show, source, spec)
         proposed = outcome.motion if seconds is None else shortened(outcome.motion, seconds)
@@ -215,7 +215,7 @@ class SessionWorker:
     def _diagnosed(self, show: Show, source: Source, spec: str, seed: int = 0) -> 'Outcome':
         if self._outcome is not None and self._outcome[:2] == (source, spec):
             return self._outcome[2]
-        from power_lab.diagnose.outcome import diagnose
+        from power_lab.diagnose.outcome import diagnose  # slow to import
 
         catalogue = source.catalogue()
         loaded = self._load(show, source)

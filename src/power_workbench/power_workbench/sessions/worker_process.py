@@ -3,10 +3,13 @@
 import os
 import sys
 import threading
+import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any
+
+from wattwalk_core.errors import InputError
 
 _NICER = 5  # than the page's server, which answers while work is done
 
@@ -23,7 +26,7 @@ def main(descriptor: int) -> None:
     waiting: SimpleQueue[Any] = SimpleQueue()
     threading.Thread(target=_receive, args=(pipe, waiting), daemon=True).start()
 
-    from power_workbench.sessions.opened_cache import OpenedCache
+    from power_workbench.sessions.opened_cache import OpenedCache  # slow to import
     from power_workbench.sessions.worker import SessionWorker
 
     worker = SessionWorker(OpenedCache.usual())
@@ -40,8 +43,6 @@ def main(descriptor: int) -> None:
 
 
 def _answer(show: Callable[[str, Any], None], function: Any, arguments: Any) -> None:
-    from wattwalk_core.errors import InputError
-
     try:
         show('done', function(show, **arguments))
     except InputError as error:
@@ -49,8 +50,6 @@ def _answer(show: Callable[[str, Any], None], function: Any, arguments: Any) -> 
     except MemoryError:
         show('error', 'the memory of this machine is used up; open fewer or shorter recordings')
     except Exception as error:
-        import traceback
-
         traceback.print_exc()
         show('failed', f'{type(error).__name__}: {error}')
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import field, replace
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -105,7 +106,6 @@ class AgeingPlan:
     drives: Annotated[tuple[str, ...], Length(1)] = JOINT_NAMES
 
     def __post_init__(self) -> None:
-        from datetime import date
 
         try:
             date.fromisoformat(self.start)

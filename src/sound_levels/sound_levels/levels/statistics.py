@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from arch.bootstrap import optimal_block_length
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
@@ -138,7 +139,6 @@ def block_length(stretch: Stretch) -> int:
     level = decibels(stretch.energy)
     if len(level) < 16 or np.ptp(level) < 1e-9:
         return 1
-    from arch.bootstrap import optimal_block_length
 
     found = float(optimal_block_length(level)['circular'].iloc[0])
     return int(np.clip(np.ceil(found), 1, max(1, len(level) // 4)))

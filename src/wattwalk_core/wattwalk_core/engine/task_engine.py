@@ -137,7 +137,7 @@ class TaskEngine:
             own = _Task(function, (), '')
             yield from ((place, partial(own, item)) for place, item in enumerate(items))
             return
-        from distributed import as_completed
+        from distributed import as_completed  # slow to import
 
         names = tuple(code) or (_package_of(function),)
         task = _Task(function, names, _installed(names) if remote else '')
@@ -153,7 +153,7 @@ class TaskEngine:
                 client.cancel(futures, force=True)
 
     def _result(self, future: 'Future[Any]', item: object) -> Any:
-        from distributed import KilledWorker
+        from distributed import KilledWorker  # slow to import
         from distributed.client import FutureCancelledError
         from distributed.comm import CommClosedError
 
@@ -189,7 +189,7 @@ class TaskEngine:
         return client
 
     def _connect(self) -> 'Client':
-        from distributed import Client, Security
+        from distributed import Client, Security  # slow to import; one process does without
 
         address = self.place.scheduler
         security = Security()
@@ -221,7 +221,7 @@ class TaskEngine:
         return client
 
     def _start(self, tasks: int) -> 'Client':
-        import dask
+        import dask  # slow to import; one process does without
         from distributed import Client, LocalCluster, Security
         from distributed.utils import LoopRunner
 

@@ -5,6 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import compute as pc
+from pyarrow import parquet
 from wattwalk_core.errors import InputError
 
 from power_recordings.importing.sources.heads import unit_of
@@ -30,7 +33,6 @@ class ColumnarFile:
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-        from pyarrow import parquet
 
         self.path = path
         self.size = path.stat().st_size
@@ -48,13 +50,11 @@ class ColumnarFile:
         check_room(path, self.size, (self._rows or 0) * count * 8)
 
     def _feather(self, columns: list[int] | None) -> Any:
-        import pyarrow as pa
 
         options = pa.ipc.IpcReadOptions(included_fields=columns)
         return pa.ipc.open_file(pa.memory_map(str(self.path)), options=options)
 
     def _batches(self, names: list[str]) -> Iterator[Any]:
-        from pyarrow import parquet
 
         if self._is_parquet:
             file = parquet.ParquetFile(self.path)
@@ -68,8 +68,6 @@ class ColumnarFile:
 
     def columns(self) -> Sequence[LogColumn]:
         """Return the columns of numbers, and of texts and times that may be dates."""
-        import pyarrow as pa
-
         found = []
         for field in self._schema:
             kind = field.type
@@ -102,9 +100,6 @@ class ColumnarFile:
 
 
 def _values(column: Any, index: int | None) -> np.ndarray:
-    import pyarrow as pa
-    from pyarrow import compute as pc
-
     if index is not None:
         column = pc.list_element(column, index)
     if pa.types.is_timestamp(column.type):

@@ -6,18 +6,19 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final
+from typing import IO, Any, Final
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import RecordBatch, Table
+from pyarrow import compute as pc
+from pyarrow import csv as arrow_csv
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
 from power_recordings.importing.sources.encoding import decoded
 from power_recordings.importing.sources.heads import Head, find_head, is_number
 from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
-
-if TYPE_CHECKING:
-    from pyarrow import RecordBatch, Table
 
 _HEAD: Final = 256 << 10  # bytes that are looked at to find the dialect
 _LONGEST_LINE: Final = 16 << 20
@@ -65,8 +66,6 @@ class DelimitedFile:
 
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows; InputError for a file that is cut off inside its rows or malformed."""
-        import pyarrow as pa
-
         wanted = list(dict.fromkeys(addresses))
         skipped: list[int] = []
         done = 0
@@ -97,10 +96,8 @@ class DelimitedFile:
 
     def _batches(
         self, kinds: Mapping[str, Any], progress: Progress, skipped: list[int]
-    ) -> Iterator['Table']:
+    ) -> Iterator[Table]:
         """Yield columns of Arrow types `kinds`; add the rows that do not fit to `skipped`."""
-        import pyarrow as pa
-        from pyarrow import csv as arrow_csv
 
         def skip_row(row: Any) -> str:
             skipped.append(row.number or 0)
@@ -135,8 +132,7 @@ class DelimitedFile:
             if waiting:
                 yield pa.Table.from_batches(waiting)
 
-    def _numbers(self, table: 'Table') -> dict[str, np.ndarray]:
-        import pyarrow as pa
+    def _numbers(self, table: Table) -> dict[str, np.ndarray]:
 
         return {
             name: column.to_numpy()
@@ -148,9 +144,6 @@ class DelimitedFile:
 
 def _column(texts: Any, decimal: str) -> np.ndarray:
     """Texts as float64, or as they are where most are no numbers, as dates are."""
-    import pyarrow as pa
-    from pyarrow import compute as pc
-
     texts = pc.utf8_trim_whitespace(texts)
     if decimal == ',':
         texts = pc.replace_substring(texts, ',', '.')

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
@@ -34,7 +35,6 @@ class Hdf5File:
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-        import h5py
 
         self.path = path
         self.size = path.stat().st_size
@@ -68,8 +68,6 @@ class Hdf5File:
 
     def read(self, addresses: Sequence[str], progress: Progress) -> Iterator[LogBlock]:
         """Yield rows, stream by stream, without loading whole datasets."""
-        import h5py
-
         wanted = set(addresses)
         with reading(self.path, 'HDF5 file'), h5py.File(self.path, 'r') as file:
             for stream in dict.fromkeys(c.stream for c in self._columns if c.address in wanted):

@@ -25,7 +25,7 @@ def open_file(path: Path, messages: Path | None = None) -> LogSource:
 
 def load(path: Path) -> dict[str, NDArray[Any]]:
     """Return the feedback of N modules by `field.module`; InputError where it is damaged."""
-    from hebi.util import load_log
+    from hebi.util import load_log  # in a process of its own
 
     with reading(path, 'log'):
         log: Any = load_log(str(path))

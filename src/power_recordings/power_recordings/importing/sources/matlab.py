@@ -23,7 +23,7 @@ def open_file(path: Path, messages: Path | None = None) -> LogSource:
     with path.open('rb') as file:
         head = file.read(128)
     if head[:4] == b'\x89HDF' or b'MATLAB 7.3' in head:
-        from power_recordings.importing.sources import check_library
+        from power_recordings.importing.sources import check_library  # h5py may be absent
         from power_recordings.importing.sources.hdf5 import Hdf5File
 
         check_library('hdf5', path)
@@ -33,7 +33,7 @@ def open_file(path: Path, messages: Path | None = None) -> LogSource:
 
 def load(path: Path) -> dict[str, NDArray[Any]]:
     """Return variables and fields of structs as `struct.field`; InputError where it is damaged."""
-    from scipy.io import loadmat, whosmat
+    from scipy.io import loadmat, whosmat  # in a process of its own
 
     with reading(path, 'MAT file'):
         for name, shape, _ in whosmat(path):

@@ -6,8 +6,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 from warnings import catch_warnings
+from zipfile import ZipFile
 
 import numpy as np
+from openpyxl import load_workbook
 from wattwalk_core.errors import InputError
 
 from power_recordings.importing.sources.heads import Head, find_head
@@ -39,7 +41,6 @@ class Spreadsheet:
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-        from openpyxl import load_workbook
 
         self.path = path
         self.size = path.stat().st_size
@@ -97,8 +98,6 @@ def _rows(sheet: Any) -> Iterator[Sequence[Any]]:
 
 
 def _check_size(path: Path, packed: int) -> None:
-    from zipfile import ZipFile
-
     with ZipFile(path) as archive:
         size = sum(entry.file_size for entry in archive.infolist())
     if size > _ROOM + _RATIO * packed:
