@@ -21,7 +21,7 @@ EFFECTS = 'shaft, copper_loss, rotor_inertia, idle, viscous_friction, coulomb_fr
 JUDGE = """
 import resource, sys, time
 begin = time.perf_counter()
-from power_lab.commands.diagnose import main
+from power_lab.commands.arguments import diagnose as main
 code = main(sys.argv[1:])
 used = resource.getrusage(resource.RUSAGE_SELF)
 wall = time.perf_counter() - begin

@@ -25,7 +25,7 @@ from lab_scenarios import BASES, FAULTS
 from power_estimator.effects import builtin_catalogue, load_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
-from power_estimator.effects.fit.training import fit_model, material
+from power_estimator.effects.training import fit_model, material
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_lab.discover.discovery import Discoverer

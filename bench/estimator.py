@@ -175,7 +175,7 @@ def bench_node(checkpoint: Checkpoint, seconds: float) -> None:
     os.environ.setdefault('ROS_DOMAIN_ID', '93')
     with tempfile.TemporaryDirectory() as folder:
         checkpoint.save(Path(folder) / 'model.safetensors')
-        code = 'from power_estimator.commands.estimate import main; raise SystemExit(main())'
+        code = 'from power_estimator.commands.arguments import estimate; exit(estimate())'
         command = [sys.executable, '-c', code, '--ros-args', '-p', f'model:=ppn:{folder}']
         node = ChildProcess(command, Path(folder) / 'node.log')
         rclpy.init()

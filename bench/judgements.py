@@ -61,7 +61,7 @@ def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Judgement:
     from power_estimator.effects import builtin_catalogue
     from power_estimator.effects.fit.design import Active
     from power_estimator.effects.fit.fitter import measurement_terms
-    from power_estimator.effects.fit.training import fit_model, material
+    from power_estimator.effects.training import fit_model, material
     from power_lab.diagnose.diagnosis import Diagnoser
 
     catalogue = builtin_catalogue()

@@ -23,8 +23,8 @@ from lab_scenarios import UNMODELLED, Scenario, random_order, scenarios
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
-from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.signals.prepared import prepare
+from power_estimator.effects.training import fit_model, material
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_lab.diagnose.diagnosis import Diagnoser

@@ -21,8 +21,8 @@ from lab_scenarios import BASES
 from numpy.typing import NDArray
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
-from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.training import fit_model, material
 from power_estimator.live.change_watch import ChangeWatch, WatchConfig
 from power_recordings.alignment.dataset import AlignedDataset
 from rich.console import Console

@@ -176,10 +176,10 @@ FIT = (WALK, *KNEE, '--effects', 'shaft,copper_loss,idle', '-o')
 @pytest.fixture(scope='module')
 def base(tmp_path_factory):
     """Model file of a knee."""
-    from power_lab.commands import fit
+    from power_lab.commands.arguments import fit
 
     file = tmp_path_factory.mktemp('model') / 'base.yaml'
-    assert fit.main([*FIT, str(file)]) == 0
+    assert fit([*FIT, str(file)]) == 0
     return str(file)
 
 
@@ -190,14 +190,18 @@ def base(tmp_path_factory):
         ('sync', 'power_calibration.commands.arguments:sync', (WALK, *KNEE)),
         (
             'benchmark',
-            'power_estimator.commands.benchmark:main',
+            'power_estimator.commands.arguments:benchmark',
             (WALK, '--models', f'ppn:{ROOT / "bags" / "ppn_small"}'),
         ),
-        ('fit', 'power_lab.commands.fit:main', (*FIT, 'again.yaml')),
-        ('compare', 'power_lab.commands.compare:main', (WALK, *KNEE, '--models', 'base.yaml')),
+        ('fit', 'power_lab.commands.arguments:fit', (*FIT, 'again.yaml')),
+        (
+            'compare',
+            'power_lab.commands.arguments:compare',
+            (WALK, *KNEE, '--models', 'base.yaml'),
+        ),
         (
             'add',
-            'power_lab.commands.add:main',
+            'power_lab.commands.arguments:add',
             ('viscous_friction', *KNEE, '--to', 'base.yaml', '--bag', WALK, '-o', 'better.yaml'),
         ),
     ],

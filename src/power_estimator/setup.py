@@ -31,13 +31,13 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'estimate = power_estimator.commands.estimate:main',
-            'train = power_estimator.commands.train:main',
-            'benchmark = power_estimator.commands.benchmark:main',
-            'replay = power_estimator.commands.replay:main',
-            'sweep = power_estimator.commands.sweep:main',
-            'distil = power_estimator.commands.distil:main',
-            'export = power_estimator.commands.export:main',
+            'estimate = power_estimator.commands.arguments:estimate',
+            'train = power_estimator.commands.arguments:train',
+            'benchmark = power_estimator.commands.arguments:benchmark',
+            'replay = power_estimator.commands.arguments:replay',
+            'sweep = power_estimator.commands.arguments:sweep',
+            'distil = power_estimator.commands.arguments:distil',
+            'export = power_estimator.commands.arguments:export',
         ],
     },
 )

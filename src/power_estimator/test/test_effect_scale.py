@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
-from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.model_file.model import FittedValue
 from power_estimator.effects.model_file.yaml_file import read_model, write_model
 from power_estimator.effects.signals.prepared import prepare
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
+from power_estimator.effects.training import fit_model, material
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from power_estimator.commands import train as train_command
+from power_estimator.commands.arguments import train as train_command
 from power_estimator.input_checks import check_units
 from wattwalk_core.errors import InputError
 
@@ -75,7 +75,7 @@ def test_it_is_refused_in_one_line_by_recording_and_field(case, bags, tmp_path, 
     bag = bags(tmp_path / 'spoilt', **{'seconds': 8.0, 'names': DRIVES, **options})
     run = tmp_path / 'run'
     quick = ['--folds', '1', '--epochs', '1', '--hidden', '4', '--workers', '1']
-    assert train_command.main([str(bag), '-o', str(run), *quick]) == 2
+    assert train_command([str(bag), '-o', str(run), *quick]) == 2
     error = capsys.readouterr().err.strip()
     assert len(error.splitlines()) == 1, error
     for part in ('spoilt', *quoted):
@@ -88,7 +88,7 @@ def test_recordings_of_other_rates_or_drives_do_not_make_one_set(bag, bags, tmp_
     other = bags(tmp_path / 'other', 5.0, seed=1, names=('LF_HAA', 'LF_KFE'))
     for second, quoted in ((slow, ['at 200 Hz', '400 Hz']), (other, ['LF_KFE', 'LF_HFE'])):
         command = [str(bag), str(second), '-o', str(tmp_path / 'run')]
-        assert train_command.main(command) == 2
+        assert train_command(command) == 2
         error = capsys.readouterr().err.strip()
         assert len(error.splitlines()) == 1
         assert all(part in error for part in (second.name, *quoted))
@@ -111,4 +111,4 @@ def test_a_few_lost_or_invalid_samples_are_cut_out_and_training_goes_on(bags, tm
 
     bag = bags(tmp_path / 'bag', 45.0, spoil=spoil)
     quick = ['--folds', '1', '--epochs', '1', '--hidden', '4', '--workers', '1']
-    assert train_command.main([str(bag), '-o', str(tmp_path / 'run'), *quick]) == 0
+    assert train_command([str(bag), '-o', str(tmp_path / 'run'), *quick]) == 0

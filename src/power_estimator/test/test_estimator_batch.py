@@ -7,7 +7,7 @@ from power_estimator.batch.power import BatchPower
 from power_estimator.drive_types import infer_types
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
-from power_estimator.effects.fit.training import fit_model, material
+from power_estimator.effects.training import fit_model, material
 from power_estimator.network.features import features
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy

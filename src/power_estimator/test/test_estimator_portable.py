@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from power_estimator.batch.power import BatchPower
-from power_estimator.commands import export as command
+from power_estimator.commands.arguments import export as command
 from power_estimator.network.features import features
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.portable.export import export
@@ -197,7 +197,7 @@ def test_the_reward_term_is_the_sum_of_the_drives_watts_held_at_the_step(folder,
 def test_the_command_writes_the_files_and_says_how_to_load_them(checkpoint, tmp_path, capsys):
     checkpoint.save(tmp_path / 'model.safetensors')
     out = tmp_path / 'term'
-    assert command.main([str(tmp_path), '-o', str(out), '--drives', *DRIVES]) == 0
+    assert command([str(tmp_path), '-o', str(out), '--drives', *DRIVES]) == 0
     assert sorted(p.name for p in out.iterdir()) == [
         'power_term.pt',
         'power_term.py',

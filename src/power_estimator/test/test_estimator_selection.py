@@ -2,9 +2,9 @@ import json
 
 import numpy as np
 import pytest
-from power_estimator.commands import distil as distil_command
-from power_estimator.commands import sweep as sweep_command
-from power_estimator.commands import train as train_command
+from power_estimator.commands.arguments import distil as distil_command
+from power_estimator.commands.arguments import sweep as sweep_command
+from power_estimator.commands.arguments import train as train_command
 from power_estimator.drive_types import infer_types
 from power_estimator.evaluation.cost import policy_step_cost, sample_cost
 from power_estimator.loader import load_model
@@ -20,7 +20,7 @@ SWEEP = ['--hidden', '4', '--history', '0.05', '--epochs', '2', '--drives', 'LF_
 @pytest.fixture(scope='module')
 def swept(bag, tmp_path_factory):
     output = tmp_path_factory.mktemp('runs') / 'sweep'
-    assert sweep_command.main([str(bag), '-o', str(output), *SWEEP]) == 0
+    assert sweep_command([str(bag), '-o', str(output), *SWEEP]) == 0
     return output
 
 
@@ -72,15 +72,15 @@ def test_a_stopped_sweep_goes_on_and_ends_with_the_same_points(
 
     monkeypatch.setattr(Sweep, '_test', stop_at_the_third)
     command = [str(bag), '-o', str(output), *SWEEP]
-    assert sweep_command.main(command) == 130
+    assert sweep_command(command) == 130
     monkeypatch.undo()
     assert 'goes on with the same command and --resume' in capsys.readouterr().out
     kept = (output / 'points' / '4_carried' / 'point.json').stat().st_mtime_ns
-    assert sweep_command.main([*command, '--resume']) == 0
+    assert sweep_command([*command, '--resume']) == 0
     assert (output / 'points' / '4_carried' / 'point.json').stat().st_mtime_ns == kept
     tables = [json.loads((run / 'table.json').read_text())['points'] for run in (swept, output)]
     assert [p['types'] for p in tables[0]] == [p['types'] for p in tables[1]]
-    assert sweep_command.main([*command, '--resume', '--seed', '7']) == 2
+    assert sweep_command([*command, '--resume', '--seed', '7']) == 2
     assert 'was started with training' in capsys.readouterr().err
 
 
@@ -107,7 +107,7 @@ def test_a_damaged_point_is_refused_by_name(swept, bag, capsys):
     file = swept / 'points' / '4_carried' / 'point.json'
     whole = file.read_bytes()
     file.write_bytes(whole[:10])
-    assert sweep_command.main([str(bag), '-o', str(swept), *SWEEP, '--resume']) == 2
+    assert sweep_command([str(bag), '-o', str(swept), *SWEEP, '--resume']) == 2
     assert 'point.json is damaged' in capsys.readouterr().err
     file.write_bytes(whole)
 
@@ -116,7 +116,7 @@ def test_a_damaged_point_is_refused_by_name(swept, bag, capsys):
 def teacher(bag, tmp_path_factory):
     output = tmp_path_factory.mktemp('runs') / 'teacher'
     options = ['--folds', '1', '--epochs', '12', '--hidden', '24', '--workers', '1']
-    assert train_command.main([str(bag), '-o', str(output), *options]) == 0
+    assert train_command([str(bag), '-o', str(output), *options]) == 0
     return output
 
 
@@ -124,7 +124,7 @@ def teacher(bag, tmp_path_factory):
 def student(teacher, bag, tmp_path_factory):
     output = tmp_path_factory.mktemp('runs') / 'student'
     options = ['--hidden', '16', '--epochs', '20', '--workers', '1', '--robots', '2', '8']
-    assert distil_command.main([str(teacher), str(bag), '-o', str(output), *options]) == 0
+    assert distil_command([str(teacher), str(bag), '-o', str(output), *options]) == 0
     return output
 
 
@@ -154,9 +154,9 @@ def test_the_student_is_kept_from_what_the_teacher_has_not_seen(student, teacher
 
 def test_a_student_is_smaller_than_its_teacher(teacher, bag, tmp_path, capsys):
     out = str(tmp_path / 'run')
-    assert distil_command.main([str(teacher), str(bag), '-o', out, '--hidden', '24']) == 2
+    assert distil_command([str(teacher), str(bag), '-o', out, '--hidden', '24']) == 2
     assert 'hidden = 24 is not below the 24 of the teacher' in capsys.readouterr().err
-    assert distil_command.main([str(tmp_path / 'none'), str(bag), '-o', out]) == 2
+    assert distil_command([str(tmp_path / 'none'), str(bag), '-o', out]) == 2
     assert 'no such file' in capsys.readouterr().err
 
 
@@ -166,7 +166,7 @@ def test_costs_are_measured(checkpoint):
     assert 0 < policy_step_cost(PowerPredictionNetwork(checkpoint), ('LF_HAA',), 4) < 1e6
 
 
-@pytest.mark.parametrize('main', [sweep_command.main, distil_command.main])
+@pytest.mark.parametrize('main', [sweep_command, distil_command])
 def test_help_of_selection_shows_an_example(main, capsys):
     with pytest.raises(SystemExit) as end:
         main(['--help'])

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from distributed import LocalCluster
-from power_estimator.commands import sweep as sweep_command
-from power_estimator.commands import train as train_command
+from power_estimator.commands.arguments import sweep as sweep_command
+from power_estimator.commands.arguments import train as train_command
 from power_estimator.drive_types import infer_types
 from power_estimator.network.checkpoint import NetworkConfig
 from power_estimator.recordings import training_set
@@ -59,7 +59,7 @@ def task(given, validation, tmp_path):
 def test_a_scheduler_trains_the_same_networks_as_threads(bag, scheduler, tmp_path):
     runs = [tmp_path / 'threads', tmp_path / 'scheduler']
     for run, place in zip(runs, (['--workers', '1'], scheduler), strict=True):
-        assert train_command.main([str(bag), '-o', str(run), *TRAIN, *place]) == 0
+        assert train_command([str(bag), '-o', str(run), *TRAIN, *place]) == 0
     for file in ('model.safetensors', 'folds/1.safetensors', 'table.json', 'curves.json'):
         assert (runs[0] / file).read_bytes() == (runs[1] / file).read_bytes()
     assert not (runs[1] / 'state').exists()
@@ -68,7 +68,7 @@ def test_a_scheduler_trains_the_same_networks_as_threads(bag, scheduler, tmp_pat
 def test_a_scheduler_sweeps_to_the_same_scores_as_threads(bag, scheduler, tmp_path):
     runs = [tmp_path / 'threads', tmp_path / 'scheduler']
     for run, place in zip(runs, (['--workers', '1'], scheduler), strict=True):
-        assert sweep_command.main([str(bag), '-o', str(run), *SWEEP, *place]) == 0
+        assert sweep_command([str(bag), '-o', str(run), *SWEEP, *place]) == 0
     tables = [json.loads((run / 'table.json').read_text())['points'] for run in runs]
     assert [point['types'] for point in tables[0]] == [point['types'] for point in tables[1]]
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
-from power_estimator.effects.fit.training import fit_model
 from power_estimator.effects.model_file.model import FittedValue
+from power_estimator.effects.training import fit_model
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.loader import load_model

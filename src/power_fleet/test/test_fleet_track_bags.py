@@ -9,7 +9,7 @@ from aligned_bag import write
 from power_estimator.judge.recordings import load
 from power_fleet.commands.arguments import track as track_command
 from power_fleet.track import reading
-from power_lab.commands import fit as fit_command
+from power_lab.commands.arguments import fit as fit_command
 from truth_circuit import Truth, record
 
 KNOWN = ('copper_loss', 'viscous_friction', 'coulomb_friction', 'idle')
@@ -30,9 +30,7 @@ def days(tmp_path_factory):
         )
         bags.append(str(bag))
     base = folder / 'base.yaml'
-    assert (
-        fit_command.main([bags[0], '--effects', ','.join(('shaft', *KNOWN)), '-o', str(base)]) == 0
-    )
+    assert fit_command([bags[0], '--effects', ','.join(('shaft', *KNOWN)), '-o', str(base)]) == 0
     return bags, base
 
 

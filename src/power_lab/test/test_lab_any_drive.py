@@ -8,7 +8,7 @@ import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.model_file.model import FittedValue
 from power_estimator.effects.model_file.yaml_file import read_model
-from power_lab.commands import compare, diagnose, fit
+from power_lab.commands.arguments import compare, diagnose, fit
 from power_lab.commands.options import console
 from power_lab.report.tables import print_model
 from power_recordings.commands.arguments import import_logs
@@ -68,9 +68,9 @@ def recording(
 def fitted(bag, tmp_path, *options):
     model, found = tmp_path / 'm.yaml', tmp_path / 'fit.json'
     arguments = [str(bag), '--effects', 'shaft,copper_loss,idle', *options]
-    assert fit.main([*arguments, '-o', str(model), '--json', str(found)]) == 0
+    assert fit([*arguments, '-o', str(model), '--json', str(found)]) == 0
     scores = tmp_path / 'compare.json'
-    assert compare.main([str(bag), '--models', str(model), *options, '--json', str(scores)]) == 0
+    assert compare([str(bag), '--models', str(model), *options, '--json', str(scores)]) == 0
     return model, json.loads(scores.read_text())['models'][0]
 
 
@@ -89,15 +89,15 @@ def test_the_drives_of_a_robot_that_is_metered_as_a_whole_are_told_apart(tmp_pat
     assert scores['drives']['robot']['r2'] > 0.99
     assert 'only the power of the whole robot was measured' in capsys.readouterr().out
     found = tmp_path / 'd.json'
-    assert diagnose.main([str(bag), '--model', str(model), '--json', str(found)]) == 0
+    assert diagnose([str(bag), '--model', str(model), '--json', str(found)]) == 0
     assert json.loads(found.read_text())['verdict'] == 'no_evidence'
 
 
 def test_an_effect_that_a_whole_robots_model_lacks_is_named(tmp_path):
     bag = recording(tmp_path, SUPPLY)
     model, found = tmp_path / 'm.yaml', tmp_path / 'd.json'
-    assert fit.main([str(bag), '--effects', 'shaft,idle', '-o', str(model)]) == 0
-    assert diagnose.main([str(bag), '--model', str(model), '--json', str(found)]) == 0
+    assert fit([str(bag), '--effects', 'shaft,idle', '-o', str(model)]) == 0
+    assert diagnose([str(bag), '--model', str(model), '--json', str(found)]) == 0
     outcome = json.loads(found.read_text())
     assert (outcome['verdict'], outcome['effects']) == ('named', ['copper_loss'])
 
@@ -105,7 +105,7 @@ def test_an_effect_that_a_whole_robots_model_lacks_is_named(tmp_path):
 def test_a_slow_meter_is_refused_and_with_slow_judged_by_its_energy(tmp_path, capsys):
     bag = recording(tmp_path, DRIVE, hold=0.5, seconds=300.0)
     arguments = [str(bag), '--effects', 'shaft,copper_loss,idle', '-o', str(tmp_path / 'no.yaml')]
-    assert fit.main(arguments) == 2
+    assert fit(arguments) == 2
     error = capsys.readouterr().err
     assert 'changes 2 times a second' in error
     assert '--slow' in error
@@ -121,9 +121,9 @@ def test_a_meter_that_changes_too_seldom_for_the_recordings_length_decides_nothi
     bag = recording(tmp_path, DRIVE, hold=10.0, seconds=90.0)
     output = tmp_path / 'no.yaml'
     arguments = [str(bag), '--effects', 'shaft,copper_loss,idle', '-o', str(output)]
-    assert fit.main(arguments) == 2
+    assert fit(arguments) == 2
     assert 'changes 0.1 times a second' in capsys.readouterr().err
-    assert fit.main([*arguments, '--slow']) == 2
+    assert fit([*arguments, '--slow']) == 2
     error = capsys.readouterr().err.strip()
     assert 'windows of 30 s; ' in error
     assert 'record 360 s or more' in error
@@ -136,9 +136,9 @@ def test_a_drive_with_a_dead_meter_hinders_no_other(tmp_path, capsys):
     dead += '    voltage: {value: 48, unit: V}\n    power: {value: 3, unit: W}'
     bag = recording(tmp_path, DRIVE + dead)
     arguments = [str(bag), '--effects', 'shaft,copper_loss,idle', '-o', str(tmp_path / 'm.yaml')]
-    assert fit.main(arguments) == 2
+    assert fit(arguments) == 2
     assert 'Z0 changes 0 times a second' in capsys.readouterr().err
-    assert fit.main([*arguments, '--drives', 'J0', 'J1']) == 0
+    assert fit([*arguments, '--drives', 'J0', 'J1']) == 0
 
 
 def test_updates_are_counted_in_the_time_of_rows_and_below_one_in_two_seconds():
@@ -157,19 +157,19 @@ def test_a_model_of_some_drives_says_which_of_a_whole_robot_it_lacks(tmp_path, c
     model = tmp_path / 'm.yaml'
     one = recording(tmp_path / 'one', DRIVE)
     effects = ['--effects', 'shaft,copper_loss,idle']
-    assert fit.main([str(one), '--drives', 'J0', *effects, '-o', str(model)]) == 0
+    assert fit([str(one), '--drives', 'J0', *effects, '-o', str(model)]) == 0
     whole = recording(tmp_path, SUPPLY)
-    assert compare.main([str(whole), '--models', str(model)]) == 2
+    assert compare([str(whole), '--models', str(model)]) == 2
     assert capsys.readouterr().err.strip().endswith('m lacks the power of J1')
 
 
 def test_a_whole_robots_power_is_no_choice_of_its_drives_and_takes_a_base(tmp_path, capsys):
     bag = recording(tmp_path, SUPPLY)
     arguments = [str(bag), '--effects', 'shaft,copper_loss,idle', '-o', str(tmp_path / 'm.yaml')]
-    assert fit.main([*arguments, '--drives', 'J0']) == 2
+    assert fit([*arguments, '--drives', 'J0']) == 2
     assert 'only the whole robot was metered' in capsys.readouterr().err
     from power_estimator.effects import builtin_catalogue
-    from power_estimator.effects.fit.training import Active, fit_model, material
+    from power_estimator.effects.training import Active, fit_model, material
     from power_estimator.judge.recordings import load
 
     data, catalogue = load([bag]).data, builtin_catalogue()
@@ -184,12 +184,12 @@ def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_men
 ):
     bag = recording(tmp_path, DRIVE, units='torque: {from: tau*, unit: mN*m, at: motor}')
     arguments = [str(bag), '--effects', 'shaft,idle', '-o', str(tmp_path / 'no.yaml')]
-    assert fit.main(arguments) == 2
+    assert fit(arguments) == 2
     error = capsys.readouterr().err.strip()
     assert '\n' not in error
     assert 'power grows by 1e+03 W with each W of torque × speed' in error
     assert 'in the map: current: {unit: mA}' in error
-    assert fit.main([*arguments, '--anyway']) == 0
+    assert fit([*arguments, '--anyway']) == 0
 
 
 def test_fit_tells_the_power_balance_before_any_physics_and_errors_of_the_measurement(
@@ -198,7 +198,7 @@ def test_fit_tells_the_power_balance_before_any_physics_and_errors_of_the_measur
     bag = recording(tmp_path, DRIVE.replace('unit: W', 'unit: W, scale: 1.15'))
     model, found = tmp_path / 'm.yaml', tmp_path / 'f.json'
     effects = ['--effects', 'shaft,copper_loss,idle']
-    assert fit.main([str(bag), *effects, '-o', str(model), '--json', str(found)]) == 0
+    assert fit([str(bag), *effects, '-o', str(model), '--json', str(found)]) == 0
     out = capsys.readouterr().out
     content = json.loads(found.read_text())
     balance = content['power_balance']['J0']
@@ -254,8 +254,8 @@ def test_recordings_of_any_rate_give_the_same_copper_loss(tmp_path, rate):
 def test_a_drive_without_position_gets_a_verdict(tmp_path):
     bag = recording(tmp_path, DRIVE, units='position: {from: none, unit: rad, optional: true}')
     model, found = tmp_path / 'm.yaml', tmp_path / 'd.json'
-    assert fit.main([str(bag), '--effects', 'shaft,idle', '-o', str(model)]) == 0
-    assert diagnose.main([str(bag), '--model', str(model), '--json', str(found)]) == 0
+    assert fit([str(bag), '--effects', 'shaft,idle', '-o', str(model)]) == 0
+    assert diagnose([str(bag), '--model', str(model), '--json', str(found)]) == 0
     assert json.loads(found.read_text())['effects'] == ['copper_loss']
 
 

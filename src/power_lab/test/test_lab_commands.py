@@ -20,13 +20,13 @@ from power_lab.challenge.challenge import (
     seal,
     unseal,
 )
-from power_lab.commands import add as add_command
-from power_lab.commands import challenge as challenge_command
-from power_lab.commands import compare as compare_command
-from power_lab.commands import diagnose as diagnose_command
-from power_lab.commands import execute as execute_command
-from power_lab.commands import fit as fit_command
-from power_lab.commands import to_plant as to_plant_command
+from power_lab.commands.arguments import add as add_command
+from power_lab.commands.arguments import compare as compare_command
+from power_lab.commands.arguments import diagnose as diagnose_command
+from power_lab.commands.arguments import execute as execute_command
+from power_lab.commands.arguments import fit as fit_command
+from power_lab.commands.arguments import reveal
+from power_lab.commands.arguments import to_plant as to_plant_command
 from power_recordings.card import Card
 from sim_bridge.offline.run import run_offline
 from sim_bridge.plant.parameters import Plant
@@ -37,14 +37,14 @@ KNOWN = 'shaft,copper_loss,viscous_friction,coulomb_friction,rotor_inertia,idle'
 @pytest.fixture(scope='module')
 def base(bag, tmp_path_factory):
     path = tmp_path_factory.mktemp('models') / 'base.yaml'
-    assert fit_command.main([str(bag), '--effects', KNOWN, '-o', str(path)]) == 0
+    assert fit_command([str(bag), '--effects', KNOWN, '-o', str(path)]) == 0
     return path
 
 
 def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path, capsys):
     found, html, motion = (tmp_path / name for name in ('d.json', 'd.html', 'next.yaml'))
     outputs = ['--json', str(found), '--report', str(html), '--motion', str(motion)]
-    assert diagnose_command.main([str(bag), '--model', str(base), *outputs]) == 0
+    assert diagnose_command([str(bag), '--model', str(base), *outputs]) == 0
     told = json.loads(found.read_text())
     assert told['verdict'] == 'named'
     assert told['effects'] == ['load_friction']
@@ -69,10 +69,10 @@ def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path,
 
     better, compared = tmp_path / 'better.yaml', tmp_path / 'c.json'
     arguments = ['load_friction', '--to', str(base), '--bag', str(bag), '-o', str(better)]
-    assert add_command.main(arguments) == 0
+    assert add_command(arguments) == 0
     assert [e['step'] for e in yaml.safe_load(better.read_text())['history']] == ['fit', 'add']
     models = [str(base), str(better), 'mechanical_power']
-    assert compare_command.main([str(bag), '--models', *models, '--json', str(compared)]) == 0
+    assert compare_command([str(bag), '--models', *models, '--json', str(compared)]) == 0
     told = {model['name']: model for model in json.loads(compared.read_text())['models']}
     assert set(told) == {'base', 'better', 'mechanical_power'}
     errors = [told[name]['drives']['LF_KFE']['rmse_w'] for name in told]
@@ -82,7 +82,7 @@ def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path,
     assert told['base']['regimes'][0]['text']
 
     plant = tmp_path / 'plant.yaml'
-    assert to_plant_command.main([str(better), '-o', str(plant)]) == 0
+    assert to_plant_command([str(better), '-o', str(plant)]) == 0
     effects = dict(Plant.load(plant).effects)
     assert effects['load_friction'].scale == pytest.approx(2.5, rel=0.4)
     assert effects['stribeck_friction'].scale == 0.0
@@ -91,8 +91,8 @@ def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path,
 def test_where_nothing_is_missing_it_says_what_could_hide_and_how_to_see_it(bag, tmp_path):
     model, found = tmp_path / 'whole.yaml', tmp_path / 'd.json'
     effects = ['--effects', f'{KNOWN},load_friction', '-o', str(model)]
-    assert fit_command.main([str(bag), *effects]) == 0
-    assert diagnose_command.main([str(bag), '--model', str(model), '--json', str(found)]) == 0
+    assert fit_command([str(bag), *effects]) == 0
+    assert diagnose_command([str(bag), '--model', str(model), '--json', str(found)]) == 0
     told = json.loads(found.read_text())
     assert told['verdict'] == 'no_evidence'
     hidden = {row['name']: row['could_hide_w'] for row in told['candidates']}
@@ -125,13 +125,13 @@ def test_a_users_own_effect_is_fitted_and_kept_by_name(bag, tmp_path):
     )
     own = ['--effects-path', str(mine)]
     effects = ['--effects', f'{KNOWN},cable_drag', '-o', str(path)]
-    assert fit_command.main([str(bag), *effects, *own]) == 0
-    assert compare_command.main([str(bag), '--models', str(path), *own]) == 0
-    assert compare_command.main([str(bag), '--models', str(path)]) == 2
+    assert fit_command([str(bag), *effects, *own]) == 0
+    assert compare_command([str(bag), '--models', str(path), *own]) == 0
+    assert compare_command([str(bag), '--models', str(path)]) == 2
 
 
 def fails(capsys, command, arguments):
-    assert command.main([str(argument) for argument in arguments]) == 2
+    assert command([str(argument) for argument in arguments]) == 2
     error = capsys.readouterr().err.strip()
     assert 'Traceback' not in error
     assert error.count('\n') == 0
@@ -148,7 +148,7 @@ def test_a_fit_onto_a_full_disk_leaves_neither_model_nor_json(bag, tmp_path, cap
 
     monkeypatch.setattr(os, 'fsync', fsync)
     outputs = ['-o', str(tmp_path / 'm.yaml'), '--json', str(tmp_path / 'm.json')]
-    assert fit_command.main([str(bag), '--effects', 'shaft,idle', *outputs]) == 2
+    assert fit_command([str(bag), '--effects', 'shaft,idle', *outputs]) == 2
     assert len(written) == 2
     assert 'the disk is full' in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
@@ -208,7 +208,7 @@ def test_a_user_effect_that_raises_or_returns_nan_ends_in_one_line(bag, tmp_path
 def test_a_recording_too_short_or_too_still_says_what_is_missing(tmp_path, capsys):
     short = run_offline(tmp_path / 'short', duration=6.0, seed=1, drives=('LF_KFE',))
     arguments = [short, '--effects', 'shaft,idle', '-o', tmp_path / 'm.yaml']
-    assert fit_command.main([str(argument) for argument in arguments]) == 0
+    assert fit_command([str(argument) for argument in arguments]) == 0
     assert '5.5 s are little: believe the intervals' in capsys.readouterr().out
     again = [short, '--model', tmp_path / 'm.yaml']
     assert 'record 20 s or more' in fails(capsys, diagnose_command, again)
@@ -229,19 +229,16 @@ def test_a_challenge_is_sealed_and_revealed(tmp_path, capsys):
     assert unseal(bag) == challenge.content()
     found = tmp_path / 'd.json'
     found.write_text(json.dumps({'verdict': 'named', 'effects': list(challenge.hidden)}))
-    assert challenge_command.reveal([str(bag), '--diagnosis', str(found)]) == 0
+    assert reveal([str(bag), '--diagnosis', str(found)]) == 0
     out = capsys.readouterr().out
     assert 'inverter loss' in out
     assert 'is right' in out
 
 
 def test_a_damaged_or_missing_seal_is_said(tmp_path, capsys):
-    class Reveal:
-        main = staticmethod(challenge_command.reveal)
-
-    assert 'no challenge' in fails(capsys, Reveal, [tmp_path])
+    assert 'no challenge' in fails(capsys, reveal, [tmp_path])
     (tmp_path / SEALED).write_text('rubbish\n')
-    assert 'damaged' in fails(capsys, Reveal, [tmp_path])
+    assert 'damaged' in fails(capsys, reveal, [tmp_path])
 
 
 def test_seeds_draw_every_kind_of_challenge():
@@ -285,7 +282,7 @@ def test_the_controller_of_a_card_is_used_where_recordings_differ(bag, base, tmp
     Card(**{**card.__dict__, 'controller': 'another'}).save(other)
     out = tmp_path / 'c.json'
     models = ['--models', str(base), '--json', str(out)]
-    assert compare_command.main([str(bag), str(other), *models]) == 0
+    assert compare_command([str(bag), str(other), *models]) == 0
     assert json.loads(out.read_text())['seconds'] > 80
 
 
@@ -305,7 +302,7 @@ segments:
 def test_the_recording_that_was_asked_for_is_executed_on_the_bench(tmp_path):
     file, bag = tmp_path / 'next.yaml', tmp_path / 'next'
     file.write_text(MOTION)
-    assert execute_command.main([str(file), '-o', str(bag)]) == 0
+    assert execute_command([str(file), '-o', str(bag)]) == 0
     data = load([bag]).data
     since = data.time - data.time[0]
     assert data.names == ('LF_KFE',)
@@ -321,7 +318,7 @@ def test_the_recording_that_was_asked_for_is_executed_on_the_bench(tmp_path):
 def test_recordings_of_a_robot_and_of_one_drive_are_judged_on_what_they_share(bag, tmp_path):
     file, one = tmp_path / 'next.yaml', tmp_path / 'next'
     file.write_text(MOTION)
-    assert execute_command.main([str(file), '-o', str(one)]) == 0
+    assert execute_command([str(file), '-o', str(one)]) == 0
     both = load([bag, one])
     assert both.data.names == ('LF_KFE',)
     assert set(both.data.recording.tolist()) == {0, 1}
@@ -334,7 +331,7 @@ def test_the_bench_takes_the_robot_of_a_challenge_without_opening_the_seal(tmp_p
     challenge = Challenge(('idle',), 2.0, ('shaft', 'copper_loss'), 7)
     seal(challenge, bag)
     assert Challenge.of(unseal(bag)) == challenge
-    assert execute_command.main([str(file), '--challenge', str(bag), '-o', str(out)]) == 0
+    assert execute_command([str(file), '--challenge', str(bag), '-o', str(out)]) == 0
     assert 'idle' not in capsys.readouterr().out + Card.load(out).notes
     data = load([out]).data
     rest = (data.time - data.time[0] > 1.0) & (data.time - data.time[0] < 2.5)

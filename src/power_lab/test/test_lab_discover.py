@@ -13,13 +13,13 @@ from power_estimator.effects import Term, builtin_catalogue, load_catalogue
 from power_estimator.effects.catalogue import Catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
-from power_estimator.effects.fit.training import material
 from power_estimator.effects.signals.carried import Carried
 from power_estimator.effects.signals.prepared import signals_of
-from power_lab.commands import add as add_command
-from power_lab.commands import compare as compare_command
-from power_lab.commands import discover as discover_command
-from power_lab.commands import fit as fit_command
+from power_estimator.effects.training import material
+from power_lab.commands.arguments import add as add_command
+from power_lab.commands.arguments import compare as compare_command
+from power_lab.commands.arguments import discover as discover_command
+from power_lab.commands.arguments import fit as fit_command
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import Written, effect_source
 from power_lab.discover.formula import Formula, Place, principal
@@ -87,7 +87,7 @@ def bags(tmp_path_factory):
         for seed in (1, 2)
     ]
     base = folder / 'base.yaml'
-    assert fit_command.main([str(found[0]), '--effects', ','.join(KNOWN), '-o', str(base)]) == 0
+    assert fit_command([str(found[0]), '--effects', ','.join(KNOWN), '-o', str(base)]) == 0
     return (*found, base)
 
 
@@ -98,7 +98,7 @@ def test_a_rub_in_a_window_is_written_added_and_halves_the_error_of_another_walk
     effect, told, page = (tmp_path / name for name in ('effect.py', 'd.json', 'd.html'))
     outputs = ['-o', str(effect), '--json', str(told), '--report', str(page)]
     arguments = [str(walk), '--test', str(other), '--model', str(base), *outputs]
-    assert discover_command.main(arguments) == 0
+    assert discover_command(arguments) == 0
     content = json.loads(told.read_text())
     (found,) = content['found']
     assert found['kind'] == 'position'
@@ -114,9 +114,9 @@ def test_a_rub_in_a_window_is_written_added_and_halves_the_error_of_another_walk
     better, compared = tmp_path / 'better.yaml', tmp_path / 'c.json'
     own = ['--effects-path', str(effect)]
     added = [found['name'], '--to', str(base), '--bag', str(walk), '-o', str(better), *own]
-    assert add_command.main(added) == 0
+    assert add_command(added) == 0
     models = ['--models', str(base), str(better), '--json', str(compared), *own]
-    assert compare_command.main([str(other), *models]) == 0
+    assert compare_command([str(other), *models]) == 0
     before, after = json.loads(compared.read_text())['models']
     for drive in found['drives']:
         assert after['drives'][drive]['rmse_w'] < 0.5 * before['drives'][drive]['rmse_w']
@@ -125,9 +125,9 @@ def test_a_rub_in_a_window_is_written_added_and_halves_the_error_of_another_walk
 def test_where_nothing_is_missing_nothing_is_written_and_the_verdict_says_so(tmp_path, capsys):
     walk = write(tmp_path / 'walk', recorded('', 'walk', seed=4, unit=4, seconds=60.0))
     base, effect, told = (tmp_path / name for name in ('base.yaml', 'effect.py', 'd.json'))
-    assert fit_command.main([str(walk), '--effects', ','.join(KNOWN), '-o', str(base)]) == 0
+    assert fit_command([str(walk), '--effects', ','.join(KNOWN), '-o', str(base)]) == 0
     outputs = ['-o', str(effect), '--json', str(told)]
-    assert discover_command.main([str(walk), '--model', str(base), *outputs]) == 0
+    assert discover_command([str(walk), '--model', str(base), *outputs]) == 0
     content = json.loads(told.read_text())
     assert content['found'] == []
     assert content['nothing']
@@ -140,7 +140,7 @@ def test_an_effect_that_the_other_recording_lacks_does_not_transfer(bags, tmp_pa
     other = write(tmp_path / 'other', recorded('', 'walk', seed=2, unit=3, seconds=60.0))
     told = tmp_path / 'd.json'
     arguments = [str(walk), str(other), '--model', str(base), '-o', str(tmp_path / 'effect.py')]
-    assert discover_command.main([*arguments, '--json', str(told)]) == 0
+    assert discover_command([*arguments, '--json', str(told)]) == 0
     content = json.loads(told.read_text())
     assert content['tested_on'] == ['other']
     assert [one['transfers'] for one in content['found']] == [False]
@@ -353,5 +353,5 @@ def test_the_last_of_several_recordings_tests_what_the_others_show():
 
 def test_a_file_that_is_not_python_is_refused_before_anything_is_read(tmp_path, capsys):
     arguments = ['nowhere', '--model', 'base.yaml', '-o', str(tmp_path / 'effect.txt')]
-    assert discover_command.main(arguments) == 2
+    assert discover_command(arguments) == 2
     assert '.py' in capsys.readouterr().err

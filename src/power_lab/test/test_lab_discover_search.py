@@ -7,7 +7,7 @@ import pytest
 from power_estimator.effects import Effect, Excitation, Term, builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
-from power_estimator.effects.fit.training import material
+from power_estimator.effects.training import material
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.found import Found
 from power_lab.discover.superseded import without_superseded

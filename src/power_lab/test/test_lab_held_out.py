@@ -7,9 +7,9 @@ import pytest
 from power_estimator.drive_types import infer_types
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
-from power_estimator.effects.fit.training import fit_model, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import write_model
+from power_estimator.effects.training import fit_model, material
 from power_estimator.judge.held_out import base_power
 from power_estimator.judge.recordings import load
 from power_estimator.network.checkpoint import (

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from power_estimator.commands import benchmark as benchmark_command
+from power_estimator.commands.arguments import benchmark as benchmark_command
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.model_file.yaml_file import read_model
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import load
-from power_lab.commands import add as add_command
-from power_lab.commands import compare as compare_command
-from power_lab.commands import diagnose as diagnose_command
-from power_lab.commands import fit as fit_command
+from power_lab.commands.arguments import add as add_command
+from power_lab.commands.arguments import compare as compare_command
+from power_lab.commands.arguments import diagnose as diagnose_command
+from power_lab.commands.arguments import fit as fit_command
 from power_lab.report.staircase import Stairs
 
 WALK = str(Path(__file__).resolve().parents[3] / 'bags' / 'walk_small')
@@ -27,11 +27,11 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp('models')
     base, better = (str(folder / f'{name}.yaml') for name in ('base', 'better'))
     effects = ['--effects', 'shaft,copper_loss,idle']
-    assert fit_command.main([WALK, *effects, '-o', base]) == 0
-    assert add_command.main(['load_friction', '--to', base, '--bag', WALK, '-o', better]) == 0
+    assert fit_command([WALK, *effects, '-o', base]) == 0
+    assert add_command(['load_friction', '--to', base, '--bag', WALK, '-o', better]) == 0
     for name, command in (('compare', compare_command), ('benchmark', benchmark_command)):
         file = str(folder / f'{name}.json')
-        assert command.main([WALK, '--models', base, better, '--json', file]) == 0
+        assert command([WALK, '--models', base, better, '--json', file]) == 0
     return folder
 
 
@@ -57,7 +57,7 @@ def test_fit_add_compare_and_benchmark_have_the_same_figures(made):
 def test_a_diagnosis_and_its_page_have_the_same_figure(made):
     file, page = str(made / 'why.json'), made / 'why.html'
     command = [WALK, '--model', str(made / 'better.yaml'), '--json', file, '--report', str(page)]
-    assert diagnose_command.main(command) == 0
+    assert diagnose_command(command) == 0
     compared = json.loads((made / 'compare.json').read_text())['models']
     drives = json.loads(Path(file).read_text())['drives']
     assert errors(drives) == pytest.approx(errors(compared[1]['drives']), abs=1e-6)

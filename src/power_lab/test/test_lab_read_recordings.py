@@ -13,7 +13,7 @@ from power_estimator.judge.read_recordings import (
     read_on_workers,
 )
 from power_estimator.judge.recordings import load
-from power_lab.commands import compare
+from power_lab.commands.arguments import compare
 from power_recordings.commands.arguments import import_logs
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine
@@ -94,7 +94,7 @@ def test_two_processes_come_to_the_same_comparison(swings, tmp_path):
     told = [tmp_path / 'one.json', tmp_path / 'two.json']
     for workers, file in zip('12', told, strict=True):
         arguments = [*map(str, swings[:2]), '--models', str(model), '--json', str(file)]
-        assert compare.main([*arguments, '--workers', workers]) == 0
+        assert compare([*arguments, '--workers', workers]) == 0
     assert json.loads(told[0].read_text()) == json.loads(told[1].read_text())
 
 

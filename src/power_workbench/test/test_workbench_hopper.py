@@ -4,9 +4,9 @@ import json
 import shutil
 
 import pytest
-from power_lab.commands import add as add_command
-from power_lab.commands import compare as compare_command
-from power_lab.commands import fit as fit_command
+from power_lab.commands.arguments import add as add_command
+from power_lab.commands.arguments import compare as compare_command
+from power_lab.commands.arguments import fit as fit_command
 from power_workbench.sessions.steps import SessionRecord
 from real_logs import REAL
 from workbench_page import BROWSER, page_of, served
@@ -92,12 +92,12 @@ def test_numbers_of_the_page_are_those_of_the_commands(hopped, tmp_path):
     bag = opened.recordings[0]
     base, better = tmp_path / fit.model, tmp_path / add.model
     effects = ','.join(('shaft', 'copper_loss', 'idle'))
-    assert fit_command.main([bag, '--effects', effects, '-o', str(base)]) == 0
+    assert fit_command([bag, '--effects', effects, '-o', str(base)]) == 0
     arguments = ['inverter_loss', '--to', str(base), '--bag', bag, '-o', str(better)]
-    assert add_command.main(arguments) == 0
+    assert add_command(arguments) == 0
     for model, step in ((base, fit), (better, add)):
         told = tmp_path / 'compared.json'
-        assert compare_command.main([bag, '--models', str(model), '--json', str(told)]) == 0
+        assert compare_command([bag, '--models', str(model), '--json', str(told)]) == 0
         (own,) = json.loads(told.read_text())['models']
         errors = {meter: values['rmse_w'] for meter, values in own['drives'].items()}
         assert errors == pytest.approx(step.rmse_w, rel=1e-6)

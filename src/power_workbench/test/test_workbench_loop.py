@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from power_lab.commands import add as add_command
-from power_lab.commands import compare as compare_command
-from power_lab.commands import fit as fit_command
+from power_lab.commands.arguments import add as add_command
+from power_lab.commands.arguments import compare as compare_command
+from power_lab.commands.arguments import fit as fit_command
 from power_workbench.commands.arguments import replay_session as replay_command
 from power_workbench.sessions.steps import SessionRecord
 from workbench_page import BROWSER, page_of, served
@@ -58,7 +58,7 @@ def barriers_of(page):
 
 def errors(bag, model, folder):
     path = folder / 'compared.json'
-    assert compare_command.main([str(bag), '--models', str(model), '--json', str(path)]) == 0
+    assert compare_command([str(bag), '--models', str(model), '--json', str(path)]) == 0
     (told,) = json.loads(path.read_text())['models']
     return {meter: own['rmse_w'] for meter, own in told['drives'].items()}
 
@@ -172,9 +172,9 @@ def test_map_and_traces_are_linked_both_ways(walked):
 def test_numbers_of_the_page_are_those_of_the_commands(walked, bag, tmp_path):
     _, fit, add = SessionRecord.read(walked['session']).steps
     base, better = tmp_path / fit.model, tmp_path / add.model
-    assert fit_command.main([str(bag), '--effects', KNOWN, '-o', str(base)]) == 0
+    assert fit_command([str(bag), '--effects', KNOWN, '-o', str(base)]) == 0
     arguments = ['load_friction', '--to', str(base), '--bag', str(bag), '-o', str(better)]
-    assert add_command.main(arguments) == 0
+    assert add_command(arguments) == 0
     for model, step in ((base, fit), (better, add)):
         assert errors(bag, model, tmp_path) == pytest.approx(step.rmse_w, rel=1e-6)
         own = coefficients(walked['session'] / step.model)

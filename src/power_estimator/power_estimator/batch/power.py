@@ -17,8 +17,8 @@ from power_estimator.loader import load_model
 from power_estimator.model import PowerModel
 from power_estimator.network.checkpoint import Network
 from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.network.torch_lstm import PowerLstm
 from power_estimator.proxies import Proxy
-from power_estimator.training.trainer import PowerLstm
 
 Array = NDArray[np.float32] | Tensor
 

@@ -1,28 +1,18 @@
 """`ros2 run power_estimator benchmark`: models side by side on recordings."""
 
 import argparse
-from collections.abc import Sequence
-from pathlib import Path
 
-from wattwalk_core.command import command, command_parser
-from wattwalk_core.console import PICTURES, check_suffix, progress, write_json
+from power_recordings.reading.bag_folder import check_recordings
+from wattwalk_core.console import progress, write_json
 from wattwalk_core.files import together
 
-from power_estimator.proxies import PROXIES
+from power_estimator.evaluation import benchmark, figure
+from power_estimator.evaluation.tables import print_scores
 
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    options = _parser().parse_args(args)
-    check_suffix(options.picture, '--picture', PICTURES)
-
-    from power_recordings.reading.bag_folder import check_recordings
-
+def run(options: argparse.Namespace) -> int:
+    """Run the command with its options; return the exit code."""
     check_recordings(options.bags)
-
-    from power_estimator.evaluation import benchmark, figure
-    from power_estimator.evaluation.tables import print_scores
 
     with progress('reading, aligning and estimating'):
         found = benchmark.run(options.bags, options.models, options.drives)
@@ -38,28 +28,3 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.picture:
         print(f'pictures: {options.picture}, {bars}')
     return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(
-        'power_estimator benchmark',
-        'Compare power models on recordings: R², errors in W and in energy, all on samples that '
-        'they were not fitted to. Proxies are ' + ', '.join(PROXIES) + '.',
-        'example: ros2 run power_estimator benchmark bags/walk --models ppn:runs/first '
-        'torque_squared mechanical_power --json benchmark.json',
-    )
-    add = parser.add_argument
-    add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
-    add(
-        '--models',
-        nargs='+',
-        required=True,
-        metavar='MODEL',
-        help='ppn:RUN, model.yaml, proxy, plain (shaft + copper loss + idle), or recorded '
-        '(the live estimate in the recording)',
-    )
-    add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
-    add('--json', type=Path, metavar='FILE', help='write the table there')
-    add('--picture', type=Path, metavar='PNG', help='draw the estimates and the R² there')
-    add('--dark', action='store_true', help='pictures on a dark ground')
-    return parser

@@ -2,46 +2,36 @@
 
 import argparse
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command, command_parser
+from power_recordings.reading.bag_folder import check_recordings
+from rich.console import Console
 from wattwalk_core.console import output, print_table
-from wattwalk_core.engine.options import Workplace, add_workplace
+from wattwalk_core.engine.options import Workplace
 
-from power_estimator.commands.options import add_training
+from power_estimator import recordings
+from power_estimator.evaluation.cost import policy_step_cost
+from power_estimator.evaluation.tables import table
+from power_estimator.judge.recordings import load
+from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.training.distillation import (
+    STUDENT,
+    TEACHER,
+    Distillation,
+    DistillationResult,
+    in_order_of,
+)
+from power_estimator.training.progress_bars import TrainingBars
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
 from power_estimator.training.trainer_config import TrainerConfig
 
-if TYPE_CHECKING:
-    from power_estimator.training.distillation import DistillationResult
 
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    options = _parser().parse_args(args)
+def run(options: argparse.Namespace) -> int:
+    """Run the command with its options; return the exit code."""
     place = Workplace.of(options)
 
-    from power_recordings.reading.bag_folder import check_recordings
-
     check_recordings(options.bags)
-
-    from rich.console import Console
-
-    from power_estimator import recordings
-    from power_estimator.evaluation.cost import policy_step_cost
-    from power_estimator.evaluation.tables import TrainingBars, table
-    from power_estimator.judge.recordings import load
-    from power_estimator.network.ppn import PowerPredictionNetwork
-    from power_estimator.training.distillation import (
-        STUDENT,
-        TEACHER,
-        Distillation,
-        in_order_of,
-    )
 
     progress = Console(stderr=True)
     teacher = PowerPredictionNetwork.load(options.teacher)
@@ -95,7 +85,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _print(
-    found: 'DistillationResult',
+    found: DistillationResult,
     cost: Mapping[str, Mapping[str, float]],
     sizes: Mapping[str, int],
     drives: int,
@@ -120,23 +110,3 @@ def _print(
     print_table(output(140), columns, rows, title)
     imitation = ', '.join(f'{kind} {r2:.3f}' for kind, r2 in found.imitation.items())
     print(f'student against teacher, R²: {imitation}')
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(
-        'power_estimator distil',
-        'Train a small network on the outputs of a trained one, and set both side by '
-        'side: R² against the measured power, and what a policy step of 20 ms costs with many '
-        'robots at once. The result is a run folder like any other.',
-        'example: ros2 run power_estimator distil runs/paper bags/paper/* -o runs/small '
-        '--hidden 32',
-    )
-    add = parser.add_argument
-    add('teacher', type=Path, metavar='TEACHER', help='run folder or file of the trained network')
-    add_training(parser)
-    add_workplace(parser, 'networks', scheduler=False)
-    add('--hidden', type=int, default=32, help='hidden units of the small network (32)')
-    add(
-        '--robots', nargs='+', type=int, default=(64, 512, 4096), help='side by side, for the cost'
-    )
-    return parser

@@ -1,32 +1,24 @@
 """`ros2 run power_estimator replay`: any bag in, a bag of estimates out that plays beside it."""
 
 import argparse
-from collections.abc import Sequence
-from pathlib import Path
 from statistics import fmean
 
-from wattwalk_core.command import command, command_parser
+from power_recordings.card import Card
+from power_recordings.messages.cdr import POWER_ESTIMATE
+from power_recordings.reading.bag_folder import check_recordings
+from power_recordings.reading.reader import Recording
+from power_recordings.writing.writer import BagWriter
+from rich.console import Console
+from rich.progress import track
 from wattwalk_core.errors import InputError
 
+from power_estimator.live.replay import estimates, messages
+from power_estimator.loader import load_model
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    options = _parser().parse_args(args)
 
-    from power_recordings.reading.bag_folder import check_recordings
-
+def run(options: argparse.Namespace) -> int:
+    """Run the command with its options; return the exit code."""
     check_recordings([options.bag])
-
-    from power_recordings.card import Card
-    from power_recordings.messages.cdr import POWER_ESTIMATE
-    from power_recordings.reading.reader import Recording
-    from power_recordings.writing.writer import BagWriter
-    from rich.console import Console
-    from rich.progress import track
-
-    from power_estimator.live.replay import estimates, messages
-    from power_estimator.loader import load_model
 
     console = Console(stderr=True)
     model = load_model(options.model)
@@ -55,17 +47,3 @@ def main(args: Sequence[str] | None = None) -> int:
     print('both at once, where ROS 2 is installed:')
     print(f'  ros2 bag play {options.bag} & ros2 bag play {options.output}')
     return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(
-        'power_estimator replay',
-        'Estimate the power of every drive in a recording, as the live node would.',
-        'example: ros2 run power_estimator replay bags/walk --model ppn:runs/first '
-        '-o bags/walk_estimate',
-    )
-    parser.add_argument('bag', type=Path, help='recording with what the model needs')
-    parser.add_argument('--model', required=True, help='ppn:RUN, model.yaml, …')
-    parser.add_argument('-o', '--output', type=Path, required=True, help='new bag')
-    parser.add_argument('--overwrite', action='store_true', help='replace the output bag')
-    return parser

@@ -5,48 +5,39 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from wattwalk_core.command import command, command_parser
-from wattwalk_core.engine.options import Workplace, add_workplace
+from power_recordings.reading.bag_folder import check_recordings
+from rich.console import Console
+from wattwalk_core.engine.options import Workplace
 
-from power_estimator.commands.options import add_cross_validation, add_training, engine_of
+from power_estimator import recordings
+from power_estimator.commands.options import engine_of
+from power_estimator.drive_types import infer_types, parse_types
+from power_estimator.evaluation import figure
+from power_estimator.evaluation.tables import print_scores, table
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import load
 from power_estimator.network.checkpoint import NetworkConfig
+from power_estimator.training.cross_validation import CrossValidation, Job
+from power_estimator.training.on_workers import train_on_workers
+from power_estimator.training.progress_bars import TrainingBars
 from power_estimator.training.protocol import Protocol
 from power_estimator.training.run_folder import TABLE, NetworkRunFolder
+from power_estimator.training.trainer import Trainer
 from power_estimator.training.trainer_config import TrainerConfig
-
-if TYPE_CHECKING:
-    from power_estimator.training.cross_validation import Job
-    from power_estimator.training.trainer import Trainer
 
 TRACES = 'traces.png'
 BARS = 'r2.png'
 
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    options = _parser().parse_args(args)
+def run(options: argparse.Namespace) -> int:
+    """Run the command with its options; return the exit code."""
     place = Workplace.of(options)
     config = NetworkConfig(hidden=options.hidden, history=round(options.history * 200))
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
     protocol = Protocol(options.segments, options.folds, config.history)
 
-    from power_recordings.reading.bag_folder import check_recordings
-
     check_recordings(options.bags)
-
-    from rich.console import Console
-
-    from power_estimator import recordings
-    from power_estimator.drive_types import infer_types, parse_types
-    from power_estimator.evaluation import figure
-    from power_estimator.evaluation.tables import TrainingBars, print_scores, table
-    from power_estimator.judge.judge import Judge
-    from power_estimator.judge.recordings import load
-    from power_estimator.training.cross_validation import CrossValidation
-    from power_estimator.training.on_workers import train_on_workers
 
     progress = Console(stderr=True)
     with progress.status('reading and aligning'):
@@ -82,7 +73,7 @@ def main(args: Sequence[str] | None = None) -> int:
         TrainingBars(progress, jobs, training.epochs, folder.path) as bars,
     ):
 
-        def show(job: 'Job', trainer: 'Trainer') -> None:
+        def show(job: Job, trainer: Trainer) -> None:
             bars.show(job.name, trainer)
 
         if engine is None:
@@ -119,19 +110,3 @@ def _next(run: Path, bags: Sequence[Path]) -> None:
         f'  ros2 run power_estimator replay {shlex.quote(str(bags[0]))} --model {model} '
         f'-o {estimate}'
     )
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(
-        'power_estimator train',
-        'Train a Power Prediction Network per drive type on recordings and test it '
-        'and the usual proxies on held-out parts of them.',
-        'example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',
-    )
-    add_training(parser)
-    add_workplace(parser, 'networks')
-    add_cross_validation(parser, folds=6)
-    add = parser.add_argument
-    add('--hidden', type=int, default=NetworkConfig.hidden, help='hidden units (100)')
-    add('--history', type=float, default=0.3, help='seconds of the windowed form (0.3)')
-    return parser

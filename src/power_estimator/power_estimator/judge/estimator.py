@@ -13,9 +13,9 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.folds import Folds
-from power_estimator.effects.fit.training import Material, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared, prepare
+from power_estimator.effects.training import Material, material
 from power_estimator.judge.evidence import Examiner
 from power_estimator.judge.held_out import (
     HeldOutPower,

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
-from power_estimator.effects.fit.training import LEAST_SECONDS
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.training import LEAST_SECONDS
 from power_estimator.judge.recordings import Loaded
 from power_estimator.loader import load_model
 from power_estimator.model import PowerModel

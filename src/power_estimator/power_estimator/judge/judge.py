@@ -11,10 +11,10 @@ from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign, infer_types
 from power_estimator.effects import Catalogue, builtin_catalogue
-from power_estimator.effects.fit.training import Material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_estimator.effects.training import Material
 from power_estimator.judge.estimator import HeldOutEstimator
 from power_estimator.judge.held_out import base_power, knows
 from power_estimator.judge.recordings import Loaded

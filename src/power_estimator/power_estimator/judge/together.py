@@ -10,8 +10,8 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter, measurement_terms
 from power_estimator.effects.fit.per_recording import OWN_TERMS, in_step, own_delays, own_terms
-from power_estimator.effects.fit.training import Material
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.training import Material
 
 Floats = NDArray[np.float64]
 

@@ -1,5 +1,6 @@
 """The live estimate: joint states and commands in, power of every drive out at 50 Hz."""
 
+import argparse
 import math
 import time
 from array import array
@@ -16,6 +17,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.polled_topic import PolledTopic
+from wattwalk_core.nodes.running import run_node
 
 from drive_power_msgs.msg import DriveSupply, PowerEstimate
 from power_estimator.live.change_watch import WatchConfig
@@ -191,3 +193,8 @@ class PowerEstimator(Node):
 
 def _ns(stamp: Time) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the node until Ctrl-C; 2 for bad parameters or a model that cannot be loaded."""
+    return run_node(PowerEstimator, options.ros_args)

@@ -108,7 +108,7 @@ class Checkpoint:
 
     def save(self, path: Path) -> None:
         """Write atomically; InputError if the folder cannot be written."""
-        from safetensors.numpy import save
+        from safetensors.numpy import save  # only written files need it
 
         tensors = {
             f'{network.type.name}/{name}': np.ascontiguousarray(values)

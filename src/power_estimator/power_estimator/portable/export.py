@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from safetensors.numpy import save
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together, write_whole
 
@@ -30,8 +32,6 @@ def export(
     sample_rate: in Hz, of the samples that the TorchScript file takes. Returns the files.
     InputError for a drive of no type or a rate that is no whole part of the network's.
     """
-    from safetensors.numpy import save
-
     tensors = {
         f'{network.type.name}/{name}': np.ascontiguousarray(values, np.float32)
         for network in checkpoint.networks
@@ -71,8 +71,6 @@ def _in_si_units(network: Network) -> dict[str, NDArray[np.float64]]:
 
 
 def _scripted(file: Path, drives: Sequence[str], sample_rate: float) -> bytes:
-    import torch
-
     try:
         term = power_term.PowerTerm.load(file, drives, sample_rate)
     except ValueError as error:

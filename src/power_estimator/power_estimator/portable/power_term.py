@@ -107,7 +107,7 @@ class PowerTerm(nn.Module):
         a rule), or a whole part of it such as 50 Hz, where each sample is held. ValueError for
         another rate, a drive of no type, or another file.
         """
-        from safetensors import SafetensorError, safe_open
+        from safetensors import SafetensorError, safe_open  # only files of tensors need it
 
         try:
             with safe_open(str(file), framework='pt') as content:

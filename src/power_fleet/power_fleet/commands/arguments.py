@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from power_lab.commands import options as common
+from power_lab.commands import arguments as common
 from wattwalk_core.command import entry_point
 from wattwalk_core.console import check_suffix
 from wattwalk_core.engine.options import add_workplace
@@ -14,7 +14,7 @@ from wattwalk_core.errors import InputError
 @entry_point('power_fleet.commands.track:run')
 def track(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Arguments of track."""
-    parser = common.parser(
+    parser = common.lab_parser(
         'track',
         'Fit one model to each of many recordings and find what changes over time: an effect of '
         'a drive, or an error of its meter. At most one of twenty quiet histories raises an '
@@ -35,7 +35,7 @@ def track(args: Sequence[str] | None = None) -> argparse.Namespace:
 @entry_point('power_fleet.commands.challenge:run')
 def challenge(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Arguments of challenge."""
-    parser = common.parser(
+    parser = common.lab_parser(
         'challenge',
         'Record two simulated robots over months, in one of which a drive or its meter may '
         'change. The answer is sealed in the folder.',
@@ -62,7 +62,7 @@ def challenge(args: Sequence[str] | None = None) -> argparse.Namespace:
 @entry_point('power_fleet.commands.challenge:reveal')
 def reveal(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Arguments of reveal."""
-    parser = common.parser(
+    parser = common.lab_parser(
         'reveal',
         'Open the sealed answer of a fleet.',
         'example: ros2 run power_fleet reveal bags/fleet',

@@ -2,9 +2,11 @@
 
 import argparse
 
+from power_estimator.effects import load_catalogue
 from power_lab.commands import options as common
 from power_lab.compare.comparison import open_model
 from power_recordings.index.store import RecordingIndex, usual_path
+from power_recordings.reading.bag_folder import check_recordings
 from threadpoolctl import threadpool_limits
 from wattwalk_core.console import progress, write_json
 from wattwalk_core.engine.options import Workplace
@@ -20,8 +22,8 @@ from power_fleet.track.reading import Request
 
 def run(options: argparse.Namespace) -> int:
     """Run the command with its options; return the exit code."""
-    common.check_bags([path for path in options.bags if not path.exists()])
-    catalogue = common.catalogue_of(options)
+    check_recordings([path for path in options.bags if not path.exists()])
+    catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)
 
     model = model_of(open_model(options.model, catalogue), options.model)

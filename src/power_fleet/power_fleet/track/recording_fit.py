@@ -10,9 +10,9 @@ from power_estimator.effects.fit.blocks import Normal, modelled
 from power_estimator.effects.fit.delay_search import group_limits
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
-from power_estimator.effects.fit.training import material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_estimator.effects.training import material
 from power_recordings.alignment.dataset import AlignedDataset
 
 Floats = NDArray[np.float64]

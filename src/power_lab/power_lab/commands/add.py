@@ -1,58 +1,34 @@
 """`ros2 run power_lab add`: put an effect into a model, refit all, keep the history."""
 
+import argparse
 import math
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
-from wattwalk_core.command import command
-from wattwalk_core.console import check_suffix, progress, write_json
+from power_estimator.effects import load_catalogue
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.model_file.yaml_file import read_model, write_model
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import load
+from power_recordings.reading.bag_folder import check_recordings
+from wattwalk_core.console import progress, write_json
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
+from power_lab.compare.fitting import extended
+from power_lab.report.tables import print_model
 
-if TYPE_CHECKING:
-    from power_estimator.effects.model_file.model import EffectModel
 
-
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    parser = common.parser(
-        'add',
-        'Add an effect to a model: all coefficients are fitted anew, the history is kept.',
-        'example: ros2 run power_lab add load_friction --to base.yaml --bag bags/walk '
-        '-o better.yaml',
-    )
-    add = parser.add_argument
-    add('effects', nargs='+', metavar='EFFECT', help='what to add')
-    add('--to', required=True, type=Path, metavar='MODEL.yaml', help='the model as it is')
-    add('--bag', required=True, nargs='+', type=Path, metavar='BAG', help='recordings to fit on')
-    add('--drives', nargs='+', default=[], metavar='NAME', help='only these')
-    common.add_doubts(parser)
-    add('-o', '--output', type=Path, required=True, metavar='MODEL.yaml', help='file to write')
-    add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
-    add('--seed', type=int, default=0, help='of the bootstrap')
-    common.add_outputs(parser, report=False)
-    options = parser.parse_args(args)
-    check_suffix(options.output, '-o', ('.yaml',))
-    common.check_bags(options.bag)
-    catalogue = common.catalogue_of(options)
-
-    from power_estimator.effects.model_file.yaml_file import read_model, write_model
+def run(options: argparse.Namespace) -> int:
+    """Run the command with its options; return the exit code."""
+    check_recordings(options.bag)
+    catalogue = load_catalogue(options.effects_path)
 
     model = read_model(options.to, catalogue)
     new = common.parse_effects(options.effects, catalogue)
     for active in new:
         if active.name in model.effects:
             raise InputError(f'{active.name!r} is active in {options.to} already')
-
-    from power_estimator.judge.judge import Judge
-    from power_estimator.judge.recordings import load
-
-    from power_lab.compare.fitting import extended
-    from power_lab.report.tables import print_model
 
     with progress('reading and fitting'):
         loaded = load(options.bag, options.drives, slow=options.slow, anyway=options.anyway)
@@ -79,7 +55,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _print_staircase(model: 'EffectModel') -> None:
+def _print_staircase(model: EffectModel) -> None:
     print('held-out error over the drives, on the recordings of each step:')
     for entry in model.history:
         label = ', '.join(entry.get('added', entry.get('effects', [])))

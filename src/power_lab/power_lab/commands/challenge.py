@@ -1,47 +1,21 @@
 """`ros2 run power_lab challenge` and `reveal`: learn the lab on a hidden effect."""
 
+import argparse
 import json
-from collections.abc import Sequence
-from pathlib import Path
 
-from wattwalk_core.command import command
+from sim_bridge.plant.parameters import Plant
 from wattwalk_core.console import write_json
 from wattwalk_core.errors import InputError
 
-from power_lab.commands import options as common
+from power_lab.challenge.challenge import draw, score, seal, unseal
+from power_lab.structure.words import in_words
 
 DRIVES = ('LF_HAA', 'LF_HFE', 'LF_KFE')
 
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point of challenge."""
-    parser = common.parser(
-        'challenge',
-        'Record a walk of a simulated robot with an effect hidden in its drives (or none, or one '
-        'that no catalogue knows). The answer is sealed in the bag.',
-        'example: ros2 run power_lab challenge --seed 7 -o bags/riddle',
-        effects=False,
-    )
-    add = parser.add_argument
-    add('--seed', type=int, required=True, metavar='N', help='draws what is hidden')
-    add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
-    add('--walk', type=int, default=0, metavar='N', help='another walk of the same robot')
-    add('--duration', type=float, default=150.0, metavar='S', help='to record (default: 150)')
-    add('--plant', default='anymal_c', metavar='FILE', help='plant to hide it in')
-    add('--json', type=Path, metavar='FILE', help='write what the model may know as JSON')
-    add('--overwrite', action='store_true', help='replace a bag that is there')
-    options = parser.parse_args(args)
-    for name in ('seed', 'walk'):
-        if getattr(options, name) < 0:
-            raise InputError(f'--{name} {getattr(options, name)}: give a number from 0')
-    if not 30.0 <= options.duration <= 3600.0:
-        raise InputError(f'--duration {options.duration:g}: it must lie in 30..3600 s')
-
-    from sim_bridge.offline.run import run_offline
-    from sim_bridge.plant.parameters import Plant
-
-    from power_lab.challenge.challenge import draw, seal
+def run(options: argparse.Namespace) -> int:
+    """Run challenge with its options; return the exit code."""
+    from sim_bridge.offline.run import run_offline  # a bus, which analyses do without
 
     challenge = draw(options.seed)
     plant = challenge.plant(Plant.load(options.plant))
@@ -70,24 +44,8 @@ def main(args: Sequence[str] | None = None) -> int:
     return 0
 
 
-@command
-def reveal(args: Sequence[str] | None = None) -> int:
-    """Entry point of reveal."""
-    parser = common.parser(
-        'reveal',
-        'Open the sealed answer of a challenge.',
-        'example: ros2 run power_lab reveal bags/riddle --diagnosis why.json',
-        effects=False,
-    )
-    add = parser.add_argument
-    add('bag', type=Path, metavar='BAG', help='written by challenge')
-    add('--diagnosis', type=Path, metavar='FILE.json', help='what diagnose --json wrote')
-    add('--json', type=Path, metavar='FILE', help='write the answer as JSON')
-    options = parser.parse_args(args)
-
-    from power_lab.challenge.challenge import score, unseal
-    from power_lab.structure.words import in_words
-
+def reveal(options: argparse.Namespace) -> int:
+    """Run reveal with its options; return the exit code."""
     answer = unseal(options.bag)
     if answer.get('fleet'):
         raise InputError(

@@ -1,53 +1,28 @@
 """`ros2 run power_lab compare`: models against measurements, and where they fail."""
 
-from collections.abc import Sequence
+import argparse
 
-from wattwalk_core.command import command
-from wattwalk_core.console import check_suffix, progress, write_json
-from wattwalk_core.engine.options import Workplace, add_workplace
-from wattwalk_core.errors import InputError
+from power_estimator.effects import load_catalogue
+from power_estimator.judge.recordings import load
+from power_recordings.reading.bag_folder import check_recordings
+from wattwalk_core.console import progress, write_json
+from wattwalk_core.engine.options import Workplace
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
+from power_lab.compare.comparison import compare
+from power_lab.report.page import closest, write_comparison
+from power_lab.report.tables import print_comparison
 
 
-@command
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    parser = common.parser(
-        'compare',
-        'Compare power models with measurements on held-out data: error, bias, energy, and the '
-        'regimes in which each model is worst.',
-        'example: ros2 run power_lab compare bags/walk --models base.yaml better.yaml '
-        'mechanical_power --report compare.html',
-    )
-    common.add_bags(parser)
-    parser.add_argument(
-        '--models',
-        nargs='+',
-        required=True,
-        metavar='MODEL',
-        help='model.yaml, ppn:RUN or a proxy',
-    )
-    add_workplace(parser, 'recordings read')
-    common.add_outputs(parser)
-    options = parser.parse_args(args)
-    place = Workplace.of(options)
-    check_suffix(options.report, '--report', ('.html',))
-    if len(set(options.models)) < len(options.models):
-        raise InputError(f'--models names a model twice: {", ".join(options.models)}')
-    common.check_bags(options.bags)
-    catalogue = common.catalogue_of(options)
+def run(options: argparse.Namespace) -> int:
+    """Run the command with its options; return the exit code."""
+    check_recordings(options.bags)
+    catalogue = load_catalogue(options.effects_path)
     common.check_models(options.models, catalogue)
 
-    from power_estimator.judge.recordings import load
-
-    from power_lab.compare.comparison import compare
-    from power_lab.report.page import closest, write_comparison
-    from power_lab.report.tables import print_comparison
-
     with progress('reading') as show:
-        with common.reading_engine(place, options.bags) as engine:
+        with common.reading_engine(Workplace.of(options), options.bags) as engine:
             doubts = {'slow': options.slow, 'anyway': options.anyway}
             loaded = load(options.bags, options.drives, **doubts, engine=engine, show=show)
         show('comparing')

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from power_estimator.effects.fit.design import Active
-from power_estimator.effects.fit.training import Material, fit_model
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.training import Material, fit_model
 from power_estimator.judge.judge import Judge
 
 

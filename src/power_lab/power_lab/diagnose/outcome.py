@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue, Signals
 from power_estimator.effects.fit.design import Structure
-from power_estimator.effects.fit.training import LEAST_SECONDS, material
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.training import LEAST_SECONDS, material
 from power_estimator.judge.held_out import base_power
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded

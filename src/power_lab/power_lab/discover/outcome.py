@@ -10,8 +10,8 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.catalogue import Catalogue as EffectCatalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
-from power_estimator.effects.fit.training import LEAST_SECONDS, Material, material
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.training import LEAST_SECONDS, Material, material
 from power_estimator.judge.held_out import base_power
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.design import Active
-from power_estimator.effects.fit.training import Material, fit_model
+from power_estimator.effects.training import Material, fit_model
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel

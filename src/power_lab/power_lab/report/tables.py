@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 from power_estimator.effects import builtin_catalogue
-from power_estimator.effects.fit.training import LEAST_SECONDS
 from power_estimator.effects.model_file.model import EffectModel, FittedValue
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.sizing import UNKNOWN_CONSTANT
+from power_estimator.effects.training import LEAST_SECONDS
 from rich import box
 from rich.console import Console
 from rich.table import Table

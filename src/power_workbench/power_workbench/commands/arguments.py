@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from power_lab.commands import options as common
+from power_lab.commands import arguments as common
 from wattwalk_core.command import entry_point
 from wattwalk_core.errors import InputError
 
@@ -14,7 +14,7 @@ PORT = 8421
 @entry_point('power_workbench.commands.open:run')
 def open(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Arguments of open."""
-    parser = common.parser(
+    parser = common.lab_parser(
         'open',
         'Open the workbench: compare a model with recordings, see where it fails, find out what '
         'it misses, add it and watch the error fall, on one page in the browser.',
@@ -57,7 +57,7 @@ def open(args: Sequence[str] | None = None) -> argparse.Namespace:
 @entry_point('power_workbench.commands.replay_session:run')
 def replay_session(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Arguments of replay_session."""
-    parser = common.parser(
+    parser = common.lab_parser(
         'replay_session',
         'Take the steps of a workbench session again and compare the held-out errors with those '
         'that the session kept. Ends with 0 if they are the same, with 1 if not.',

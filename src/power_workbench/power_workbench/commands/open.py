@@ -2,6 +2,7 @@
 
 import argparse
 
+from power_estimator.effects import load_catalogue
 from power_lab.commands import options as common
 
 from power_workbench.server.serving import Opening, serve
@@ -9,7 +10,7 @@ from power_workbench.server.serving import Opening, serve
 
 def run(options: argparse.Namespace) -> int:
     """Run the command with its options; return the exit code."""
-    catalogue = common.catalogue_of(options)
+    catalogue = load_catalogue(options.effects_path)
     if options.model:
         common.check_models([options.model], catalogue)
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from power_estimator.effects import Catalogue, load_catalogue
 from power_estimator.effects.fit.design import Active
-from power_estimator.effects.fit.training import LEAST_TO_FIT, material
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model, write_model
+from power_estimator.effects.training import LEAST_TO_FIT, material
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_lab.challenge.bench_run import record_on_bench, shortened

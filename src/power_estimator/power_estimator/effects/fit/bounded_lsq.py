@@ -108,7 +108,7 @@ def _solve_free(
 
 
 def _one(matrix: Floats, target: Floats, low: Floats, high: Floats) -> Floats:
-    from scipy.optimize import lsq_linear
+    from scipy.optimize import lsq_linear  # slow to import, and nodes import this file
 
     values, vectors = np.linalg.eigh(matrix)
     root = np.sqrt(np.maximum(values, 1e-14))

@@ -8,7 +8,7 @@ from power_estimator.effects.signals.state import Signals
 
 def _torque_rate(signals: Signals, *, relaxation: float = 0.0, **_: float) -> Floats:
     """The rate of the torque, as the damped spring follows it."""
-    from scipy.signal import lfilter
+    from scipy.signal import lfilter  # slow to import; few models have this effect
 
     if relaxation <= 0.0:
         return signals.torque_rate[..., None]

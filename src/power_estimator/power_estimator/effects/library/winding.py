@@ -41,7 +41,7 @@ def _thermal_state(signals: Signals, time_constant: float) -> tuple[Floats, Floa
 
     Gaps inside a recording count as time without load; a new recording starts anew.
     """
-    from scipy.signal import lfilter
+    from scipy.signal import lfilter  # slow to import; few models have this effect
 
     of = signals if signals.past is None else signals.past
     states = np.zeros((2, *of.torque.shape))

@@ -1,0 +1,199 @@
+"""Arguments of the commands."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from wattwalk_core.command import command_parser, entry_point, node_options
+from wattwalk_core.console import PICTURES, check_suffix
+from wattwalk_core.engine.options import add_workplace
+from wattwalk_core.errors import InputError
+
+from power_estimator.network.checkpoint import NetworkConfig
+from power_estimator.proxies import PROXIES
+from power_estimator.training.trainer_config import TrainerConfig
+
+
+def add_training(parser: argparse.ArgumentParser, *, epochs: int = TrainerConfig.epochs) -> None:
+    """Add recordings, the run folder and the settings of a training."""
+    add = parser.add_argument
+    add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
+    add('-o', '--output', type=Path, required=True, metavar='RUN', help='new run folder')
+    add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
+    add('--epochs', type=int, default=epochs, help=f'at most, per network ({epochs})')
+    add('--seed', type=int, default=0, help='the same seed gives the same networks')
+    add('--resume', action='store_true', help='continue a run that was stopped')
+
+
+def add_cross_validation(parser: argparse.ArgumentParser, *, folds: int) -> None:
+    """Add drive types, the split of the data and the style of figures."""
+    add = parser.add_argument
+    add('--folds', type=int, default=folds, help=f'folds of the cross-validation ({folds})')
+    add('--segments', type=int, default=6, help='segments that are each split 80/10/10 (6)')
+    add('--type', action='append', metavar='NAME=PATTERN', help='a drive type; default by name')
+    add('--dark', action='store_true', help='figures on a dark ground')
+
+
+@entry_point('power_estimator.commands.benchmark:run')
+def benchmark(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of benchmark."""
+    parser = command_parser(
+        'power_estimator benchmark',
+        'Compare power models on recordings: R², errors in W and in energy, all on samples that '
+        'they were not fitted to. Proxies are ' + ', '.join(PROXIES) + '.',
+        'example: ros2 run power_estimator benchmark bags/walk --models ppn:runs/first '
+        'torque_squared mechanical_power --json benchmark.json',
+    )
+    add = parser.add_argument
+    add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
+    add(
+        '--models',
+        nargs='+',
+        required=True,
+        metavar='MODEL',
+        help='ppn:RUN, model.yaml, proxy, plain (shaft + copper loss + idle), or recorded '
+        '(the live estimate in the recording)',
+    )
+    add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
+    add('--json', type=Path, metavar='FILE', help='write the table there')
+    add('--picture', type=Path, metavar='PNG', help='draw the estimates and the R² there')
+    add('--dark', action='store_true', help='pictures on a dark ground')
+    options = parser.parse_args(args)
+    check_suffix(options.picture, '--picture', PICTURES)
+    return options
+
+
+@entry_point('power_estimator.commands.distil:run')
+def distil(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of distil."""
+    parser = command_parser(
+        'power_estimator distil',
+        'Train a small network on the outputs of a trained one, and set both side by '
+        'side: R² against the measured power, and what a policy step of 20 ms costs with many '
+        'robots at once. The result is a run folder like any other.',
+        'example: ros2 run power_estimator distil runs/paper bags/paper/* -o runs/small '
+        '--hidden 32',
+    )
+    add = parser.add_argument
+    add('teacher', type=Path, metavar='TEACHER', help='run folder or file of the trained network')
+    add_training(parser)
+    add_workplace(parser, 'networks', scheduler=False)
+    add('--hidden', type=int, default=32, help='hidden units of the small network (32)')
+    add(
+        '--robots', nargs='+', type=int, default=(64, 512, 4096), help='side by side, for the cost'
+    )
+    return parser.parse_args(args)
+
+
+_EXPORT = """\
+The folder holds power_term.py (plain torch, with a reward term for mjlab and Isaac Lab) and
+power_term.safetensors (its tensors); neither needs wattwalk. With --drives there is a TorchScript
+file too, for which the order of the drives is fixed.
+
+examples:
+  ros2 run power_estimator export runs/ppn_reward -o power_term
+  ros2 run power_estimator export runs/arm -o power_term --drives shoulder elbow --sample-rate 50
+"""
+
+
+@entry_point('power_estimator.commands.export:run')
+def export(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of export."""
+    parser = command_parser(
+        'power_estimator export',
+        'Write a trained network as a module of plain torch, for the reward of any simulator.',
+        _EXPORT,
+    )
+    add = parser.add_argument
+    add('model', metavar='RUN', help='run folder or file of a network; see distil for a small one')
+    add('-o', '--output', type=Path, required=True, metavar='DIR', help='folder to write')
+    add('--drives', nargs='+', default=(), metavar='NAME', help='columns of the TorchScript file')
+    add(
+        '--sample-rate',
+        type=float,
+        default=200.0,
+        metavar='HZ',
+        help='of the samples that the TorchScript file takes (200)',
+    )
+    options = parser.parse_args(args)
+    if options.output.exists() and not options.output.is_dir():
+        raise InputError(f'{options.output} is a file; give a folder')
+    return options
+
+
+@entry_point('power_estimator.commands.replay:run')
+def replay(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of replay."""
+    parser = command_parser(
+        'power_estimator replay',
+        'Estimate the power of every drive in a recording, as the live node would.',
+        'example: ros2 run power_estimator replay bags/walk --model ppn:runs/first '
+        '-o bags/walk_estimate',
+    )
+    parser.add_argument('bag', type=Path, help='recording with what the model needs')
+    parser.add_argument('--model', required=True, help='ppn:RUN, model.yaml, …')
+    parser.add_argument('-o', '--output', type=Path, required=True, help='new bag')
+    parser.add_argument('--overwrite', action='store_true', help='replace the output bag')
+    return parser.parse_args(args)
+
+
+HIDDEN = (8, 16, 32, 64, 100, 150)
+HISTORY = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
+
+
+@entry_point('power_estimator.commands.sweep:run')
+def sweep(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of sweep."""
+    parser = command_parser(
+        'power_estimator sweep',
+        'Train networks of several sizes (with carried state) and, at 100 units, of '
+        'several histories (windowed), test them on the same held-out data, and draw where more '
+        'no longer helps. Costs are µs per sample of twelve drives on this machine.',
+        'example: ros2 run power_estimator sweep bags/paper/* -o runs/sweep '
+        '--hidden 16 32 64 100 150 --history 0.05 0.1 0.2 0.3 0.5',
+    )
+    add_training(parser, epochs=12)
+    add_workplace(parser, 'networks')
+    add_cross_validation(parser, folds=1)
+    add = parser.add_argument
+    add('--hidden', nargs='+', type=int, default=HIDDEN, metavar='N', help='hidden units')
+    add('--history', nargs='+', type=float, default=HISTORY, metavar='S', help='seconds')
+    return parser.parse_args(args)
+
+
+@entry_point('power_estimator.commands.train:run')
+def train(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of train."""
+    parser = command_parser(
+        'power_estimator train',
+        'Train a Power Prediction Network per drive type on recordings and test it '
+        'and the usual proxies on held-out parts of them.',
+        'example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',
+    )
+    add_training(parser)
+    add_workplace(parser, 'networks')
+    add_cross_validation(parser, folds=6)
+    add = parser.add_argument
+    add('--hidden', type=int, default=NetworkConfig.hidden, help='hidden units (100)')
+    add('--history', type=float, default=0.3, help='seconds of the windowed form (0.3)')
+    return parser.parse_args(args)
+
+
+_ESTIMATE = """
+example, with a network trained before:
+  ros2 run power_estimator estimate --ros-args -p model:=ppn:runs/first
+example, against the measurement, shown on diagnostics:
+  ros2 run power_estimator estimate --ros-args -p model:=ppn:runs/first -p compare:=true
+"""
+
+
+@entry_point('power_estimator.live.node:run')
+def estimate(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of estimate."""
+    parser = command_parser(
+        'power_estimator estimate',
+        'Estimates the electrical power of every drive at 50 Hz from joint_states '
+        'and joint_commands.',
+        _ESTIMATE,
+    )
+    return node_options(parser, args)

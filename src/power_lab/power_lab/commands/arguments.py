@@ -1,0 +1,282 @@
+"""Arguments of the commands."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from wattwalk_core.command import command_parser, entry_point
+from wattwalk_core.console import check_suffix
+from wattwalk_core.engine.options import add_workplace
+from wattwalk_core.errors import InputError
+
+
+def lab_parser(
+    name: str, description: str, epilog: str, *, effects: bool = True, package: str = 'power_lab'
+) -> argparse.ArgumentParser:
+    """A parser with the arguments that every command has."""
+    made = command_parser(f'{package} {name}', description, epilog)
+    if effects:
+        made.add_argument(
+            '--effects-path',
+            nargs='+',
+            action='extend',
+            default=[],
+            type=Path,
+            metavar='FILE.py',
+            help='your own effects; these files are run, so name only what you trust',
+        )
+    return made
+
+
+def add_bags(made: argparse.ArgumentParser) -> None:
+    """Recordings and drives."""
+    made.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings')
+    made.add_argument(
+        '--drives',
+        nargs='+',
+        default=[],
+        metavar='NAME',
+        help='only these drives',
+    )
+    add_doubts(made)
+
+
+def add_doubts(made: argparse.ArgumentParser) -> None:
+    """Recordings that are refused unless one insists."""
+    made.add_argument(
+        '--slow',
+        action='store_true',
+        help='take power that changes less than 25 times a second: judge energy over windows',
+    )
+    made.add_argument(
+        '--anyway',
+        action='store_true',
+        help='take signals whose units or signs contradict each other',
+    )
+
+
+def add_outputs(made: argparse.ArgumentParser, *, report: bool = True) -> None:
+    """Arguments for files of results."""
+    made.add_argument('--json', type=Path, metavar='FILE', help='write the result as JSON')
+    if report:
+        made.add_argument('--report', type=Path, metavar='FILE.html', help='write a page to read')
+
+
+@entry_point('power_lab.commands.add:run')
+def add(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of add."""
+    parser = lab_parser(
+        'add',
+        'Add an effect to a model: all coefficients are fitted anew, the history is kept.',
+        'example: ros2 run power_lab add load_friction --to base.yaml --bag bags/walk '
+        '-o better.yaml',
+    )
+    add = parser.add_argument
+    add('effects', nargs='+', metavar='EFFECT', help='what to add')
+    add('--to', required=True, type=Path, metavar='MODEL.yaml', help='the model as it is')
+    add('--bag', required=True, nargs='+', type=Path, metavar='BAG', help='recordings to fit on')
+    add('--drives', nargs='+', default=[], metavar='NAME', help='only these')
+    add_doubts(parser)
+    add('-o', '--output', type=Path, required=True, metavar='MODEL.yaml', help='file to write')
+    add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
+    add('--seed', type=int, default=0, help='of the bootstrap')
+    add_outputs(parser, report=False)
+    options = parser.parse_args(args)
+    check_suffix(options.output, '-o', ('.yaml',))
+    return options
+
+
+@entry_point('power_lab.commands.challenge:run')
+def challenge(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of challenge."""
+    parser = lab_parser(
+        'challenge',
+        'Record a walk of a simulated robot with an effect hidden in its drives (or none, or one '
+        'that no catalogue knows). The answer is sealed in the bag.',
+        'example: ros2 run power_lab challenge --seed 7 -o bags/riddle',
+        effects=False,
+    )
+    add = parser.add_argument
+    add('--seed', type=int, required=True, metavar='N', help='draws what is hidden')
+    add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
+    add('--walk', type=int, default=0, metavar='N', help='another walk of the same robot')
+    add('--duration', type=float, default=150.0, metavar='S', help='to record (default: 150)')
+    add('--plant', default='anymal_c', metavar='FILE', help='plant to hide it in')
+    add('--json', type=Path, metavar='FILE', help='write what the model may know as JSON')
+    add('--overwrite', action='store_true', help='replace a bag that is there')
+    options = parser.parse_args(args)
+    for name in ('seed', 'walk'):
+        if getattr(options, name) < 0:
+            raise InputError(f'--{name} {getattr(options, name)}: give a number from 0')
+    if not 30.0 <= options.duration <= 3600.0:
+        raise InputError(f'--duration {options.duration:g}: it must lie in 30..3600 s')
+    return options
+
+
+@entry_point('power_lab.commands.challenge:reveal')
+def reveal(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of reveal."""
+    parser = lab_parser(
+        'reveal',
+        'Open the sealed answer of a challenge.',
+        'example: ros2 run power_lab reveal bags/riddle --diagnosis why.json',
+        effects=False,
+    )
+    add = parser.add_argument
+    add('bag', type=Path, metavar='BAG', help='written by challenge')
+    add('--diagnosis', type=Path, metavar='FILE.json', help='what diagnose --json wrote')
+    add('--json', type=Path, metavar='FILE', help='write the answer as JSON')
+    return parser.parse_args(args)
+
+
+@entry_point('power_lab.commands.compare:run')
+def compare(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of compare."""
+    parser = lab_parser(
+        'compare',
+        'Compare power models with measurements on held-out data: error, bias, energy, and the '
+        'regimes in which each model is worst.',
+        'example: ros2 run power_lab compare bags/walk --models base.yaml better.yaml '
+        'mechanical_power --report compare.html',
+    )
+    add_bags(parser)
+    parser.add_argument(
+        '--models',
+        nargs='+',
+        required=True,
+        metavar='MODEL',
+        help='model.yaml, ppn:RUN or a proxy',
+    )
+    add_workplace(parser, 'recordings read')
+    add_outputs(parser)
+    options = parser.parse_args(args)
+    check_suffix(options.report, '--report', ('.html',))
+    if len(set(options.models)) < len(options.models):
+        raise InputError(f'--models names a model twice: {", ".join(options.models)}')
+    return options
+
+
+@entry_point('power_lab.commands.diagnose:run')
+def diagnose(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of diagnose."""
+    parser = lab_parser(
+        'diagnose',
+        'Find the physical effect that a power model misses, or say honestly that these '
+        'recordings cannot tell. Ends with 0 for every verdict.',
+        'example: ros2 run power_lab diagnose bags/walk --model base.yaml --report why.html',
+    )
+    add_bags(parser)
+    add = parser.add_argument
+    add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
+    add('--motion', type=Path, metavar='FILE.yaml', help='write what to record next')
+    add(
+        '--limits',
+        nargs='?',
+        const='',
+        metavar='FILE',
+        help='fit that motion to joint_limits/1; without a file: to the limits of ANYmal C',
+    )
+    add('--also', nargs='+', default=[], metavar='MODEL', help='models to show beside it')
+    add('--seed', type=int, default=0, help='of the bootstrap')
+    add_workplace(parser, 'recordings read')
+    add_outputs(parser)
+    options = parser.parse_args(args)
+    check_suffix(options.report, '--report', ('.html',))
+    check_suffix(options.motion, '--motion', ('.yaml',))
+    return options
+
+
+@entry_point('power_lab.commands.discover:run')
+def discover(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of discover."""
+    parser = lab_parser(
+        'discover',
+        'Learn what a model misses and no catalogue has: what it depends on, its shape and a '
+        'formula, written as an effect that add takes. Where nothing is found no file is written. '
+        'Of several recordings the last tests what the others show, unless --test names one.',
+        'example: ros2 run power_lab discover bags/walk --test bags/other --model base.yaml '
+        '-o effect.py --report why.html',
+    )
+    add_bags(parser)
+    add = parser.add_argument
+    add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
+    add('-o', '--output', type=Path, required=True, metavar='FILE.py', help='effects to write')
+    add(
+        '--test',
+        nargs='+',
+        default=[],
+        type=Path,
+        metavar='BAG',
+        help='other recordings of the robot, to test the effects on',
+    )
+    add('--seed', type=int, default=0, help='of the bootstrap')
+    add_outputs(parser)
+    options = parser.parse_args(args)
+    check_suffix(options.output, '-o', ('.py',))
+    check_suffix(options.report, '--report', ('.html',))
+    return options
+
+
+@entry_point('power_lab.commands.execute:run')
+def execute(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of execute."""
+    parser = lab_parser(
+        'execute',
+        'Record the motion that diagnose asked for (--motion) with one drive of the simulated '
+        'bench.',
+        'example: ros2 run power_lab execute next.yaml --drive LF_KFE -o bags/next',
+        effects=False,
+    )
+    add = parser.add_argument
+    add('motion', type=Path, metavar='MOTION.yaml', help='written by diagnose --motion')
+    add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
+    add('--drive', metavar='NAME', help='default: the first that the motion names')
+    add('--plant', default='anymal_c', metavar='FILE', help='plant file, or a shipped plant')
+    add('--challenge', type=Path, metavar='BAG', help='the robot of a challenge, still sealed')
+    add('--unit', type=int, default=0, metavar='N', help='unit of the plant')
+    add('--seed', type=int, default=0, help='of the noise')
+    add('--overwrite', action='store_true', help='replace a bag that is there')
+    return parser.parse_args(args)
+
+
+@entry_point('power_lab.commands.fit:run')
+def fit(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of fit."""
+    parser = lab_parser(
+        'fit',
+        'Fit a power model made of named effects; errors of the measurement are fitted beside '
+        'them.',
+        'example: ros2 run power_lab fit bags/walk --effects shaft,copper_loss,idle -o base.yaml',
+    )
+    add_bags(parser)
+    add = parser.add_argument
+    add('--effects', nargs='+', required=True, metavar='NAME,…', help='what is active')
+    add('-o', '--output', type=Path, required=True, metavar='MODEL.yaml', help='file to write')
+    add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
+    add('--base', metavar='MODEL', help='add the effects to this model: ppn:RUN or a proxy')
+    add('--seed', type=int, default=0, help='of the bootstrap')
+    add_outputs(parser, report=False)
+    options = parser.parse_args(args)
+    check_suffix(options.output, '-o', ('.yaml',))
+    if options.base and options.base.endswith('.yaml'):
+        raise InputError(f'--base {options.base!r}: give ppn:RUN or a proxy; add effects by add')
+    return options
+
+
+@entry_point('power_lab.commands.to_plant:run')
+def to_plant(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of to_plant."""
+    parser = lab_parser(
+        'to_plant',
+        "Write a plant file for the simulator with a model's effects at their fitted strength.",
+        'example: ros2 run power_lab to_plant better.yaml -o plant.yaml && '
+        'ros2 run sim_bridge sim --offline --plant plant.yaml -o bags/like_the_robot',
+    )
+    add = parser.add_argument
+    add('model', type=Path, metavar='MODEL.yaml', help='fitted model')
+    add('--plant', default='anymal_c', metavar='FILE', help='plant to start from')
+    add('-o', '--output', type=Path, required=True, metavar='PLANT.yaml', help='file to write')
+    add_outputs(parser, report=False)
+    options = parser.parse_args(args)
+    check_suffix(options.output, '-o', ('.yaml',))
+    return options
