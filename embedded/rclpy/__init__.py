@@ -100,7 +100,7 @@ def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None 
 
 def create_node(node_name: str, **options: Any) -> Any:
     """Make a plain node; the options are those of Node."""
-    from rclpy.node import Node
+    from rclpy.node import Node  # circular
 
     return Node(node_name, **options)
 
@@ -108,7 +108,7 @@ def create_node(node_name: str, **options: Any) -> Any:
 def get_global_executor() -> Any:
     """Return the executor that spins where none is given."""
     global _executor
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor  # circular
 
     context = get_default_context()
     if not context.ok():

@@ -70,7 +70,7 @@ def _converted(current: Any, kind: str, value: Any) -> Any:
 
 
 def _made(package: str, name: str, values: Any) -> Any:
-    from rosidl_embedded import message_class
+    from rosidl_embedded import message_class  # slow to import
 
     message = message_class(package, name)()
     fill(message, values)

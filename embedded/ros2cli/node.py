@@ -24,7 +24,7 @@ def _list(options: argparse.Namespace) -> None:
 
 
 def _info(options: argparse.Namespace) -> None:
-    from rclpy.impl.graph import ros_type
+    from rclpy.impl.graph import ros_type  # slow to import
 
     with direct_node() as node:
         discover(node, options.spin_time)

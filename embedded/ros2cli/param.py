@@ -14,7 +14,7 @@ TIMEOUT = 5.0
 
 
 def _ask(node: Any, target: str, verb: str, **fields: Any) -> Any:
-    import rcl_interfaces.srv as services
+    import rcl_interfaces.srv as services  # slow to import
 
     name = ''.join(part.capitalize() for part in verb.split('_'))
     service_type = getattr(services, name)
@@ -32,7 +32,7 @@ def _names(node: Any, target: str) -> list[str]:
 
 
 def _values(node: Any, target: str, names: list[str]) -> list[Any]:
-    from rclpy.parameter import parameter_value_to_python
+    from rclpy.parameter import parameter_value_to_python  # slow to import
 
     values = _ask(node, target, 'get_parameters', names=names).values
     return [parameter_value_to_python(value) for value in values]
@@ -80,7 +80,7 @@ def _set(options: argparse.Namespace) -> int:
 
 
 def _set_all(target: str, values: dict[str, str]) -> int:
-    from rcl_interfaces.msg import Parameter
+    from rcl_interfaces.msg import Parameter  # slow to import
     from rclpy.parameter import get_parameter_value
 
     parameters = [Parameter(name=n, value=get_parameter_value(v)) for n, v in values.items()]
@@ -101,7 +101,7 @@ def _set_all(target: str, values: dict[str, str]) -> int:
 
 
 def _describe(options: argparse.Namespace) -> None:
-    from rclpy.parameter import Parameter
+    from rclpy.parameter import Parameter  # slow to import
 
     with direct_node() as node:
         found = _ask(node, options.node, 'describe_parameters', names=options.names).descriptors
@@ -139,7 +139,7 @@ def _dump(options: argparse.Namespace) -> None:
 
 
 def _load(options: argparse.Namespace) -> int:
-    from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError
+    from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError  # slow to import
     from rclpy.impl.arguments import RosArguments, parameters_of
 
     absolute = options.node if options.node.startswith('/') else f'/{options.node}'

@@ -30,7 +30,7 @@ def _type(options: argparse.Namespace) -> None:
 
 def request(node: Any, service_type: Any, name: str, message: Any, timeout: float) -> Any:
     """Call a service and return its response; raise CommandError where there is none."""
-    import rclpy
+    import rclpy  # slow to import
 
     client = node.create_client(service_type, name)
     if not client.wait_for_service(timeout):
@@ -44,7 +44,7 @@ def request(node: Any, service_type: Any, name: str, message: Any, timeout: floa
 
 
 def _call(options: argparse.Namespace) -> None:
-    from rosidl_runtime_py.utilities import get_service
+    from rosidl_runtime_py.utilities import get_service  # slow to import
 
     try:
         service_type = get_service(options.type)

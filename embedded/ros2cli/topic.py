@@ -48,7 +48,7 @@ def _info(options: argparse.Namespace) -> None:
 
 
 def _described(node: Any, end: Any, kind: str) -> str:
-    from rclpy.impl.graph import ros_type
+    from rclpy.impl.graph import ros_type  # slow to import
     from rclpy.qos import from_dds
 
     owner = next(
@@ -71,7 +71,7 @@ def _described(node: Any, end: Any, kind: str) -> str:
 
 
 def _message_type(node: Any, options: argparse.Namespace, patience: float) -> Any:
-    from rosidl_runtime_py.utilities import get_message
+    from rosidl_runtime_py.utilities import get_message  # slow to import
 
     name = node.resolve_topic_name(options.topic)
     given = getattr(options, 'type', None)
@@ -97,7 +97,7 @@ def _message_type(node: Any, options: argparse.Namespace, patience: float) -> An
 
 def _matching_qos(node: Any, name: str, options: argparse.Namespace) -> Any:
     """Return a profile that fits all publishers there are, unless users ask for another."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, from_dds
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, from_dds  # slow
 
     ends = [
         e for e in node.context.graph.endpoints('writer') if e.kind == 'topic' and e.name == name
@@ -119,7 +119,7 @@ def _matching_qos(node: Any, name: str, options: argparse.Namespace) -> Any:
 def _listen(
     options: argparse.Namespace, callback: Callable[..., None], raw: bool, patience: float
 ) -> Any:
-    import rclpy
+    import rclpy  # slow to import
     from rclpy.executors import ExternalShutdownException
 
     with direct_node() as node:
@@ -180,7 +180,7 @@ def _hz(options: argparse.Namespace) -> None:
 
 
 def _pub(options: argparse.Namespace) -> None:
-    import rclpy
+    import rclpy  # slow to import
     from rclpy.executors import ExternalShutdownException
 
     with direct_node() as node:

@@ -58,7 +58,7 @@ def add_spin_time(parser: argparse.ArgumentParser) -> None:
 @contextmanager
 def direct_node() -> Iterator[Any]:
     """Give a node that does not show in lists of nodes."""
-    import rclpy
+    import rclpy  # slow to import
     from rclpy.node import Node
 
     try:
