@@ -9,7 +9,7 @@ def run(self, stop):
     raise LookupError('no such joint')
 
 LivePlant.run = run
-from sim_bridge.commands.sim import main
+from sim_bridge.commands.arguments import sim as main
 sys.exit(main())
 """
 

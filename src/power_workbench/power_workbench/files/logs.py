@@ -35,9 +35,8 @@ def look(show: Show, file: str) -> dict[str, Any]:
     source = open_source(path)
     show('progress', 'reading the first rows')
     listed = list_columns(source)
-    worth = [item.column for item in listed if item.changes > 0 or item.rows < 2]
     robot = ''.join(c if c.isalnum() else '_' for c in path.stem)[:40] or 'robot'
-    text = guess_map(worth, robot, is_bag=source.is_bag)
+    text = guess_map(listed, robot, is_bag=source.is_bag)
     return {
         'file': file,
         'is_bag': source.is_bag,
