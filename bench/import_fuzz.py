@@ -21,7 +21,7 @@ from pathlib import Path
 from shutil import rmtree
 
 import numpy as np
-from power_recordings.commands.import_logs import main as import_main
+from power_recordings.commands.arguments import import_logs as import_main
 from power_recordings.importing.times import START
 from power_recordings.reading.reader import Recording
 
