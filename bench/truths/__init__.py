@@ -19,7 +19,7 @@ drives take about 1.5 s; the first call of a machine compiles for 10 s.
 
 Coefficients, at the joint: `k` W/(N·m)² of winding and switches at 25 °C; `k_warm` at the
 temperatures of the recording; `inertia` kg·m²; `idle` W, mean; `spring` rad/(N·m), 0 if rigid;
-`friction_at_1` N·m at 1 rad/s without load and `load_friction`, both at the last temperature;
+`friction_at_1` N·m at 1 rad/s without load and `load_friction`, both at the mean temperature;
 `iron_at_1` W at 1 rad/s; `line` ohm; `torque_scale` and `meter_gain` of the sensors; `inverter` W,
 mean. Where torque is computed from the current (`found.data.motor_torque`), friction, inertia and
 iron are in it: `known` leaves them out, as nothing of them can be missing.

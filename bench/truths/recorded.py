@@ -223,7 +223,8 @@ def aligned(name: str, plant: TruePlant, made: Simulated) -> AlignedDataset:
 
 def _coefficients(drive: Drive, own: NDArray[np.float32], state: np.void) -> dict[str, float]:
     squared = max(float(state['squared']), 1e-12)
-    thin = float(np.exp(-drive.grease * (state['housing'] - 25.0)))
+    housing = state['warmth'] / (len(own) * PART)
+    thin = float(np.exp(-drive.grease * (housing - 25.0)))
     at_one = drive.coulomb + drive.stribeck / (1 + (1 / drive.stribeck_speed) ** 2)
     at_one += drive.viscous * thin
     share = drive.load_friction * (1 + drive.load_with_speed / drive.speed_limit)

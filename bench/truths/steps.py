@@ -30,7 +30,7 @@ STATE: Final = np.dtype(
         for name in (
             *('angle', 'speed', 'air', 'dead', 'slip', 'load', 'torque', 'velocity', 'volts'),
             *('amps', 'winding', 'housing', 'drawn', 'back', 'burned', 'friction'),
-            *('effective', 'squared'),
+            *('effective', 'squared', 'warmth'),
         )
     ]
 )
@@ -125,6 +125,7 @@ def _link(p, s, torque, speed, voltage, nominal, time, fan_phase, parts, lost): 
     flow = p.winding_conductance * (s.winding - s.housing)
     s.winding += STEP * (heat - flow) / p.winding_capacity
     out = p.housing_conductance * (s.housing - p.air)
+    s.warmth += s.housing
     s.housing += STEP * (flow + lost + 0.5 * (iron + inverter) + idle - out) / p.housing_capacity
     return bridge + back + idle + fan, through
 
