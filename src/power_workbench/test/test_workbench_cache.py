@@ -111,7 +111,7 @@ def test_a_fit_on_kept_signals_has_the_coefficients_of_a_fit_on_the_recording(op
         loaded = work._load(lambda *one, to=shown: to.append(one), source)
         assert bool(progress(shown)) == (cache is None)
         actives = [Active.of(catalogue[name]) for name in ('shaft', 'copper_loss', 'idle')]
-        model, _ = fitted(Judge(loaded, catalogue), actives, 'm')
+        model = fitted(Judge(loaded, catalogue), actives, 'm')
         models.append(model)
         assert loaded.smooth.rate == 200.0
         assert [recording.path.name for recording in loaded.recordings] == ['walk']

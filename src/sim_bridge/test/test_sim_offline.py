@@ -11,7 +11,7 @@ from sim_bridge.commands.arguments import bench as bench_command
 from sim_bridge.commands.arguments import sim as sim_command
 from sim_bridge.offline.motions import bench_motion
 from sim_bridge.offline.run import run_offline, simulate_recording, walking_run
-from sim_bridge.offline.session import Pushes, Session
+from sim_bridge.offline.session import Pushes, SimulatedSession
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import Simulation
@@ -199,7 +199,7 @@ class Topple:
 def test_a_fall_is_told_once_and_the_robot_stands_again_after_a_second():
     simulation = Simulation(Plant.load('anymal_c'), walking_world())
     controller = Topple()
-    session = Session(simulation, Instruments(simulation, 0), controller)
+    session = SimulatedSession(simulation, Instruments(simulation, 0), controller)
     events = [event for stretch in session.run(3.0) for event in stretch.events]
     falls = [event for event in events if event.kind == 'fall']
     assert falls

@@ -6,17 +6,16 @@ from collections.abc import Mapping
 
 from power_estimator.effects import load_catalogue
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.model_file.yaml_file import read_model, write_model
-from power_estimator.judge.judge import Judge
-from power_estimator.judge.recordings import load
+from power_estimator.effects.model_file.yaml_file import read_model
 from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.console import progress, write_json
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
-from power_lab.compare.fitting import extended
+from power_lab.compare.fitting import named_effects
 from power_lab.report.tables import print_model
+from power_lab.session import Session
 
 
 def run(options: argparse.Namespace) -> int:
@@ -25,28 +24,23 @@ def run(options: argparse.Namespace) -> int:
     catalogue = load_catalogue(options.effects_path)
 
     model = read_model(options.to, catalogue)
-    new = common.parse_effects(options.effects, catalogue)
-    for active in new:
+    for active in named_effects(options.effects, catalogue):
         if active.name in model.effects:
             raise InputError(f'{active.name!r} is active in {options.to} already')
 
     with progress('reading and fitting'):
-        loaded = load(options.bag, options.drives, slow=options.slow, anyway=options.anyway)
-        better = extended(
-            Judge(loaded, catalogue),
-            model,
-            new,
-            options.output.stem,
-            per=options.per,
-            seed=options.seed,
+        lab = Session.open(*options.bag, catalogue=catalogue, **common.reading_of(options))
+        lab = lab.load(str(options.to)).add(
+            options.effects, name=options.output.stem, per=options.per, seed=options.seed
         )
+    better = lab.effects
     content = {
         'model': str(options.output),
         'history': [dict(e) for e in better.history],
         'at_bound': list(better.at_bound),
     }
     with together():
-        write_model(better, options.output)
+        lab.save(options.output)
         if options.json is not None:
             write_json(options.json, content)
     print_model(common.console(), better)

@@ -3,16 +3,15 @@
 import argparse
 
 from power_estimator.effects import load_catalogue
-from power_estimator.judge.recordings import load
 from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.console import progress, write_json
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
-from power_lab.compare.comparison import compare
 from power_lab.report.page import closest, write_comparison
 from power_lab.report.tables import print_comparison
+from power_lab.session import Session
 
 
 def run(options: argparse.Namespace) -> int:
@@ -23,10 +22,10 @@ def run(options: argparse.Namespace) -> int:
 
     with progress('reading') as show:
         with common.reading_engine(Workplace.of(options), options.bags) as engine:
-            doubts = {'slow': options.slow, 'anyway': options.anyway}
-            loaded = load(options.bags, options.drives, **doubts, engine=engine, show=show)
+            how = {'engine': engine, 'show': show, **common.reading_of(options)}
+            lab = Session.open(*options.bags, catalogue=catalogue, **how)
         show('comparing')
-        comparison = compare(loaded, options.models, catalogue)
+        comparison = lab.compare(*options.models)
         content = comparison.json()
     print_comparison(common.console(), content)
     print(closest(content['models']))

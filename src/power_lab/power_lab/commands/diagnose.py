@@ -5,18 +5,16 @@ from pathlib import Path
 
 from drive_bench.motion.joint_limits import limits_of
 from power_estimator.effects import load_catalogue
-from power_estimator.judge.recordings import load
 from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.console import progress, write_json
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
-from power_lab.compare.comparison import open_model
-from power_lab.diagnose.outcome import diagnose
 from power_lab.report.balance import balance_lines, power_balances
 from power_lab.report.page import write_diagnosis
 from power_lab.report.tables import print_outcome
+from power_lab.session import Session
 
 
 def run(options: argparse.Namespace) -> int:
@@ -25,14 +23,13 @@ def run(options: argparse.Namespace) -> int:
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model, *options.also], catalogue)
 
-    model = open_model(options.model, catalogue)
     with progress('reading') as show:
         with common.reading_engine(Workplace.of(options), options.bags) as engine:
-            doubts = {'slow': options.slow, 'anyway': options.anyway}
-            loaded = load(options.bags, options.drives, **doubts, engine=engine, show=show)
+            how = {'engine': engine, 'show': show, **common.reading_of(options)}
+            lab = Session.open(*options.bags, catalogue=catalogue, **how)
         show('diagnosing')
-        outcome = diagnose(loaded, model, options.model, catalogue, options.seed)
-        content = outcome.json()
+        outcome = lab.load(options.model).diagnose(options.seed)
+        loaded, content = lab.recordings, outcome.json()
     for line in balance_lines(loaded.data, power_balances(loaded.data)):
         print(line)
     print_outcome(common.console(), outcome)

@@ -9,10 +9,10 @@ from wattwalk_core.console import progress, write_json
 from wattwalk_core.files import together, write_whole
 
 from power_lab.commands import options as common
-from power_lab.compare.comparison import open_model
-from power_lab.discover.outcome import discover, split
+from power_lab.discover.outcome import split
 from power_lab.report.discovery_page import write_discovery
 from power_lab.report.discovery_tables import print_discovery
+from power_lab.session import Session
 
 
 def run(options: argparse.Namespace) -> int:
@@ -21,13 +21,11 @@ def run(options: argparse.Namespace) -> int:
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)
 
-    model = open_model(options.model, catalogue)
-    doubts = {'slow': options.slow, 'anyway': options.anyway}
+    how = common.reading_of(options)
     bags, tests = split(options.bags, options.test)
     with progress('reading') as show:
-        loaded = load(bags, options.drives, **doubts)
-        test = load(tests, options.drives, **doubts) if tests else None
-        outcome = discover(loaded, model, options.model, catalogue, test, show, options.seed)
+        lab = Session.open(*bags, catalogue=catalogue, **how).load(options.model)
+        outcome = lab.discover(load(tests, **how) if tests else None, show, options.seed)
         content = outcome.json()
     print_discovery(common.console(), outcome)
     with together():

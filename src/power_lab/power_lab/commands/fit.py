@@ -4,35 +4,31 @@ import argparse
 from dataclasses import asdict
 
 from power_estimator.effects import load_catalogue
-from power_estimator.effects.model_file.yaml_file import write_model
-from power_estimator.judge.judge import Judge
-from power_estimator.judge.recordings import load
 from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.console import progress, write_json
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
-from power_lab.compare.fitting import fitted
+from power_lab.compare.fitting import named_effects
 from power_lab.report.balance import balance_lines, balances_json, power_balances
 from power_lab.report.tables import notes, print_model
+from power_lab.session import Session
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the command with its options; return the exit code."""
     check_recordings(options.bags)
     catalogue = load_catalogue(options.effects_path)
-    effects = common.parse_effects(options.effects, catalogue)
-
+    named_effects(options.effects, catalogue)
     with progress('reading and fitting'):
-        loaded = load(options.bags, options.drives, slow=options.slow, anyway=options.anyway)
-        model, own = fitted(
-            Judge(loaded, catalogue),
-            effects,
-            options.output.stem,
+        lab = Session.open(*options.bags, catalogue=catalogue, **common.reading_of(options)).fit(
+            options.effects,
+            name=options.output.stem,
             base=options.base,
             per=options.per,
             seed=options.seed,
         )
+    model, loaded = lab.effects, lab.recordings
     (entry,) = model.history
     rmse = entry['rmse_w']
     balances = power_balances(loaded.data)
@@ -50,13 +46,13 @@ def run(options: argparse.Namespace) -> int:
         'power_balance': balances_json(balances),
     }
     with together():
-        write_model(model, options.output)
+        lab.save(options.output)
         if options.json is not None:
             write_json(options.json, content)
     for line in balance_lines(loaded.data, balances):
         print(line)
     print_model(common.console(), model)
-    for note in notes(own.prepared):
+    for note in notes(lab.judge.prepared):
         print(note)
     print(f'wrote {options.output}; held-out error: ' + _errors(rmse))
     return 0

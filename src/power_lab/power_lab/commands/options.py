@@ -1,18 +1,17 @@
 """Recordings, models and effects that options name, and the console of tables."""
 
+import argparse
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from power_estimator.effects import Catalogue
-from power_estimator.effects.fit.design import Active
 from power_estimator.loader import load_model
 from power_recordings.index.stamp import Stamp
 from rich.console import Console
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine
-from wattwalk_core.errors import InputError
 
 _WORTH_WORKERS: Final = 100_000_000  # bytes
 
@@ -37,29 +36,9 @@ def check_models(specs: Sequence[str], catalogue: Catalogue) -> None:
         load_model(spec, catalogue)
 
 
-def parse_effects(text: Sequence[str], catalogue: Catalogue) -> list[Active]:
-    """
-    Names apart or joined by commas: `shaft,copper_loss,idle`.
-
-    Errors of the measurement may be named as well; every fit has them anyway. InputError for an
-    unknown or repeated name.
-    """
-    names = [name.strip() for part in text for name in part.split(',') if name.strip()]
-    if not names:
-        raise InputError('--effects is empty; for example shaft,copper_loss,idle')
-    if len(set(names)) < len(names):
-        raise InputError(f'--effects names an effect twice: {",".join(names)}')
-    actives = []
-    for name in names:
-        effect = catalogue.get_known(name, '--effects')
-        if effect.kind == 'physics':
-            actives.append(Active.of(effect))
-    if not actives:
-        raise InputError(
-            f'--effects: {", ".join(names)} are errors of the measurement, which every fit has '
-            'anyway; name effects of the drive'
-        )
-    return actives
+def reading_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Choices of drives and doubts, as recordings are read."""
+    return {'drives': options.drives, 'slow': options.slow, 'anyway': options.anyway}
 
 
 def console() -> Console:

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 
+from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.training import Material, fit_model
+from power_estimator.effects.training import fit_model
 from power_estimator.judge.judge import Judge
+from wattwalk_core.errors import InputError
 
 
 def fitted(
@@ -16,12 +18,11 @@ def fitted(
     base: str | None = None,
     per: str = 'type',
     seed: int = 0,
-) -> tuple[EffectModel, Material]:
+) -> EffectModel:
     """A model of effects with its held-out error as the beginning of its history."""
-    own = judge.material(base, per)
     model, _ = fit_model(
         name,
-        own,
+        judge.material(base, per),
         effects,
         judge.catalogue,
         base=base,
@@ -36,7 +37,7 @@ def fitted(
         'held_out': judged.held_out,
         'rmse_w': judged.rmse,
     }
-    return model.with_history(entry), own
+    return model.with_history(entry)
 
 
 def extended(
@@ -50,7 +51,7 @@ def extended(
 ) -> EffectModel:
     """A model with effects added and all coefficients fitted anew."""
     effects = [*model.structure.actives, *new]
-    better, _ = fitted(judge, effects, name, base=model.base, per=per, seed=seed)
+    better = fitted(judge, effects, name, base=model.base, per=per, seed=seed)
     entry = {
         **better.history[-1],
         'step': 'add',
@@ -58,3 +59,25 @@ def extended(
         'rmse_before_w': judge.score(model).rmse,
     }
     return better.with_history(*model.history, entry)
+
+
+def named_effects(texts: Sequence[str], catalogue: Catalogue) -> list[Active]:
+    """
+    Effects by name, apart by commas or spaces: `shaft,copper_loss idle`.
+
+    Errors of the measurement may be named as well; every fit has them anyway. InputError for an
+    unknown or repeated name.
+    """
+    names = ' '.join(texts).replace(',', ' ').split()
+    if not names:
+        raise InputError('effects: none is named; for example shaft,copper_loss,idle')
+    if len(set(names)) < len(names):
+        raise InputError(f'effects: one is named twice in {",".join(names)}')
+    effects = [catalogue.get_known(name, 'effects') for name in names]
+    actives = [Active.of(effect) for effect in effects if effect.kind == 'physics']
+    if not actives:
+        raise InputError(
+            f'effects: {", ".join(names)} are errors of the measurement, which every fit has '
+            'anyway; name effects of the drive'
+        )
+    return actives

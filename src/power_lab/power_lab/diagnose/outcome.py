@@ -93,6 +93,11 @@ class Outcome:
     seconds: float  # of the recordings, of which the diagnosis may have judged on pieces
 
     @property
+    def verdict(self) -> str:
+        """`named`, `ambiguous`, `none_of_the_above` or `no_evidence`."""
+        return self.diagnosis.verdict
+
+    @property
     def sentence(self) -> str:
         """The verdict in words."""
         told = sentence(self.diagnosis, self.judged.before.rms_w, self.judged.after.rms_w)

@@ -46,6 +46,11 @@ class Stairs:
             float(np.sqrt(np.nanmean(np.square(noise)))),
         )
 
+    def __str__(self) -> str:
+        return '\n'.join(
+            f'{error:8.2f} W  {step}' for step, error in zip(self.steps, self.errors, strict=True)
+        )
+
     def figure(self, lines: Mapping[str, float] | None = None) -> Figure:
         """Draw it; lines: errors of other models, W."""
         return figures.staircase(

@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from power_estimator.effects import Catalogue, load_catalogue
-from power_estimator.effects.fit.design import Active
-from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.model_file.yaml_file import read_model, write_model
+from power_estimator.effects.model_file.yaml_file import read_model
 from power_estimator.effects.training import LEAST_TO_FIT, material
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_lab.challenge.bench_run import record_on_bench, shortened
 from power_lab.compare.comparison import compare, open_model
-from power_lab.compare.fitting import extended, fitted
+from power_lab.session import Session
 from power_lab.structure.words import in_words
 from power_recordings.reading.bag_folder import find
 from wattwalk_core.errors import InputError
@@ -120,7 +118,7 @@ class SessionWorker:
             write_whole(output, read_bytes(Path(step.file), 'model', SIZE))
         else:
             show('progress', 'fitting')
-            write_model(self._made(loaded, catalogue, spec, step, output.stem), output)
+            self._made(loaded, catalogue, spec, step, output.stem).save(output)
         return {'view': self._judged(show, source, loaded, str(output)), 'model': output.name}
 
     def diagnose(self, show: Show, source: Source, spec: str, seed: int = 0) -> Findings:
@@ -249,28 +247,11 @@ class SessionWorker:
 
     def _made(
         self, loaded: Loaded, catalogue: Catalogue, spec: str, step: SessionStep, name: str
-    ) -> EffectModel:
-        effects = _actives(step.effects, catalogue)
-        judge = Judge(loaded, catalogue)
-        options: dict[str, Any] = {'per': step.per, 'seed': step.seed}
+    ) -> Session:
+        lab = Session(Judge(loaded, catalogue))
+        options: dict[str, Any] = {'name': name, 'per': step.per, 'seed': step.seed}
         if step.kind == 'fit':
-            base = step.base or None
-            return fitted(judge, effects, name, base=base, **options)[0]
-        model = read_model(Path(spec), catalogue)
-        if step.kind == 'add':
-            for effect in step.effects:
-                if effect in model.effects:
-                    raise InputError(f'{effect!r} is in the model already')
-            return extended(judge, model, effects, name, **options)
-        for effect in step.effects:
-            if effect not in model.effects:
-                raise InputError(f'{effect!r} is not in the model')
-        left = _actives([e for e in model.effects if e not in step.effects], catalogue)
-        less, _ = fitted(judge, left, name, base=model.base, **options)
-        return less.with_history(*model.history, *less.history)
-
-
-def _actives(names: Sequence[str], catalogue: Catalogue) -> list[Active]:
-    if not names:
-        raise InputError('no effect is left; a model has one or more')
-    return [Active.of(catalogue.get_known(name, 'effects')) for name in names]
+            return lab.fit(step.effects, base=step.base or None, **options)
+        lab = lab.load(spec)
+        change = lab.add if step.kind == 'add' else lab.remove
+        return change(step.effects, **options)

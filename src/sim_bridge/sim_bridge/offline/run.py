@@ -19,7 +19,7 @@ import sim_bridge
 from sim_bridge.offline.bag_topics import BagTopics
 from sim_bridge.offline.controllers import Controller, make_controller
 from sim_bridge.offline.memory import gather
-from sim_bridge.offline.session import Event, Pushes, Session
+from sim_bridge.offline.session import Event, Pushes, SimulatedSession
 from sim_bridge.offline.telemetry import Telemetry, Wire
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import PlantBlock, Simulation
@@ -68,7 +68,7 @@ class OfflineRun:
         instruments = Instruments(simulation, seed)
         warmth = simulation.circuit.temperature.winding.copy()
         self._wire = Wire(self.bus, self.joints, self.drives, instruments.clock, warmth)
-        self._session = Session(
+        self._session = SimulatedSession(
             simulation, instruments, controller, Pushes(seed) if pushes else None, watch
         )
 

@@ -64,7 +64,7 @@ def random_push(random: np.random.Generator) -> Floats:
     return random.uniform(0.2, 0.6) * np.array([np.cos(heading), np.sin(heading), 0.0])
 
 
-class Session:
+class SimulatedSession:
     """A simulation under a controller; a second after a fall it is reset."""
 
     def __init__(

@@ -1,0 +1,152 @@
+"""The loop in Python: fit a model, see where it fails, add what it misses, see the error fall."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from power_estimator.effects import Catalogue, load_catalogue
+from power_estimator.effects.fit.design import Active
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.model_file.yaml_file import write_model
+from power_estimator.judge.judge import Judge
+from power_estimator.judge.recordings import Loaded, load
+from power_estimator.judge.result import JudgedModel
+from power_estimator.model import PowerModel
+from power_recordings.reading.bag_folder import check_recordings
+from wattwalk_core.errors import InputError
+
+from power_lab.compare.comparison import Comparison, comparison, open_model
+from power_lab.compare.fitting import extended, fitted, named_effects
+from power_lab.discover.outcome import DiscoveryOutcome, discover
+from power_lab.report.staircase import Stairs
+
+if TYPE_CHECKING:
+    from power_lab.diagnose.outcome import Outcome
+
+
+@dataclass(frozen=True)
+class Session:
+    """
+    Recordings, and a model that is worked on; each step returns another session.
+
+    Effects are named in one text (`'shaft copper_loss idle'`) or given one by one.
+    """
+
+    judge: Judge
+    given: PowerModel | None = None
+    spec: str = ''  # file or name of a model that was loaded
+
+    @classmethod
+    def open(
+        cls,
+        *recordings: str | Path,
+        effects_path: Sequence[str | Path] = (),
+        catalogue: Catalogue | None = None,
+        **how: Any,
+    ) -> 'Session':
+        """
+        Read recordings; InputError for those that say nothing.
+
+        effects_path: files of the user's own effects, which are run; how: as in `load`.
+        """
+        paths = [Path(recording) for recording in recordings]
+        check_recordings(paths)
+        known = catalogue or load_catalogue([Path(file) for file in effects_path])
+        return cls(Judge(load(paths, **how), known))
+
+    @property
+    def recordings(self) -> Loaded:
+        """Recordings that models are judged on."""
+        return self.judge.recordings
+
+    @property
+    def model(self) -> PowerModel:
+        """The model as it is; InputError before there is one."""
+        if self.given is None:
+            raise InputError('there is no model yet; fit or load one first')
+        return self.given
+
+    @property
+    def effects(self) -> EffectModel:
+        """The model of effects; InputError for a network or a proxy."""
+        model = self.model
+        if not isinstance(model, EffectModel):
+            raise InputError(f'{model.name} is not made of effects; fit them on it as a base')
+        return model
+
+    @cached_property
+    def score(self) -> JudgedModel:
+        """The model's held-out errors."""
+        return self.judge.score(self.model)
+
+    def load(self, spec: str) -> 'Session':
+        """Take a model by file or name."""
+        return replace(self, given=open_model(spec, self.judge.catalogue), spec=spec)
+
+    def fit(self, effects: str | Sequence[str], *, name: str = 'model', **how: Any) -> 'Session':
+        """Fit a model of effects from nothing; how: as in `fitted`."""
+        return self._with(fitted(self.judge, self._named(effects), name, **how))
+
+    def add(self, effects: str | Sequence[str], *, name: str = '', **how: Any) -> 'Session':
+        """Add effects to the model and fit all anew; how: as in `extended`."""
+        model, new = self.effects, self._named(effects)
+        for active in new:
+            if active.name in model.effects:
+                raise InputError(f'{active.name!r} is in the model already')
+        return self._with(extended(self.judge, model, new, name or model.name, **how))
+
+    def remove(self, effects: str | Sequence[str], *, name: str = '', **how: Any) -> 'Session':
+        """Take effects out of the model and fit the others anew; how: as in `fitted`."""
+        model, gone = self.effects, [active.name for active in self._named(effects)]
+        for effect in gone:
+            if effect not in model.effects:
+                raise InputError(f'{effect!r} is not in the model')
+        left = [active for active in model.structure.actives if active.name not in gone]
+        if not left:
+            raise InputError('no effect is left; a model has one or more')
+        less = fitted(self.judge, left, name or model.name, base=model.base, **how)
+        return self._with(less.with_history(*model.history, *less.history))
+
+    def compare(self, *specs: str) -> Comparison:
+        """Compare the model, where there is one, with others by file or name."""
+        others = [open_model(spec, self.judge.catalogue) for spec in specs]
+        own = [] if self.given is None else [self.given]
+        return comparison(
+            self.judge, [*own, *others], [*[self.spec or m.name for m in own], *specs]
+        )
+
+    def diagnose(self, seed: int = 0) -> 'Outcome':
+        """Find the effects that the model misses."""
+        from power_lab.diagnose.outcome import diagnose  # its learner takes seconds to import
+
+        spec = self.spec or self.model.name
+        return diagnose(self.recordings, self.model, spec, self.judge.catalogue, seed)
+
+    def discover(
+        self,
+        test: Loaded | None = None,
+        show: Callable[[str], None] = lambda text: None,
+        seed: int = 0,
+    ) -> DiscoveryOutcome:
+        """Learn what the model misses and no catalogue has; test: another recording."""
+        spec = self.spec or self.model.name
+        return discover(self.recordings, self.model, spec, self.judge.catalogue, test, show, seed)
+
+    def stairs(self) -> Stairs:
+        """Errors of the steps by which the model came about."""
+        history = self.effects.history[:-1]
+        return Stairs.of(history, [self.score], self.recordings, self.judge.prepared.noise)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the model of effects to a file."""
+        write_model(self.effects, Path(path))
+        return Path(path)
+
+    def _named(self, effects: str | Sequence[str]) -> list[Active]:
+        texts = [effects] if isinstance(effects, str) else effects
+        return named_effects(texts, self.judge.catalogue)
+
+    def _with(self, model: EffectModel) -> 'Session':
+        return replace(self, given=model, spec='')
