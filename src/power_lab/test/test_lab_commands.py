@@ -158,9 +158,9 @@ def test_a_fit_onto_a_full_disk_leaves_neither_model_nor_json(bag, tmp_path, cap
     ('effects', 'words'),
     [
         ('shaft,magic', "unknown effect 'magic'"),
-        ('shaft,shaft', 'names an effect twice'),
+        ('shaft,shaft', 'one is named twice in shaft,shaft'),
         ('power_gain', 'errors of the measurement'),
-        (',', '--effects is empty'),
+        (',', 'effects: none is named'),
     ],
 )
 def test_fit_refuses_effects_that_make_no_sense(bag, tmp_path, capsys, effects, words):

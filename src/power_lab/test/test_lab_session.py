@@ -27,7 +27,7 @@ def test_the_lines_of_the_readme_run(monkeypatch, capsys):
     verdict, first, last = capsys.readouterr().out.splitlines()
     assert verdict == 'named'
     assert first.split() == ['31.69', 'W', 'fit']
-    assert float(last.split()[0]) < 2.5
+    assert float(last.split()[0]) < 4.0
 
 
 def test_each_step_returns_another_session_and_leaves_the_one_before(lab):
@@ -48,7 +48,7 @@ def test_the_staircase_has_the_figures_of_a_comparison(lab):
     compared = better.compare('mechanical_power').models
     assert stairs.errors == pytest.approx([lab.score.rms_w, compared[0].rms_w], abs=1e-6)
     assert stairs.steps == ('fit', 'model')
-    assert len(stairs.figure().data) == 1
+    assert stairs.figure()['data'][0]['x'] == ['fit', 'model']
 
 
 def test_a_saved_model_is_loaded_and_judged_alike(lab, tmp_path):

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plotly.graph_objects import Figure
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
+from wattwalk_core.pages.plot_style import Figure
 
 from power_lab.report import figures
 
