@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 # Of a speed that states no unit: the most W of power for a W of torque × speed. What is less than
 # 0.45 W in rad/s is 4.3 W in rpm: the losses of a drive that mostly holds.
-_SPEEDS: Final = {'rad/s': 2.5, 'rpm': 4.3, 'rev/s': 2.5, 'deg/s': 2.5}
+_SPEEDS: Final = {'rad/s': 2.5, 'rpm': 4.3, 'rev/s': 2.5}
 _MOST: Final = 8  # candidates of a quantity
 _LEAST: Final = 0.45  # W of power for a W of torque × speed: a brake gives back that much
 _UNIT_STATED: Final = 10.0  # W, at most

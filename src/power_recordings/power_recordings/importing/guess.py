@@ -33,7 +33,7 @@ _GUESSED_UNIT: Final = {
     'temperature': 'degC',
 }
 _TURN: Final = 400.0  # degrees; a unitless angle from 0 to there is in degrees
-_RADIANS: Final = 4 * np.pi
+_RADIANS: Final = 16 * np.pi  # that an angle without unit may reach before it counts as degrees
 _LEAST_RATE: Final = 25.0  # Hz
 _TIMES: Final = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 _RATES: Final = (5.0, 2e4)  # Hz
