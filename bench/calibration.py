@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from power_calibration.analyser.compare import compare
+from power_calibration.analyser.compare import compare_with_analyser
 from power_calibration.analyser.comparison import AnalyserComparison
 from power_calibration.analyser.log import Log
 from power_calibration.analyser.measured_drive import MeasuredDrive
@@ -109,7 +109,7 @@ def trial(
     names = ('time', 'voltage', 'current', 'power')
     log = Log.of(Path(f'analyser {seed}'), names, analyser.rows())
     measured = MeasuredDrive.of(recording, DRIVE)
-    found = compare(measured, log)
+    found = compare_with_analyser(measured, log)
     at = (found.fit.clock.centre + log.start - shift) / (1.0 + 1e-6 * drift)
     start = (measured.start_ns - START_NS) / 1e9
     gain = float(parameters['current_gain'][0])

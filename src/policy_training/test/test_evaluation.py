@@ -18,7 +18,7 @@ from policy_training.evaluation.measured_walk import (
     recorded_walk,
 )
 from policy_training.evaluation.robustness import RobustnessConfig, _judge
-from policy_training.evaluation.scores import score
+from policy_training.evaluation.scores import score_walk
 from policy_training.evaluation.tasks import TASKS, Task, parse_tasks
 from policy_training.evaluation.verdict import verdict
 from power_estimator.proxies import Proxy
@@ -38,7 +38,7 @@ def walk():
 
 
 def test_power_adds_up_from_its_parts_to_the_supply(walk):
-    entry = score(walk, 98.0, {})
+    entry = score_walk(walk, 98.0, {})
     power = entry['power_w']
     assert sum(power[p] for p in ('electronics', 'idle', 'HAA', 'HFE', 'KFE')) == pytest.approx(
         power['supply']
@@ -59,14 +59,14 @@ def test_only_steady_walking_counts(walk):
 
 
 def test_an_estimate_by_joint_type_stands_beside_the_measured_power(walk):
-    entry = score(walk, 98.0, {'mechanical_power': Proxy('mechanical_power')})
+    entry = score_walk(walk, 98.0, {'mechanical_power': Proxy('mechanical_power')})
     found = entry['estimates']['mechanical_power']
     assert found['drives'] == pytest.approx(found['HAA'] + found['HFE'] + found['KFE'])
     assert entry['estimated_w'] == pytest.approx(found['drives'] + entry['power_w']['electronics'])
 
 
 def test_the_gait_is_that_of_the_trot(walk):
-    entry = score(walk, 98.0, {})
+    entry = score_walk(walk, 98.0, {})
     assert entry['gait']['stride_s'] == pytest.approx(1.0 / 1.9, rel=0.03)
     share = entry['gait']['stance_s'] / entry['gait']['stride_s']
     assert share == pytest.approx(0.58, abs=0.06)
@@ -75,7 +75,7 @@ def test_the_gait_is_that_of_the_trot(walk):
 
 def test_a_walk_that_never_gets_steady_has_no_power(walk):
     nothing = np.zeros_like(walk.steady)
-    entry = score(replace(walk, steady=nothing), 98.0, {})
+    entry = score_walk(replace(walk, steady=nothing), 98.0, {})
     assert entry['power_w'] is None
     assert entry['tracking'] == {'vx': None, 'vy': None, 'yaw': None}
 

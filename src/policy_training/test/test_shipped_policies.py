@@ -6,7 +6,7 @@ from policy_runner.policies.folder import read_folder
 from policy_training.commands.arguments import export
 from policy_training.evaluation.measured_walk import idle_power, measure_walk
 from policy_training.evaluation.robustness import LIMITS, RobustnessConfig, evaluate_robustness
-from policy_training.evaluation.scores import score
+from policy_training.evaluation.scores import score_walk
 from policy_training.evaluation.tasks import TASKS
 from sim_bridge.plant.parameters import Plant
 
@@ -64,7 +64,7 @@ def test_predicted_power_in_place_of_torque_takes_a_quarter_off_the_knees_of_the
         assert walk.falls == 0
         assert walk.velocity[walk.steady, 0].mean() == pytest.approx(0.6, abs=0.06)
         idle = idle_power(plant)
-        knees[name] = score(walk, idle, {})['power_w']['KFE']
+        knees[name] = score_walk(walk, idle, {})['power_w']['KFE']
     assert knees['paper_pmp'] < 0.75 * knees['paper_baseline']
 
 

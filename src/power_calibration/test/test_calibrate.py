@@ -4,10 +4,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from power_calibration.analyser.bandwidth import response
+from power_calibration.analyser.bandwidth import response_of_drive
 from power_calibration.analyser.coarse_alignment import Match, matches
 from power_calibration.analyser.curve import Curve
-from power_calibration.analyser.reference_fit import Clock, fit
+from power_calibration.analyser.reference_fit import Clock, fit_reference
 from power_calibration.commands.arguments import calibrate as main
 from power_recordings.calibration import Calibration, label
 from power_recordings.card import Card
@@ -254,7 +254,9 @@ def test_a_hole_in_the_log_is_not_bridged():
     values = np.column_stack(truth(time))
     cut = ((time[:6000], values[:6000]), (time[11000:], values[11000:]))
     ours, log = Curve(((time, values),), 0.001), Curve(cut, 0.001)
-    found = fit(ours.low_passed(100.0), log.low_passed(100.0), Match(0, 0, 1, 20, 10), 100.0)
+    found = fit_reference(
+        ours.low_passed(100.0), log.low_passed(100.0), Match(0, 0, 1, 20, 10), 100.0
+    )
     assert found.seconds == pytest.approx(15.0, abs=0.5)
     assert found.gain[1].value == pytest.approx(1.0, abs=1e-4)
     assert found.offset.value == pytest.approx(0.0, abs=1e-6)
@@ -280,7 +282,7 @@ def test_the_bandwidth_allows_for_rows_that_are_samples_or_means():
             ('means', *blocks),
         ):
             log = Curve.of(times, values[:, None], [0], [len(times)], 1 / rate)
-            found = response(ours, log, Clock(0.0, 0.0, 10.0)).cutoff
+            found = response_of_drive(ours, log, Clock(0.0, 0.0, 10.0)).cutoff
             # 1.5 %: gain is taken as 1 below 40 Hz, where this meter is down by 0.3 % on average,
             # and the cubic through rows of 3 kHz loses 0.4 % at 300 Hz
             assert found.low - 4.5 <= 300.0 <= found.high + 4.5, (rate, kind, found)

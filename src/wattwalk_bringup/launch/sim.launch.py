@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from wattwalk_bringup.launch_files import describe
+from wattwalk_bringup.launch_files import launch_description
 
 
 def generate_launch_description() -> Any:
     """Return the nodes and their arguments."""
-    return describe('sim')
+    return launch_description('sim')

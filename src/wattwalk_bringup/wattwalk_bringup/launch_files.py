@@ -19,7 +19,7 @@ class NodeFailedError(Exception):
     """A node of a launch has failed: raised in the launch, it ends it with exit code 1."""
 
 
-def describe(name: str) -> Any:
+def launch_description(name: str) -> Any:
     """Return the launch description of shipped settings, each of which is an argument."""
     from launch import LaunchDescription  # on ROS 2 alone
     from launch.actions import DeclareLaunchArgument, OpaqueFunction

@@ -11,7 +11,7 @@ from wattwalk_core.files import write_whole
 
 from drive_bench.run.motion_run import MotionRun
 from drive_bench.run.recorder_process import RecorderProcess
-from drive_bench.run.recording_check import check, table
+from drive_bench.run.recording_check import check, check_table
 
 
 def file_away(
@@ -48,7 +48,7 @@ def file_away(
         print(f'the card could not be written: {error}', file=out)
     for line in summary:
         print(line, file=out)
-    print(f'\n{table(found.rows)}\n', file=out)
+    print(f'\n{check_table(found.rows)}\n', file=out)
     if report is not None:
         content = {
             'bag': str(bag),

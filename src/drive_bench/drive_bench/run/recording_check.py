@@ -242,7 +242,7 @@ def _sharpest(segment: Segment) -> float:
     return 0.0
 
 
-def table(rows: Sequence[CheckRow]) -> str:
+def check_table(rows: Sequence[CheckRow]) -> str:
     """Return the rows as aligned text."""
     cells = [('', 'asked', 'reached', '')]
     cells += [

@@ -21,7 +21,7 @@ from policy_training.evaluation.robustness import (
     RobustnessResult,
     evaluate_robustness,
 )
-from policy_training.evaluation.scores import score
+from policy_training.evaluation.scores import score_walk
 from policy_training.evaluation.tasks import Task
 from policy_training.evaluation.verdict import verdict
 
@@ -47,7 +47,7 @@ def evaluate(
     )
 
     def add(walk: MeasuredWalk, name: str) -> None:
-        entries.append({**score(walk, idle, models), 'name': name})
+        entries.append({**score_walk(walk, idle, models), 'name': name})
         cycle = cycle_of(walk)
         if cycle is not None:
             cycles.setdefault(walk.task.name, {})[name] = cycle

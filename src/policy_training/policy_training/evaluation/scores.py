@@ -16,7 +16,9 @@ from policy_training.evaluation.measured_walk import RAW_RATE, MeasuredWalk
 _WALKING: Final = 0.05  # m/s, slower has no cost of transport
 
 
-def score(walk: MeasuredWalk, idle: float, models: Mapping[str, PowerModel]) -> dict[str, Any]:
+def score_walk(
+    walk: MeasuredWalk, idle: float, models: Mapping[str, PowerModel]
+) -> dict[str, Any]:
     """
     Return the entry of `evaluate`'s JSON for a walk; idle: power of all drives at rest, W.
 

@@ -49,7 +49,9 @@ class Loss:
     spectrum: Floats  # W²/Hz [F], of the reference's power
 
 
-def response(ours: Curve, reference: Curve, clock: Clock, seed: int = 0) -> Response | None:
+def response_of_drive(
+    ours: Curve, reference: Curve, clock: Clock, seed: int = 0
+) -> Response | None:
     """
     Compare one signal of ours with the reference's, both as sampled; None if too short.
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from wattwalk_core.errors import InputError
 
-from power_calibration.analyser.bandwidth import Response, loss, response
+from power_calibration.analyser.bandwidth import Response, loss, response_of_drive
 from power_calibration.analyser.coarse_alignment import RATE, Match, matches
 from power_calibration.analyser.comparison import (
     AnalyserComparison,
@@ -31,7 +31,7 @@ _GAINS = (0.5, 2.0)
 _ALIASED = 5e-4  # part of a gain above which aliasing is reported
 
 
-def compare(
+def compare_with_analyser(
     measured: MeasuredDrive, log: Log, progress: Callable[[str], None] = lambda text: None
 ) -> AnalyserComparison:
     """
@@ -215,4 +215,4 @@ def _response(measured: MeasuredDrive, log: Log, found: ReferenceFit) -> Respons
         values, ours = log.voltage, curve.columns(slice(0, 1))
     else:
         return None
-    return response(ours, log.curve(values), found.clock)
+    return response_of_drive(ours, log.curve(values), found.clock)

@@ -14,7 +14,7 @@ _BLUE = {False: '#0072B2', True: '#56B4E9'}
 _ORANGE = OTHERS[0]
 
 
-def draw(found: AnalyserComparison, *, dark: bool = False) -> Figure:
+def draw_calibration(found: AnalyserComparison, *, dark: bool = False) -> Figure:
     """Draw power of both with the residual, the transfer function, and the spectrum."""
     with style(dark) as ink:
         figure = Figure(figsize=(9, 8.2), layout='constrained')

@@ -6,17 +6,19 @@ from wattwalk_core.pages.embedded_figure import embedded
 from wattwalk_core.pages.page import Page, escape
 
 from power_calibration.analyser.comparison import AnalyserComparison
-from power_calibration.analyser.figure import draw
-from power_calibration.analyser.summary import COLUMNS, rows, sentences
+from power_calibration.analyser.figure import draw_calibration
+from power_calibration.analyser.summary import COLUMNS, calibration_sentences, rows
 
 
-def write_page(path: Path, found: AnalyserComparison) -> None:
+def write_calibration_page(path: Path, found: AnalyserComparison) -> None:
     """Write errors, figure, table of corrections, and method."""
     page = Page(f'Calibration of {found.measured.drive}')
     page.add(f'<h1>{escape(page.title)}</h1>')
-    for sentence in sentences(found):
+    for sentence in calibration_sentences(found):
         page.text(sentence)
-    page.add(embedded(lambda dark: draw(found, dark=dark), 'our power over the analyser’s'))
+    page.add(
+        embedded(lambda dark: draw_calibration(found, dark=dark), 'our power over the analyser’s')
+    )
     page.heading('Corrections')
     page.table(COLUMNS, rows(found), numbers=(1, 2, 3))
     page.text(

@@ -91,7 +91,7 @@ class ReferenceFit:
     rise: Floats  # RMS slope of the reference, per s [K]
 
 
-def fit(ours: Curve, reference: Curve, match: Match, rate: float) -> ReferenceFit | None:
+def fit_reference(ours: Curve, reference: Curve, match: Match, rate: float) -> ReferenceFit | None:
     """
     Refine a match and fit the channels; None where under 3 s of the overlap remain.
 

@@ -7,7 +7,7 @@ from power_calibration.analyser.coarse_alignment import Match
 from power_calibration.analyser.curve import Curve
 from power_calibration.analyser.log import Log
 from power_calibration.analyser.measured_drive import MeasuredDrive
-from power_calibration.analyser.reference_fit import Clock, ReferenceFit, fit
+from power_calibration.analyser.reference_fit import Clock, ReferenceFit, fit_reference
 
 Floats = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ class SignalPair:
 
     def fit(self, match: Match) -> ReferenceFit | None:
         """Refine a match; None where under 3 s overlap."""
-        return fit(self._ours, self._reference, match, self._rate)
+        return fit_reference(self._ours, self._reference, match, self._rate)
 
     def aliases(self, clock: Clock, period: float) -> Floats:
         """

@@ -30,7 +30,7 @@ def rows(found: AnalyserComparison) -> list[tuple[str, str, str, str]]:
     return table
 
 
-def sentences(found: AnalyserComparison) -> list[str]:
+def calibration_sentences(found: AnalyserComparison) -> list[str]:
     """Return the errors of power before and after, and the power above our bandwidth."""
     text = [
         f'Error of power at {found.error_rate:.0f} Hz: {found.before:.3f} W RMS as recorded '

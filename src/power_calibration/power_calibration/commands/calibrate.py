@@ -17,13 +17,13 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.figures import save_figure
 from wattwalk_core.files import together
 
-from power_calibration.analyser.compare import compare
+from power_calibration.analyser.compare import compare_with_analyser
 from power_calibration.analyser.comparison import AnalyserComparison
-from power_calibration.analyser.figure import draw
+from power_calibration.analyser.figure import draw_calibration
 from power_calibration.analyser.log import Log
 from power_calibration.analyser.measured_drive import MeasuredDrive
-from power_calibration.analyser.page import write_page
-from power_calibration.analyser.summary import COLUMNS, rows, sentences
+from power_calibration.analyser.page import write_calibration_page
+from power_calibration.analyser.summary import COLUMNS, calibration_sentences, rows
 from power_recordings import calibration
 
 
@@ -39,7 +39,9 @@ def run(options: argparse.Namespace) -> int:
         def reading(position: int) -> None:
             show(f'reading {options.reference} {min(1.0, position / size):.0%}')
 
-        found = compare(measured, Log.read(options.reference, options.columns, reading), show)
+        found = compare_with_analyser(
+            measured, Log.read(options.reference, options.columns, reading), show
+        )
         content = found.json()
         with together():
             _save(options, content, kept, is_applied)
@@ -100,15 +102,15 @@ def _save(
 
 def _report(path: Path, found: AnalyserComparison) -> None:
     if path.suffix == '.html':
-        write_page(path, found)
+        write_calibration_page(path, found)
     else:
-        save_figure(draw(found), path)
+        save_figure(draw_calibration(found), path)
 
 
 def _print(found: AnalyserComparison) -> None:
     console = output()
     print_table(console, COLUMNS, rows(found), title=found.measured.drive)
-    for sentence in sentences(found):
+    for sentence in calibration_sentences(found):
         console.print(sentence, soft_wrap=True)
     for note in found.notes:
         console.print(note, style='yellow', soft_wrap=True)

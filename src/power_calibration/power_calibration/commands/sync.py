@@ -13,8 +13,8 @@ from wattwalk_core.console import (
 )
 from wattwalk_core.figures import save_figure
 
-from power_calibration.timing.figure import draw
-from power_calibration.timing.page import write_page
+from power_calibration.timing.figure import draw_timing
+from power_calibration.timing.page import write_timing_page
 from power_calibration.timing.summary import MATTERS, Summary, summarise
 from power_calibration.timing.tables import DRIVE_COLUMNS, STREAM_COLUMNS, drive_rows, stream_rows
 
@@ -49,9 +49,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _report(path: Path, found: Summary) -> None:
     if path.suffix == '.html':
-        write_page(path, found)
+        write_timing_page(path, found)
     else:
-        save_figure(draw(found), path)
+        save_figure(draw_timing(found), path)
 
 
 def _print(found: Summary) -> None:

@@ -13,7 +13,7 @@ _BLUE = {False: '#0072B2', True: '#56B4E9'}
 _MOST_LINES = 12
 
 
-def draw(found: Summary, *, dark: bool = False) -> Figure:
+def draw_timing(found: Summary, *, dark: bool = False) -> Figure:
     """Draw six panels; that of step responses replaces the fits where commands have steps."""
     with style(dark) as ink:
         blue = _BLUE[dark]

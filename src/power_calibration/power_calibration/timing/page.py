@@ -6,7 +6,7 @@ from power_recordings.alignment.filters import gain, smoothing
 from wattwalk_core.pages.embedded_figure import embedded
 from wattwalk_core.pages.page import Page, escape
 
-from power_calibration.timing.figure import draw
+from power_calibration.timing.figure import draw_timing
 from power_calibration.timing.summary import FREQUENCIES_SHOWN, GRID, Summary
 from power_calibration.timing.tables import (
     DRIVE_COLUMNS,
@@ -16,13 +16,16 @@ from power_calibration.timing.tables import (
 )
 
 
-def write_page(path: Path, found: Summary) -> None:
+def write_timing_page(path: Path, found: Summary) -> None:
     """Write verdict, figure and tables."""
     page = Page(f'Synchronisation of {found.recording}')
     page.add(f'<h1>{escape(page.title)}</h1>')
     page.text(found.verdict)
     page.add(
-        embedded(lambda dark: draw(found, dark=dark), 'delays, errors by shift, stamps, smoothing')
+        embedded(
+            lambda dark: draw_timing(found, dark=dark),
+            'delays, errors by shift, stamps, smoothing',
+        )
     )
     page.heading('By drive')
     page.text(

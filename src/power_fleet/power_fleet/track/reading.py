@@ -154,7 +154,7 @@ def fit_stamped(request: Request, stamp: Stamp) -> Fitted:
         figures = figures_of(found, request.model.name, request.catalogue)
     except InputError as error:
         found, figures = Unfit(f'{path}: {error}'), []
-    facts = RecordingFacts(recording.card, start_of(recording), recording.duration)
+    facts = RecordingFacts(recording.card, begin_of(recording), recording.duration)
     return Fitted(to_bytes(found), facts, figures)
 
 
@@ -184,7 +184,7 @@ def occasion_of(loaded: Loaded) -> Occasion:
     words = {name: str(getattr(card, name)) for name in _WORDS if getattr(card, name)}
     return Occasion(
         name=loaded.identities[0]['name'],
-        time=start_of(recording),
+        time=begin_of(recording),
         robot=' '.join(part for part in (card.robot, card.unit) if part),
         facts=facts,
         motions=words,
@@ -192,7 +192,7 @@ def occasion_of(loaded: Loaded) -> Occasion:
     )
 
 
-def start_of(recording: Recording) -> float:
+def begin_of(recording: Recording) -> float:
     """The date of the card, which a simulation's stamps lack, or the first stamp; s since 1970."""
     created = recording.card.created
     if created:

@@ -7,7 +7,7 @@ from pathlib import Path
 from wattwalk_core.console import progress, write_json
 from wattwalk_core.errors import InputError
 
-from power_workbench.sessions.replay import replay
+from power_workbench.sessions.replay import replay_steps
 from power_workbench.sessions.steps import SessionRecord
 
 
@@ -23,7 +23,7 @@ def run(options: argparse.Namespace) -> int:
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as place, progress('reading') as show:
-        steps = replay(session, folder, options.output or Path(place), show)
+        steps = replay_steps(session, folder, options.output or Path(place), show)
     for step in steps:
         kept, now = (_errors(errors) for errors in (step.before, step.now))
         print(f'{step.label}: {now}' + ('' if step.same else f' — the session had {kept}'))

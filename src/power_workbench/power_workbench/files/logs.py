@@ -79,7 +79,7 @@ def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]
                 'rows': one.rows,
                 'low': maps.short_one(one.low),
                 'high': maps.short_one(one.high),
-                'values': maps.short(one.values),
+                'values': maps.rounded(one.values),
             }
             for one in signals
         ]

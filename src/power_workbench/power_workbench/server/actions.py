@@ -198,7 +198,7 @@ def select(
         raise InputError('selection: give box, span or regime')
     drive = str(found.content['drive'])
     place = (chosen.shown or drive, chosen.start, chosen.stop, chosen.width)
-    points = maps.points(view, drive, found.rows, chosen.x, chosen.y)
+    points = maps.scatter_points(view, drive, found.rows, chosen.x, chosen.y)
     return answers.selected(found.content, points, answers.lit(view, found.rows, *place))
 
 

@@ -134,7 +134,7 @@ def _view(view: PowerView) -> dict[str, Any]:
         ],
         'stride': _stride(view),
         'phases': sorted(view.words),
-        'noise': maps.short(view.noise),
+        'noise': maps.rounded(view.noise),
         'noise_w': _rms(view.noise),
         'share': maps.short_one(view.share),
         'scores': view.content or None,
@@ -237,9 +237,9 @@ def strip(view: PowerView, width: int) -> dict[str, Any]:
         sums = np.bincount(place, weights=squares, minlength=count)
         counts = np.bincount(place, weights=known, minlength=count)
         with np.errstate(invalid='ignore', divide='ignore'):
-            rows.append(maps.short(np.sqrt(np.where(counts > 0, sums / counts, np.nan))))
+            rows.append(maps.rounded(np.sqrt(np.where(counts > 0, sums / counts, np.nan))))
     middles = 0.5 * (edges[1:] + edges[:-1]) / REDUCED_RATE
-    return {'t': maps.short(middles), 'meters': list(view.meters), 'z': rows}
+    return {'t': maps.rounded(middles), 'meters': list(view.meters), 'z': rows}
 
 
 def _window(view: PowerView, start: float, stop: float) -> tuple[int, int]:

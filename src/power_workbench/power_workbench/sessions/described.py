@@ -78,10 +78,10 @@ def described_shapes(outcome: 'DiscoveryOutcome') -> list[dict[str, Any]]:
                     'drive': names[drive],
                     'formula': one.formula.text(drive),
                     'axes': list(axes),
-                    'x': maps.short(shape.nodes),
-                    'shape': maps.short(shape.values),
-                    'error': maps.short(2.0 * standard_error(shape)),
-                    'drawn': maps.short(drawn),
+                    'x': maps.rounded(shape.nodes),
+                    'shape': maps.rounded(shape.values),
+                    'error': maps.rounded(2.0 * standard_error(shape)),
+                    'drawn': maps.rounded(drawn),
                 }
             )
     return out

@@ -31,7 +31,7 @@ class Replayed:
         )
 
 
-def replay(
+def replay_steps(
     session: SessionRecord, folder: Path, output: Path, show: Callable[[str], None]
 ) -> list[Replayed]:
     """

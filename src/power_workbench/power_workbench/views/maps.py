@@ -33,7 +33,7 @@ class Chosen:
     content: Mapping[str, Any]
 
 
-def column_of(view: PowerView, drive: str) -> int:
+def state_column(view: PowerView, drive: str) -> int:
     """Column of a drive; InputError, with the names there are, for another."""
     if drive not in view.drives:
         raise InputError(f'no drive {drive!r}; there are {", ".join(view.drives)}')
@@ -43,17 +43,17 @@ def column_of(view: PowerView, drive: str) -> int:
 def values_of(view: PowerView, name: str, drive: str) -> Singles:
     """One quantity of the state of a drive [N]; InputError for a quantity that is not there."""
     if name == STRIDE and view.stride.phase is not None:
-        column_of(view, drive)
+        state_column(view, drive)
         return view.stride.phase
     if name not in view.state:
         raise InputError(f'no quantity {name!r}; there are {", ".join(view.state)}')
-    values: Singles = view.state[name][:, column_of(view, drive)]
+    values: Singles = view.state[name][:, state_column(view, drive)]
     return values
 
 
 def error_of(view: PowerView, drive: str) -> Singles:
     """Error (estimate − measured) beside a drive's state, W [N]; NaN without a model."""
-    column = column_of(view, drive)
+    column = state_column(view, drive)
     if view.residual is None:
         return np.full(len(view.slots), np.nan, np.float32)
     return -view.residual[:, column if len(view.meters) > 1 or len(view.drives) == 1 else 0]
@@ -79,9 +79,9 @@ def error_map(view: PowerView, drive: str, x: str, y: str) -> dict[str, Any]:
     found = np.abs(mean[np.isfinite(mean)])
     curve = bins(across.astype(np.float64), -error.astype(np.float64))
     return {
-        'x': short(_middles(edges[0])),
-        'y': short(_middles(edges[1])),
-        'z': [short(row) for row in mean],
+        'x': rounded(_middles(edges[0])),
+        'y': rounded(_middles(edges[1])),
+        'z': [rounded(row) for row in mean],
         'curve': [[short_one(0.5 * (b.low + b.high)), short_one(b.mean)] for b in curve],
         'limit': short_one(float(np.quantile(found, 0.97)) if found.size else 1.0),
         'x_unit': UNITS_OF.get(x, ''),
@@ -115,14 +115,14 @@ def in_regime(view: PowerView, regime: Mapping[str, Any]) -> Chosen:
         is_open = any(c.startswith('above') and c.endswith(unit) for c in conditions)
         rows &= (np.abs(values) >= low) & (is_open | (np.abs(values) < high))
     if 'at rest' in conditions:
-        rows &= np.abs(speed) < view.still[column_of(view, drive)]
+        rows &= np.abs(speed) < view.still[state_column(view, drive)]
     elif 'driving' in conditions:
         rows &= torque * speed > 0
     elif 'braking' in conditions:
         rows &= torque * speed <= 0
     for words in view.words.values():
         for condition in conditions:
-            said = words.rows(condition.removeprefix('controller '), column_of(view, drive))
+            said = words.rows(condition.removeprefix('controller '), state_column(view, drive))
             if said.any():
                 rows &= said
     return _chosen(view, drive, rows, ', '.join(conditions))
@@ -135,7 +135,7 @@ def in_span(view: PowerView, drive: str, start: float, stop: float) -> Chosen:
     return _chosen(view, drive, rows, f'{min(start, stop):.1f} to {max(start, stop):.1f} s')
 
 
-def points(view: PowerView, drive: str, rows: Mask, x: str, y: str) -> dict[str, Singles]:
+def scatter_points(view: PowerView, drive: str, rows: Mask, x: str, y: str) -> dict[str, Singles]:
     """States of chosen rows on a map of two quantities, evenly thinned out."""
     found = np.flatnonzero(rows)
     found = found[:: max(1, -(-len(found) // _SHOWN))]
@@ -199,7 +199,7 @@ def _middles(edges: NDArray[np.float64]) -> NDArray[np.float64]:
     return 0.5 * (edges[1:] + edges[:-1])
 
 
-def short(values: Sequence[float] | NDArray[np.floating[Any]]) -> list[float | None]:
+def rounded(values: Sequence[float] | NDArray[np.floating[Any]]) -> list[float | None]:
     """Values with five digits, None for what is not finite."""
     return [short_one(float(value)) for value in values]
 

@@ -14,7 +14,7 @@ from sound_levels.levels.settings import Entry, Settings
 from sound_levels.levels.sound_file import SoundFile
 from sound_levels.levels.summary import LEVEL_COLUMNS, level_cells, sentences, summary
 from sound_levels.report.figure import draw_sound
-from sound_levels.report.page import write_report
+from sound_levels.report.page import write_sound_report
 
 
 def entries_of(
@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
         if options.picture is not None:
             draw_sound(options.picture, analysis)
         if options.report is not None:
-            write_report(options.report, analysis)
+            write_sound_report(options.report, analysis)
     for path in (options.json, options.picture, options.report):
         if path is not None:
             print(path)

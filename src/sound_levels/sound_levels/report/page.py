@@ -16,7 +16,7 @@ _DASHES = ('solid', 'dash', 'dot', 'dashdot')
 _CLOSE_UP = 3.0  # s shown of an alignment
 
 
-def write_report(path: Path, analysis: Analysis) -> None:
+def write_sound_report(path: Path, analysis: Analysis) -> None:
     """Write differences, levels over time, spectra, alignment and warnings."""
     settings = analysis.settings
     page = Page('Sound levels by policy')
