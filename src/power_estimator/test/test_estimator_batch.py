@@ -190,6 +190,8 @@ def test_an_effect_that_remembers_more_than_is_kept_is_refused_and_a_spring_is_n
         warm = with_effect(effects, 'winding_heating', {'time_constant': seconds}, 0.05, 0.0)
         with pytest.raises(InputError, match='base: winding_heating remembers more than'):
             BatchPower(warm, DRIVES, 2)
+        with pytest.raises(InputError, match='base: winding_heating remembers more than'):
+            BatchPower(replace(warm, groups=warm.groups[:1]), DRIVES[:1], 2)
     measured = with_effect(effects, 'winding_heating', {'time_constant': 0.0}, 0.05, 0.0)
     with pytest.raises(InputError, match='base: winding_heating needs temperature'):
         BatchPower(measured, DRIVES, 2)

@@ -33,6 +33,14 @@ def test_the_winding_needs_its_temperature_or_else_all_before():
     assert (heated.inputs, heated.memory, heated.remembers) == ({}, math.inf, 'winding_heating')
 
 
+@pytest.mark.parametrize('drives', range(1, 13))
+def test_the_winding_remembers_all_in_any_number_of_drives(drives):
+    heating, names = builtin_catalogue()['winding_heating'], [f'd{n}' for n in range(drives)]
+    for shape in heating.shapes:
+        needs = needs_of(heating, shape, names)
+        assert needs.memory == (math.inf if shape['time_constant'] else 0.01)
+
+
 def test_only_the_limit_of_the_bus_looks_at_all_drives():
     catalogue = builtin_catalogue()
     together = [one.name for one in catalogue.physics() if of(one.name, **one.shapes[0]).together]

@@ -20,7 +20,8 @@ RATE: Final = 400.0
 NOMINAL: Final = {'position': 0.0, 'voltage': 48.0, 'temperature': 40.0}  # beside torque and speed
 _ROWS = (4, 8, 16, 32)  # of memory that is tried; derivatives see three
 _ALL = 512
-_FORGOTTEN = 0.05  # share of an effect's size that an older past may change
+_ENDS = (*range(_ALL // 2, _ALL, _ALL // 16), _ALL)  # rows that are judged: at one, little may act
+_FORGOTTEN = 0.05  # share of each term's size that an older past may change
 
 
 def needs_of(effect: Effect, shape: Shape, names: Sequence[str]) -> Needs:
@@ -54,13 +55,19 @@ def needs_of(effect: Effect, shape: Shape, names: Sequence[str]) -> Needs:
     if not whole.any():  # of a user's effect in drives that it names itself
         code = getattr(effect.regressors, '__code__', None)
         inputs = set(NOMINAL) & set(code.co_names if code else ())
-    size = float(np.square(whole).mean())
+
+    def last(rows: int) -> NDArray[np.float64]:
+        """Regressors at the ends, of so many rows before each."""
+        parts = (data.rows(slice(max(end - rows, 0), end)) for end in _ENDS)
+        return np.stack([regressors(signals_of(part))[-1] for part in parts])
+
     memory = np.inf
-    for rows in () if effect.remembers else _ROWS:
-        late = regressors(signals_of(data.rows(slice(_ALL - rows, None))))
-        if np.square(late[-1] - whole[-1]).mean() <= _FORGOTTEN**2 * size:
-            memory = rows / RATE
-            break
+    if not effect.remembers:
+        of_all, size = last(_ALL), np.square(whole).mean(axis=(0, 1))
+        for rows in _ROWS:
+            if (np.square(last(rows) - of_all).mean(axis=(0, 1)) <= _FORGOTTEN**2 * size).all():
+                memory = rows / RATE
+                break
     return Needs(
         inputs={name: effect.name for name in sorted(inputs - {'voltage'})},
         rate=RATE,
