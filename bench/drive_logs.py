@@ -1,9 +1,9 @@
 """
 Public logs of real drives as questions: what is left out of the model, and power that is added.
 
-The logs lie in ../shared/real_data beside the checkout, or at WATTWALK_REAL_DATA; they are read by
-the project's own import. The power of a hidden effect is added to the metered power by a formula
-of this file, which the lab does not know.
+The logs lie in the folder of public logs that WATTWALK_REAL_DATA names; they are read by the
+project's own import. The power of a hidden effect is added to the metered power by a formula of
+this file, which the lab does not know.
 """
 
 import os

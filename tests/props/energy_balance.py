@@ -97,10 +97,11 @@ def friction_parts(friction, position, velocity, motor):
     f = friction
     sign = np.tanh(velocity * f._slope)
     fade = 1.0 + (velocity * f._fade) ** 2
+    away = (np.abs(position) - f._angle) / f._width
     return {
         'coulomb_friction': f._coulomb * sign,
         'stribeck_friction': f._stribeck / fade**2 * sign,
         'load_friction': (f._load * np.abs(motor) + f._asymmetry * motor * sign) * sign,
         'viscous_friction': f._viscous * velocity / (1.0 + np.abs(velocity) * f._thin),
-        'position_rub': f._rubbing(position) * sign,
+        'position_rub': f._rub / (1.0 + away**2) ** 2 * sign,
     }

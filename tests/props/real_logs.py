@@ -1,4 +1,4 @@
-"""Public logs of real drives beside the checkout or at WATTWALK_REAL_DATA, and the map of one."""
+"""The folder of public logs that WATTWALK_REAL_DATA names, and the map of one of them."""
 
 import os
 from pathlib import Path

@@ -285,13 +285,21 @@ def failing(*arguments):
     write(*arguments)
 BagWriter.write = failing
 """
+_FULL = """
+from power_recordings.writing.card_file import CardFile
+from wattwalk_core.files import RecordingError
+def full(*_):
+    if len(times) == 3: raise RecordingError('no room for the card')
+CardFile.add_drives = full
+"""
 
 
+@pytest.mark.parametrize('card', ['', _FULL], ids=['', 'and the card cannot be written'])
 def test_a_writer_that_fails_ends_the_recording_with_its_own_cause(
-    robot: Robot, record: Callable[..., Recorder], tmp_path: Path
+    robot: Robot, record: Callable[..., Recorder], tmp_path: Path, card: str
 ) -> None:
     supply = robot.publisher(DriveSupply, 'drive_supply')
-    recorder = record(tmp_path / 'walk', before=_FAILS_AT_THE_THIRD)
+    recorder = record(tmp_path / 'walk', before=_FAILS_AT_THE_THIRD + card)
     wait_for(supply.get_subscription_count)
     robot.stream(supply, lambda: recorder.process.poll() is not None)
     code, out, err = recorder.result()
@@ -301,7 +309,7 @@ def test_a_writer_that_fails_ends_the_recording_with_its_own_cause(
     assert 'disk' not in out + err
     recording = Recording.open(tmp_path / 'walk')
     assert recording.topics[f'{robot.namespace}/drive_supply'].count == 2
-    assert recording.card.drives == ('LF_HAA', 'LF_KFE')
+    assert recording.card.drives == (() if card else ('LF_HAA', 'LF_KFE'))
 
 
 def test_nothing_on_any_topic_is_said(record: Callable[..., Recorder], tmp_path: Path) -> None:

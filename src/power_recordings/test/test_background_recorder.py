@@ -66,6 +66,8 @@ def test_a_disk_that_fails_is_told_at_close_and_stops_the_queue(
     assert recorder.progress().dropped == {'/supply': 1}
     with pytest.raises(RecordingError, match='the disk is full'):
         recorder.close()
+    said = '1 messages of /supply were dropped: writing failed (the disk is full)'
+    assert said in recorder.summary()
 
 
 @pytest.mark.parametrize('frame', ['', 'power_board', 'abcde', 'abcdefghij'])

@@ -4,6 +4,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +18,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
+from wattwalk_core.files import RecordingError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.polled_topic import PolledTopic
 
@@ -96,8 +98,11 @@ class RecorderNode(Node):
         recorder = self._recorder
         try:
             recorder.close()
-        finally:
-            self._card.add_drives(recorder.measured())
+        except BaseException:
+            with suppress(RecordingError):
+                self._card.add_drives(recorder.measured())
+            raise
+        self._card.add_drives(recorder.measured())
         print(f'{recorder.summary()}\n{self._bag}')
         progress = recorder.progress()
         if progress.counts and self._waiting(progress):
@@ -145,7 +150,8 @@ class RecorderNode(Node):
             level, sentence = Level.WARN, str(self._recorder.sequence)
         if now.dropped:
             level = Level.ERROR
-            sentence = f'the disk is too slow: {sum(now.dropped.values())} messages dropped'
+            dropped = sum(now.dropped.values())
+            sentence = f'{self._recorder.cause_of_drops}: {dropped} messages dropped'
         values = {f'{name} rate [Hz]': f'{rate:.1f}' for name, rate in rates.items()}
         values |= {f'{name} messages': str(count) for name, count in now.counts.items()}
         values |= {'size [B]': str(now.size), 'waiting [B]': str(now.waiting)}

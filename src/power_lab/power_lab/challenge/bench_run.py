@@ -39,7 +39,7 @@ def record_on_bench(
     """Save a motion fitted to its drive's limits, and record it; tell how long that will take."""
     from sim_bridge.plant.parameters import Plant  # slow to import: the simulator
 
-    from power_lab.challenge.bench_recording import record_motion
+    from power_lab.challenge.bench_recording import record_motion  # imports the simulator
 
     motion = proposed.within(limits_of(proposed.drives, None))
     motion.save(file)

@@ -5,7 +5,6 @@ import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from power_lab.discover import grammar
 from power_lab.discover.formula import Formula
 from power_lab.structure import memory
 
@@ -173,8 +172,3 @@ def _dedented(body: str) -> str:
 def _says(one: Written) -> str:
     acts = {'torque': 'N·m on the motor', 'power': 'W at the input'}[one.formula.family.acts_on]
     return f'Return {acts} per unit coefficient.'
-
-
-def used_grammar() -> tuple[str, ...]:
-    """Names of the functions that a file may hold."""
-    return tuple(name for name, value in vars(grammar).items() if inspect.isfunction(value))

@@ -113,6 +113,11 @@ class BackgroundRecorder(Worker):
             self._taken - self._written,
         )
 
+    @property
+    def cause_of_drops(self) -> str:
+        """Cause of dropped messages, in words."""
+        return f'writing failed ({self._error})' if self.failed else 'the disk was too slow'
+
     def summary(self) -> str:
         """Return counts, rates and losses, a line each."""
         end = self.progress()
@@ -123,7 +128,7 @@ class BackgroundRecorder(Worker):
         if self.sequence.samples:
             lines.append(str(self.sequence))
         lines += [
-            f'{count} messages of {name} were dropped: the disk was too slow'
+            f'{count} messages of {name} were dropped: {self.cause_of_drops}'
             for name, count in end.dropped.items()
         ]
         if not end.counts:

@@ -66,10 +66,6 @@ class Friction:
         """Write the drag on the motor at one instant, N·m [D], to out."""
         friction_torque(self.table, position, velocity, motor, out)
 
-    def _rubbing(self, position: Floats) -> Floats:
-        away = (np.abs(position) - self._angle) / self._width
-        return self._rub / (1.0 + away * away) ** 2
-
 
 @dataclass(frozen=True)
 class Trace:
