@@ -4,10 +4,11 @@ import json
 
 import pytest
 import reliability
+from discrepancy import judged
 from judgements import diagnosed
 from reliability_figures import by, clopper_pearson, covered, measurement, said, share
 from reliability_questions import OfPlant, OfRobot, Sealed, plant_questions, robot_questions
-from truths import FAMILIES, Case
+from truths import FAMILIES, Case, record
 
 ROW = {
     'family': 'rigid',
@@ -112,3 +113,13 @@ def test_every_other_walk_of_the_robot_has_real_drives():
     assert sealed.missing == {'spring'}
     assert not {'spring', 'torque_loop', 'battery'} & {*sealed.known}
     assert sealed.coefficients['LF_KFE']['spring'] == pytest.approx(1 / 400)
+
+
+def test_a_judge_with_a_discrepancy_names_copper_that_is_left_out_and_nothing_of_a_null():
+    whole = record(Case('rigid', 'walk', seconds=40.0, drives=1, seed=3))
+    said_of_whole, said_without = (
+        {one.effect for one in judged(whole.data, known).statements if one.probability >= 0.95}
+        for known in (whole.known, tuple(n for n in whole.known if n != 'copper_loss'))
+    )
+    assert said_of_whole == set()
+    assert said_without == {'copper_loss'}
