@@ -40,7 +40,7 @@ def load_model(spec: str, catalogue: Catalogue | None = None) -> PowerModel:
         return EffectModel(PLAIN, Structure(tuple(Active.of(known[name]) for name in _EFFECTS)))
     if spec.endswith(('.yaml', '.yml')):
         model = read_model(Path(spec), catalogue or builtin_catalogue())
-        return replace(model, base_model=load_base(model.base)) if model.base else model
+        return replace(model, base_model=base_of(model))
     raise InputError(
         f'model {quoted(spec)} is not known; give ppn:RUN, a file that ends in .yaml, or one of '
         f'{", ".join(PROXIES)}'
@@ -54,3 +54,26 @@ def load_base(spec: str) -> PowerModel:
             f'base {quoted(spec)}: a base model is ppn:RUN or a proxy, not a model file'
         )
     return load_model(spec)
+
+
+def base_of(model: EffectModel) -> PowerModel | None:
+    """Return the base model of a model of effects: a proxy with the factors that its file has."""
+    if model.base is None or model.base_model is not None:
+        return model.base_model
+    base = load_base(model.base)
+    known = {group.type.name: group.base_factor for group in model.groups}
+    factors = {name: factor for name, factor in known.items() if factor is not None}
+    if not isinstance(base, Proxy) or not factors:
+        return base
+    return replace(base, types=tuple(group.type for group in model.groups), factors=factors)
+
+
+def on_base(model: EffectModel, base: PowerModel | None) -> EffectModel:
+    """Return the model on its base model, whose factors its groups keep."""
+    if not isinstance(base, Proxy):
+        return replace(model, base_model=base)
+    groups = []
+    for group in model.groups:
+        kinds = [kind.name for kind in base.types if kind.matches(group.type.patterns[0])]
+        groups.append(replace(group, base_factor=base.factors.get(kinds[0]) if kinds else None))
+    return replace(model, groups=tuple(groups), base_model=base)

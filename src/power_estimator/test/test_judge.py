@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
+from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import FittedValue
+from power_estimator.effects.model_file.yaml_file import write_model
 from power_estimator.effects.training import fit_model
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
-from power_estimator.loader import load_model
+from power_estimator.loader import load_model, on_base
 from power_estimator.proxies import Proxy
 from power_recordings.alignment.align import merge
 from wattwalk_core.errors import InputError
@@ -159,3 +161,46 @@ def test_nothing_left_to_judge_on_is_said_by_name(one):
 
     with pytest.raises(InputError, match='nothing says nothing about LF_HAA, LF_HFE'):
         Judge(one).score(Nothing())
+
+
+def louder(recording):
+    """The same recording with half as much power again."""
+    return replace(recording, data=replace(recording.data, power=1.5 * recording.data.power))
+
+
+def test_effects_on_a_proxy_estimate_another_recording_without_its_power(one, other, tmp_path):
+    judge, idle = Judge(one), Active.of(CATALOGUE['idle'])
+    base = judge.base('torque_squared')
+    fresh, _ = fit_model(
+        'own',
+        judge.material(base),
+        [idle],
+        CATALOGUE,
+        base='torque_squared',
+        fitted_on=one.identities,
+    )
+    write_model(on_base(fresh, base), tmp_path / 'own.yaml')
+    model = load_model(str(tmp_path / 'own.yaml'))
+    assert 'power' not in model.needs.inputs
+    quiet, loud = (Judge(known).score(model) for known in (other, louder(other)))
+    assert (quiet.held_out, loud.held_out) == ('other recordings', 'other recordings')
+    estimates = [judged.measured - judged.residual for judged in (quiet, loud)]
+    both = np.isfinite(estimates[0]) & np.isfinite(estimates[1])
+    assert both.any()
+    assert np.allclose(estimates[0][both], estimates[1][both])
+
+
+def test_effects_on_a_proxy_are_judged_where_they_were_fitted_with_factors_of_other_folds(one):
+    judge, idle = Judge(one), Active.of(CATALOGUE['idle'])
+    base = judge.base('torque_squared')
+    model, _ = fit_model(
+        'own',
+        judge.material(base),
+        [idle],
+        CATALOGUE,
+        base='torque_squared',
+        fitted_on=one.identities,
+    )
+    quiet, loud = (Judge(known).score(on_base(model, base)) for known in (one, louder(one)))
+    assert quiet.held_out == 'cross-validated'
+    assert errors(loud) == pytest.approx([1.5 * error for error in errors(quiet)], rel=0.05)

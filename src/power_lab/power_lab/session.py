@@ -13,11 +13,12 @@ from power_estimator.effects.model_file.yaml_file import write_model
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_estimator.judge.result import JudgedModel
+from power_estimator.loader import load_model
 from power_estimator.model import PowerModel
 from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.errors import InputError
 
-from power_lab.compare.comparison import Comparison, comparison, open_model
+from power_lab.compare.comparison import Comparison, comparison
 from power_lab.compare.fitting import extended, fitted, named_effects
 from power_lab.discover.outcome import DiscoveryOutcome, discover
 from power_lab.report.staircase import Stairs
@@ -83,7 +84,7 @@ class Session:
 
     def load(self, spec: str) -> 'Session':
         """Take a model by file or name."""
-        return replace(self, given=open_model(spec, self.judge.catalogue), spec=spec)
+        return replace(self, given=load_model(spec, self.judge.catalogue), spec=spec)
 
     def fit(self, effects: str | Sequence[str], *, name: str = 'model', **how: Any) -> 'Session':
         """Fit a model of effects from nothing; how: as in `fitted`."""
@@ -111,7 +112,7 @@ class Session:
 
     def compare(self, *specs: str) -> Comparison:
         """Compare the model, where there is one, with others by file or name."""
-        others = [open_model(spec, self.judge.catalogue) for spec in specs]
+        others = [load_model(spec, self.judge.catalogue) for spec in specs]
         own = [] if self.given is None else [self.given]
         return comparison(
             self.judge, [*own, *others], [*[self.spec or m.name for m in own], *specs]

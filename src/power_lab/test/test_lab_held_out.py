@@ -12,6 +12,7 @@ from power_estimator.effects.model_file.yaml_file import write_model
 from power_estimator.effects.training import fit_model, material
 from power_estimator.judge.held_out import base_power
 from power_estimator.judge.recordings import load
+from power_estimator.loader import load_model
 from power_estimator.network.checkpoint import (
     Checkpoint,
     Network,
@@ -68,7 +69,7 @@ def saved(loaded, tmp_path_factory):
     """Fits effects to the bag, on a base or none, and says where the model is."""
 
     def write(name, base=None, fitted_on=loaded.identities):
-        under = None if base is None else base_power(loaded, base).power
+        under = None if base is None else base_power(loaded, load_model(base), base).power
         own = material(loaded.data, base=under, catalogue=CATALOGUE)
         actives = KNOWN[2:] if base else KNOWN
         model, _ = fit_model(name, own, actives, CATALOGUE, base=base, fitted_on=fitted_on)
@@ -100,7 +101,8 @@ def test_a_test_part_too_short_to_judge_on_is_said_in_a_line(loaded, networks):
     spec = networks(8.0, 20.0)
     with pytest.raises(InputError, match=r'its test part leaves 11 s of LF_HAA to judge on'):
         diagnose(loaded, EffectModel('none', Structure(()), base=spec), spec, CATALOGUE)
-    assert np.isfinite(base_power(loaded, networks(0.0, 99.0)).power).mean() > 0.9
+    known = load_model(networks(0.0, 99.0))
+    assert np.isfinite(base_power(loaded, known, 'ppn').power).mean() > 0.9
 
 
 def test_a_diagnosis_of_a_network_that_knows_the_recording_is_of_its_test_part(loaded, networks):

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from wattwalk_core.errors import InputError
 
@@ -73,3 +74,11 @@ def test_a_step_that_cannot_be_is_refused_in_a_line(lab):
 def test_importing_the_package_loads_no_analysis():
     code = 'import sys, power_lab; sys.exit("numpy" in sys.modules)'
     assert subprocess.run([sys.executable, '-c', code], check=False).returncode == 0
+
+
+def test_effects_on_a_base_predict_as_they_do_from_their_file(lab, tmp_path):
+    added = lab.fit('idle', base='torque_squared')
+    data, again = lab.recordings.data, lab.load(str(added.save(tmp_path / 'own.yaml')))
+    power = added.model.predict(data)
+    assert np.isfinite(power).any()
+    assert np.allclose(power, again.model.predict(data), rtol=1e-4, atol=1e-3, equal_nan=True)

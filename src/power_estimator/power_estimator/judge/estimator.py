@@ -19,16 +19,17 @@ from power_estimator.effects.training import Material, material
 from power_estimator.judge.evidence import Examiner
 from power_estimator.judge.held_out import (
     HeldOutPower,
-    base_power,
     held_out_rows,
     knows,
     names_without_power,
     power_on,
+    power_under,
 )
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import HeldOut
 from power_estimator.judge.settings import JudgeSettings
 from power_estimator.judge.together import together
+from power_estimator.loader import base_of
 from power_estimator.model import PowerModel
 from power_estimator.proxies import Proxy
 
@@ -138,15 +139,25 @@ class HeldOutEstimator:
 
     def _proxy(self, proxy: Proxy) -> HeldOut:
         """Scaled by drive type on the folds that are not judged."""
-        loaded, prepared = self.recordings, self.prepared
-        types = proxy.types or infer_types(loaded.data.names)
-        unit = replace(proxy, types=types, factors={kind.name: 1.0 for kind in types})
-        power = power_on(loaded, unit)
+        power = self._unscaled(proxy)
         signal = self._metered(power)
+        estimated = signal * self._factors(proxy, signal)
+        return self._predicted(estimated, proxy.name, power, CROSS_VALIDATED)
+
+    def _unscaled(self, proxy: Proxy) -> NDArray[np.float32]:
+        """A proxy's signal on all samples [T, D]."""
+        types = proxy.types or infer_types(self.recordings.data.names)
+        unit = replace(proxy, types=types, factors={kind.name: 1.0 for kind in types})
+        return power_on(self.recordings, unit)
+
+    def _factors(self, proxy: Proxy, signal: Floats) -> Floats:
+        """W per unit of a proxy's signal [N, M] in each fold, by drive type, from the others."""
+        prepared = self.prepared
+        types = proxy.types or infer_types(self.recordings.data.names)
         nominal = prepared.power_at(0.0)
         known = np.isfinite(signal) & prepared.measured
         groups = [[0]] if prepared.whole else list(assign(prepared.names, types).values())
-        folds, estimated = self.folds(self.blocks), np.full(signal.shape, np.nan)
+        folds, factors = self.folds(self.blocks), np.full(signal.shape, np.nan)
         for fold, training in enumerate(folds.training):
             tested = self.blocks.rows[folds.test == fold].ravel()
             trained = self.blocks.rows[training > 0].ravel()
@@ -156,8 +167,23 @@ class HeldOutEstimator:
                 mean = of_signal.mean() if both.any() else 0.0
                 if mean > 0.0:
                     for column in own:
-                        estimated[tested, column] = signal[tested, column] * drawn.mean() / mean
-        return self._predicted(estimated, proxy.name, power, CROSS_VALIDATED)
+                        factors[tested, column] = drawn.mean() / mean
+        return factors
+
+    def _scaled(self, proxy: Proxy) -> NDArray[np.float32]:
+        """A proxy's power on all samples, W [T, D], with the factors of the nearest fold."""
+        data, prepared, power = self.recordings.data, self.prepared, self._unscaled(proxy)
+        factors = self._factors(proxy, self._metered(power))
+        scaled = np.full_like(power, np.nan)
+        for meter, name in enumerate(prepared.names):
+            drive = data.names.index(name)
+            for index in range(len(data.recordings)):
+                known = np.isfinite(factors[:, meter]) & (prepared.recording == index)
+                if known.any():
+                    here, times = data.recording == index, prepared.time[known]
+                    nearest = np.searchsorted((times[1:] + times[:-1]) / 2, data.time[here])
+                    scaled[here, drive] = power[here, drive] * factors[known, meter][nearest]
+        return scaled
 
     def _effects(self, model: EffectModel) -> HeldOut:
         known = knows(model, self.recordings)
@@ -201,8 +227,11 @@ class HeldOutEstimator:
 
     def _as_it_is(self, model: EffectModel) -> HeldOut:
         """Physics alone, on recordings that the model was not fitted on."""
-        data, base = self.recordings.data, self._base(model)
-        how = _OF_BASE if base is not None and base.partly else ELSEWHERE
+        data, under = self.recordings.data, base_of(model)
+        rescaled = isinstance(under, Proxy) and not under.factors
+        base, how = self._base(model, rescaled), CROSS_VALIDATED if rescaled else ELSEWHERE
+        if base is not None and base.partly:
+            how = _OF_BASE
         if base is None:
             power = model.predict(data)
         else:
@@ -210,12 +239,16 @@ class HeldOutEstimator:
             power = np.where(np.isfinite(base.power), power, np.float32(np.nan))
         return self._predicted(self._metered(power), model.name, power, how)
 
-    def _base(self, model: EffectModel) -> HeldOutPower | None:
-        return None if model.base is None else base_power(self.recordings, model.base)
+    def _base(self, model: EffectModel, rescaled: bool) -> HeldOutPower | None:
+        """Power under the effects; rescaled: where that is of a proxy, on the other folds."""
+        under = base_of(model)
+        if rescaled and isinstance(under, Proxy) and not self.prepared.whole:
+            return HeldOutPower(self._scaled(under), partly=False)
+        return power_under(self.recordings, model)
 
     def _refitted(self, model: EffectModel) -> HeldOut:
         """Refitted fold by fold, with errors of measurement of each recording's own."""
-        base = self._base(model)
+        base = self._base(model, rescaled=True)
         own = self.material(None if base is None else base.power)
         if model.groups and not own.prepared.whole:
             own = replace(own, types=tuple(group.type for group in model.groups))

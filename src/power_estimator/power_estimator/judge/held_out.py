@@ -11,9 +11,10 @@ from wattwalk_core.errors import InputError
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import LEAST_SECONDS
 from power_estimator.judge.recordings import Loaded
-from power_estimator.loader import load_model
+from power_estimator.loader import base_of, load_base
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
+from power_estimator.proxies import Proxy
 
 _LOST = 1.4  # s of each stretch, to the low-pass and to whole seconds
 
@@ -82,13 +83,25 @@ def power_on(loaded: Loaded, model: PowerModel) -> NDArray[np.float32]:
     return out
 
 
-def base_power(loaded: Loaded, spec: str) -> HeldOutPower:
+def fitted_base(loaded: Loaded, spec: str) -> PowerModel:
+    """Return the model that effects are to stand on: a proxy with its factors on recordings."""
+    base = load_base(spec)
+    return base.fit(loaded.smooth) if isinstance(base, Proxy) else base
+
+
+def power_under(loaded: Loaded, model: EffectModel) -> HeldOutPower | None:
+    """Power of the base of a model of effects, None where it has none."""
+    base = base_of(model)
+    return None if base is None else base_power(loaded, base, model.base or base.name)
+
+
+def base_power(loaded: Loaded, model: PowerModel, spec: str) -> HeldOutPower:
     """
     Power of the model that effects stand on; of a network on its test part only.
 
-    InputError where that leaves too little of a drive to decide anything.
+    spec: its file or name. InputError where that leaves too little of a drive to decide anything.
     """
-    model, data = load_model(spec), loaded.data
+    data = loaded.data
     power = power_on(loaded, model)
     allowed = held_out_rows(model, loaded, data.time, data.recording)
     power[~allowed] = np.nan

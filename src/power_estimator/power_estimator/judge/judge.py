@@ -16,7 +16,7 @@ from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.training import Material
 from power_estimator.judge.estimator import HeldOutEstimator
-from power_estimator.judge.held_out import base_power, knows
+from power_estimator.judge.held_out import base_power, fitted_base, knows
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import HeldOut, JudgedModel
 from power_estimator.judge.settings import JudgeSettings
@@ -44,8 +44,8 @@ class Judge:
     as it is, less the best delay of the meter against the joint signals; errors of measurement
     that were fitted elsewhere (gain, offset, drift, bias, lag) stay there. On recordings that a
     model of effects was fitted on it is refitted fold by fold: pieces of 10 s, a second apart,
-    with errors of measurement of each recording's own. Proxies are scaled on the other folds; a
-    network counts on its test part.
+    with errors of measurement of each recording's own. Proxies are scaled on the other folds, also
+    below effects that are refitted; a network counts on its test part.
     """
 
     def __init__(
@@ -64,9 +64,13 @@ class Judge:
         """Signals and reduced power, whose N rows and M meters all scores are of."""
         return self._estimator.prepared
 
-    def material(self, base: str | None = None, per: str = 'type') -> Material:
+    def base(self, spec: str | None) -> PowerModel | None:
+        """Return the base of effects that are fitted here, a proxy with its factors."""
+        return None if spec is None else fitted_base(self.recordings, spec)
+
+    def material(self, base: PowerModel | None = None, per: str = 'type') -> Material:
         """Signals for a fit of effects, on the power of a base model."""
-        power = base_power(self.recordings, base).power if base else None
+        power = None if base is None else base_power(self.recordings, base, base.name).power
         return self._estimator.material(power, per)
 
     def refits(self, model: PowerModel) -> bool:

@@ -3,8 +3,8 @@
 import argparse
 
 from power_estimator.effects import load_catalogue
+from power_estimator.loader import load_model
 from power_lab.commands import options as common
-from power_lab.compare.comparison import open_model
 from power_recordings.index.store import RecordingIndex, usual_path
 from power_recordings.reading.bag_folder import check_recordings
 from threadpoolctl import threadpool_limits
@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)
 
-    model = model_of(open_model(options.model, catalogue), options.model)
+    model = model_of(load_model(options.model, catalogue), options.model)
     how = (options.drives, options.slow, options.anyway)
     key = key_of(model, options.model, options.effects_path, how)
     request = Request(model, catalogue, options.model, *how, key)

@@ -286,7 +286,8 @@ def model_of(model: object, spec: str) -> EffectModel:
     if not isinstance(model, EffectModel):
         raise InputError(f'--model {spec}: track needs a model of effects (model.yaml)')
     prefix, _, file = (model.base or '').rpartition(':')
-    return replace(model, base=f'{prefix}:{Path(file).absolute()}') if prefix else model
+    base = f'{prefix}:{Path(file).absolute()}' if prefix else model.base
+    return replace(model, base=base, base_model=None)  # workers load their own
 
 
 def track(

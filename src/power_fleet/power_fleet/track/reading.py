@@ -11,7 +11,7 @@ from pathlib import Path
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.judge.held_out import base_power
+from power_estimator.judge.held_out import power_under
 from power_estimator.judge.recordings import Loaded, load
 from power_recordings.index.stamp import Stamp
 from power_recordings.index.store import DriveFigure, IndexAnswer, RecordingFacts, RecordingIndex
@@ -142,13 +142,13 @@ def fit_stamped(request: Request, stamp: Stamp) -> Fitted:
     recording = loaded.recordings[0]
     found: RecordingFit | Unfit
     try:
-        base = request.model.base
+        under = power_under(loaded, request.model)
         found = fit_recording(
             loaded.data,
             request.model,
             request.catalogue,
             occasion_of(loaded),
-            base=None if base is None else base_power(loaded, base).power,
+            base=None if under is None else under.power,
             window=loaded.window,
         )
         figures = figures_of(found, request.model.name, request.catalogue)

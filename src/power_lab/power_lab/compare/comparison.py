@@ -2,14 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.model_file.yaml_file import read_model
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
@@ -62,7 +60,7 @@ class Comparison:
 def compare(loaded: Loaded, specs: Sequence[str], catalogue: Catalogue) -> Comparison:
     """Judge models by name or file, and find where each fails."""
     return comparison(
-        Judge(loaded, catalogue), [open_model(spec, catalogue) for spec in specs], specs
+        Judge(loaded, catalogue), [load_model(spec, catalogue) for spec in specs], specs
     )
 
 
@@ -87,13 +85,6 @@ def comparison(
         for one in judged
     ]
     return Comparison(prepared, judged, tuple(map(tuple, regimes)), state, labels)
-
-
-def open_model(spec: str, catalogue: Catalogue) -> PowerModel:
-    """A power model, whose file may name effects of the catalogue."""
-    if spec.endswith(('.yaml', '.yml')):
-        return read_model(Path(spec), catalogue)
-    return load_model(spec)
 
 
 def by_drive(residual: Floats, prepared: Prepared) -> Floats:

@@ -7,6 +7,7 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import fit_model
 from power_estimator.judge.judge import Judge
+from power_estimator.loader import on_base
 from wattwalk_core.errors import InputError
 
 
@@ -20,15 +21,17 @@ def fitted(
     seed: int = 0,
 ) -> EffectModel:
     """A model of effects with its held-out error as the beginning of its history."""
+    under = judge.base(base)
     model, _ = fit_model(
         name,
-        judge.material(base, per),
+        judge.material(under, per),
         effects,
         judge.catalogue,
         base=base,
         fitted_on=judge.recordings.identities,
         seed=seed,
     )
+    model = on_base(model, under)
     judged = judge.score(model)
     entry = {
         'step': 'fit',

@@ -10,7 +10,7 @@ from power_estimator.effects import Catalogue, Signals
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import LEAST_SECONDS, material
-from power_estimator.judge.held_out import base_power
+from power_estimator.judge.held_out import power_under
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.together import together
@@ -189,8 +189,8 @@ def diagnose(
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)
     base, seen = None, False
-    if model.base is not None:
-        under = base_power(loaded, model.base)
+    under = power_under(loaded, model)
+    if under is not None:
         base, seen = under.power, under.partly
     own = material(
         loaded.data,

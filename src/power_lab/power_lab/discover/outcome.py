@@ -12,7 +12,7 @@ from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import LEAST_SECONDS, Material, material
-from power_estimator.judge.held_out import base_power
+from power_estimator.judge.held_out import power_under
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
@@ -211,10 +211,10 @@ def discover(
     given = model
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)
-    base = None if model.base is None else base_power(loaded, model.base).power
+    under = power_under(loaded, model)
     own = material(
         loaded.data,
-        base=base,
+        base=None if under is None else under.power,
         catalogue=catalogue,
         least=max(LEAST_SECONDS, LEAST_SECONDS * loaded.window),
         window=loaded.window,

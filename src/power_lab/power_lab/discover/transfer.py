@@ -9,9 +9,11 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.training import Material, fit_model
+from power_estimator.judge.held_out import fitted_base
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
+from power_estimator.loader import on_base
 
 Floats = NDArray[np.float64]
 _BOOTSTRAPS = 400
@@ -53,6 +55,7 @@ class OtherRecording:
         """own: material of what was learned on, on a base model or none."""
         self.judge = Judge(test, catalogue)
         self.prepared, self.blocks = self.judge.prepared, Blocks.of(self.judge.prepared)
+        self._under = None if base is None else fitted_base(learned_on, base)
         self._own, self._base, self._known = own, base, learned_on.identities
 
     def score(self, effects: Sequence[Active]) -> JudgedModel:
@@ -65,7 +68,7 @@ class OtherRecording:
             base=self._base,
             fitted_on=self._known,
         )
-        return self.judge.score(model)
+        return self.judge.score(on_base(model, self._under))
 
     def transfer(
         self, drives: Sequence[str], before: JudgedModel, after: JudgedModel, explains: float

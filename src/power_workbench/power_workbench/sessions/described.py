@@ -6,7 +6,7 @@ import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.model_file.model import EffectModel
-from power_lab.compare.comparison import open_model
+from power_estimator.loader import load_model
 from power_lab.structure.words import in_words
 from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def described_model(spec: str, catalogue: Catalogue) -> dict[str, Any]:
     """Effects of a model in words, with coefficients and intervals by group of drives."""
-    model = open_model(spec, catalogue)
+    model = load_model(spec, catalogue)
     if not isinstance(model, EffectModel):
         model = EffectModel(model.name, Structure(()), base=spec)
     effects = []

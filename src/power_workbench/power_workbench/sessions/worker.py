@@ -10,8 +10,9 @@ from power_estimator.effects.model_file.yaml_file import read_model
 from power_estimator.effects.training import LEAST_TO_FIT, material
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
+from power_estimator.loader import load_model
 from power_lab.challenge.bench_run import record_on_bench, shortened
-from power_lab.compare.comparison import compare, open_model
+from power_lab.compare.comparison import compare
 from power_lab.session import Session
 from power_lab.structure.words import in_words
 from power_recordings.reading.bag_folder import find
@@ -112,7 +113,7 @@ class SessionWorker:
         loaded = self._load(show, source)
         if step.kind == 'load':
             if not step.file.endswith(('.yaml', '.yml')):
-                open_model(step.file, catalogue)
+                load_model(step.file, catalogue)
                 return {'view': self._judged(show, source, loaded, step.file), 'model': ''}
             read_model(Path(step.file), catalogue)
             write_whole(output, read_bytes(Path(step.file), 'model', SIZE))
@@ -152,7 +153,7 @@ class SessionWorker:
 
         catalogue = source.catalogue()
         loaded = self._load(show, source)
-        model = open_model(spec, catalogue)
+        model = load_model(spec, catalogue)
         outcome = discover(
             loaded, model, spec, catalogue, None, lambda text: show('progress', text), seed
         )
@@ -218,7 +219,7 @@ class SessionWorker:
         catalogue = source.catalogue()
         loaded = self._load(show, source)
         show('progress', 'diagnosing: trying every effect of the catalogue')
-        outcome = diagnose(loaded, open_model(spec, catalogue), spec, catalogue, seed)
+        outcome = diagnose(loaded, load_model(spec, catalogue), spec, catalogue, seed)
         self._outcome = (source, spec, outcome)
         return outcome
 

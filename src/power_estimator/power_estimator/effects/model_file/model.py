@@ -42,6 +42,7 @@ class DriveGroup:
     velocity_lag: float = 0.0  # s, of the velocity's filter
     voltage: float = NOMINAL_VOLTAGE  # V, where none is measured
     copper: float = 0.0  # W/(N·m)², copper loss of a base model, per torque²
+    base_factor: float | None = None  # W per unit of the proxy that is the base
     scale: tuple[float, ...] = REFERENCE  # factors of DriveScale
     torque_constant: float | None = None  # N·m/A, for drives that have a current for torque
 

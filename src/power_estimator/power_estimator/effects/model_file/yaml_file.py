@@ -52,6 +52,7 @@ class _GroupContent:
     velocity_lag: Annotated[float, Quantity(0.0, 1.0, 's')] = 0.0
     voltage: Annotated[float, Quantity(0.1, 1e4, 'V')] = NOMINAL_VOLTAGE
     copper: Annotated[float, Quantity(0.0, 1e6, 'W/(N·m)²')] = 0.0
+    base_factor: _Number | None = None
     scale: dict[str, _Factor] | None = None
     torque_constant: _Factor | None = None
 
@@ -107,6 +108,8 @@ def _group_content(group: DriveGroup, structure: Structure) -> dict[str, Any]:
     }
     if group.copper:
         content['copper'] = _number_out(group.copper)
+    if group.base_factor is not None:
+        content['base_factor'] = _number_out(group.base_factor)
     if group.scale != REFERENCE:
         content['scale'] = dict(zip(_FACTORS, map(_number_out, group.scale), strict=True))
     if group.torque_constant is not None:
@@ -249,6 +252,7 @@ def _group(
         velocity_lag=content.velocity_lag,
         voltage=content.voltage,
         copper=content.copper,
+        base_factor=content.base_factor,
         scale=factors,
         torque_constant=content.torque_constant,
     )
