@@ -1,5 +1,8 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
+from power_estimator.evaluation import benchmark
 from power_estimator.evaluation.recorded_estimate import RecordedEstimate
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.messages import cdr
@@ -45,6 +48,19 @@ def test_an_estimate_lies_in_the_middle_of_the_time_it_stands_for(tmp_path):
     power = RecordedEstimate([bag]).predict(dataset([99.99, 100.0, 100.01, 100.02, 100.04]))
     np.testing.assert_allclose(power[:4, 0], [10, 15, 20, 30], rtol=1e-4)
     assert np.isnan(power[4]).all(), 'nothing is known after the last estimate'
+
+
+def test_a_benchmark_calls_recorded_estimates_as_they_were_recorded(monkeypatch):
+    class Live(RecordedEstimate):
+        def __init__(self, bags):
+            pass
+
+        def predict(self, data):
+            return data.torque * data.velocity
+
+    monkeypatch.setattr(benchmark, 'RecordedEstimate', Live)
+    walk = Path(__file__).resolve().parents[3] / 'bags' / 'walk_small'
+    assert benchmark.run([walk], ['recorded']).held_out == ('as it was recorded',)
 
 
 def test_estimates_that_are_not_good_and_drives_without_one_are_unknown(tmp_path):

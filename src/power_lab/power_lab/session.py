@@ -19,7 +19,7 @@ from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.errors import InputError
 
 from power_lab.compare.comparison import Comparison, comparison
-from power_lab.compare.fitting import extended, fitted, named_effects
+from power_lab.compare.fitting import extended, fitted, named_effects, refitted
 from power_lab.discover.outcome import DiscoveryOutcome, discover
 from power_lab.report.staircase import Stairs
 
@@ -91,7 +91,7 @@ class Session:
         return self._with(fitted(self.judge, self._named(effects), name, **how))
 
     def add(self, effects: str | Sequence[str], *, name: str = '', **how: Any) -> 'Session':
-        """Add effects to the model and fit all anew; how: as in `extended`."""
+        """Add effects to the model and fit all anew; how: as in `refitted`."""
         model, new = self.effects, self._named(effects)
         for active in new:
             if active.name in model.effects:
@@ -99,7 +99,7 @@ class Session:
         return self._with(extended(self.judge, model, new, name or model.name, **how))
 
     def remove(self, effects: str | Sequence[str], *, name: str = '', **how: Any) -> 'Session':
-        """Take effects out of the model and fit the others anew; how: as in `fitted`."""
+        """Take effects out of the model and fit the others anew; how: as in `refitted`."""
         model, gone = self.effects, [active.name for active in self._named(effects)]
         for effect in gone:
             if effect not in model.effects:
@@ -107,7 +107,7 @@ class Session:
         left = [active for active in model.structure.actives if active.name not in gone]
         if not left:
             raise InputError('no effect is left; a model has one or more')
-        less = fitted(self.judge, left, name or model.name, base=model.base, **how)
+        less = refitted(self.judge, model, left, name or model.name, **how)
         return self._with(less.with_history(*model.history, *less.history))
 
     def compare(self, *specs: str) -> Comparison:
@@ -137,8 +137,9 @@ class Session:
 
     def stairs(self) -> Stairs:
         """Errors of the steps by which the model came about."""
-        history = self.effects.history[:-1]
-        return Stairs.of(history, [self.score], self.recordings, self.judge.prepared.noise)
+        return Stairs.of(
+            self.effects.history, [self.score], self.recordings, self.judge.prepared.noise
+        )
 
     def save(self, path: str | Path) -> Path:
         """Write the model of effects to a file."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from power_estimator.commands.arguments import benchmark
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.model_file.model import FittedValue
 from power_estimator.effects.model_file.yaml_file import read_model
@@ -190,6 +191,10 @@ def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_men
     assert 'power grows by 1e+03 W with each W of torque × speed' in error
     assert 'in the map: current: {unit: mA}' in error
     assert fit([*arguments, '--anyway']) == 0
+    scored = [str(bag), '--models', 'plain']
+    assert benchmark(scored) == 2
+    assert '--anyway judges it as it is' in capsys.readouterr().err
+    assert benchmark([*scored, '--anyway']) == 0
 
 
 def test_fit_tells_the_power_balance_before_any_physics_and_errors_of_the_measurement(

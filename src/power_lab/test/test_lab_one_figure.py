@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,23 @@ def test_fit_add_compare_and_benchmark_have_the_same_figures(made):
     assert {m['held_out'] for m in (fit, added, *compared, *benchmarked)} == {'cross-validated'}
 
 
+def test_add_draws_no_arrow_between_errors_that_were_held_out_in_different_ways(
+    made, tmp_path, capsys
+):
+    text = (made / 'base.yaml').read_text()
+    (identity,) = yaml.safe_load(text)['fitted_on']
+    other = tmp_path / 'other.yaml'
+    other.write_text(text.replace(identity['sha256'], 'f' * 64))
+    for file, arrows in ((made / 'base.yaml', 1), (other, 0)):
+        add = ['load_friction', '--to', str(file), '--bag', WALK, '-o', str(tmp_path / 'm.yaml')]
+        assert add_command(add) == 0
+        out = capsys.readouterr().out
+        assert out.split('held-out error')[1].count('→') == arrows
+    assert re.search(
+        r'W \(cross-validated\); the model before: [\d.]+ W \(other recordings\)', out
+    )
+
+
 def test_a_diagnosis_and_its_page_have_the_same_figure(made):
     file, page = str(made / 'why.json'), made / 'why.html'
     command = [WALK, '--model', str(made / 'better.yaml'), '--json', file, '--report', str(page)]
@@ -76,11 +94,11 @@ def test_errors_of_other_kinds_or_recordings_are_no_steps_of_the_staircase(made)
     def steps(*entries):
         return Stairs.of(entries, [judged], loaded, noise).steps
 
-    assert steps(history[0]) == ('fit', 'better')
+    assert steps(*history) == ('fit', 'load_friction')
     in_sample = {key: value for key, value in history[0].items() if key != 'held_out'}
     elsewhere = history[0] | {'recordings': ['another']}
     fewer = history[0] | {'rmse_w': {'LF_HAA': 3.0}}
     assert steps(in_sample, elsewhere, fewer) == ('better',)
-    stairs = Stairs.of(history[:1], [judged], loaded, noise)
+    stairs = Stairs.of(history, [judged], loaded, noise)
     assert stairs.errors[0] == pytest.approx(31.69, abs=0.005)
     assert stairs.errors[1] == pytest.approx(judged.rms_w)

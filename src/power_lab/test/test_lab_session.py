@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from power_lab.commands.arguments import add as add_command
 from wattwalk_core.errors import InputError
 
 from power_lab import Session
@@ -28,7 +29,9 @@ def test_the_lines_of_the_readme_run(monkeypatch, capsys):
     verdict, first, last = capsys.readouterr().out.splitlines()
     assert verdict == 'named'
     assert first.split() == ['31.69', 'W', 'fit']
-    assert float(last.split()[0]) < 4.0
+    error, step = last.split(' W  ')
+    assert float(error) < 4.0
+    assert step == 'viscous_friction, spring, rotor_inertia, load_friction'
 
 
 def test_each_step_returns_another_session_and_leaves_the_one_before(lab):
@@ -43,13 +46,29 @@ def test_each_step_returns_another_session_and_leaves_the_one_before(lab):
     assert [entry['step'] for entry in less.effects.history] == ['fit', 'add', 'fit']
 
 
+def test_effects_are_added_and_removed_with_coefficients_shared_as_before(lab, tmp_path):
+    def owners(model):
+        return [group.type.name for group in model.groups]
+
+    assert owners(lab.effects) == owners(lab.add('load_friction').effects) == ['HAA', 'HFE', 'KFE']
+    own = lab.fit('shaft copper_loss idle', per='drive')
+    drives = owners(own.effects)
+    assert len(drives) == 12
+    assert owners(own.add('load_friction').effects) == drives
+    assert owners(own.remove('idle').effects) == drives
+    assert owners(own.add('load_friction', per='type').effects) == owners(lab.effects)
+    file, better = own.save(tmp_path / 'own.yaml'), tmp_path / 'better.yaml'
+    add_command(['load_friction', '--to', str(file), '--bag', str(WALK), '-o', str(better)])
+    assert owners(own.load(str(better)).effects) == drives
+
+
 def test_the_staircase_has_the_figures_of_a_comparison(lab):
     better = lab.add(['load_friction'])
     stairs = better.stairs()
     compared = better.compare('mechanical_power').models
     assert stairs.errors == pytest.approx([lab.score.rms_w, compared[0].rms_w], abs=1e-6)
-    assert stairs.steps == ('fit', 'model')
-    assert stairs.figure()['data'][0]['x'] == ['fit', 'model']
+    assert stairs.steps == ('fit', 'load_friction')
+    assert stairs.figure()['data'][0]['x'] == ['fit', 'load_friction']
 
 
 def test_a_saved_model_is_loaded_and_judged_alike(lab, tmp_path):

@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from power_recordings.commands.arguments import add_doubts
 from wattwalk_core.command import command_parser, entry_point, node_options
 from wattwalk_core.console import PICTURES, check_suffix
 from wattwalk_core.engine.options import add_workplace
@@ -55,6 +56,7 @@ def benchmark(args: Sequence[str] | None = None) -> argparse.Namespace:
         '(the live estimate in the recording)',
     )
     add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
+    add_doubts(parser)
     add('--json', type=Path, metavar='FILE', help='write the table there')
     add('--picture', type=Path, metavar='PNG', help='draw the estimates and the R² there')
     add('--dark', action='store_true', help='pictures on a dark ground')

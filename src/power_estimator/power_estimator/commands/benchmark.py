@@ -15,7 +15,9 @@ def run(options: argparse.Namespace) -> int:
     check_recordings(options.bags)
 
     with progress('reading, aligning and estimating'):
-        found = benchmark.run(options.bags, options.models, options.drives)
+        found = benchmark.run(
+            options.bags, options.models, options.drives, slow=options.slow, anyway=options.anyway
+        )
     title = f'{found.seconds:.0f} s held out ({"; ".join(found.held_out)})'
     print_scores(found.table, title)
     with together():

@@ -1,7 +1,7 @@
 """Benchmark of models on recordings, on samples that none of them was fitted to."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import infer_types
 from power_estimator.effects.signals.reducer import REDUCED_RATE
-from power_estimator.evaluation.recorded_estimate import RECORDED, RecordedEstimate
+from power_estimator.evaluation.recorded_estimate import AS_RECORDED, RECORDED, RecordedEstimate
 from power_estimator.evaluation.tables import table
 from power_estimator.evaluation.traces import Traces, traces
 from power_estimator.judge.judge import Judge
@@ -30,19 +30,29 @@ class Benchmark:
     held_out: tuple[str, ...]  # ways in which samples were held out
 
 
-def run(bags: Sequence[Path], specs: Sequence[str], drives: Sequence[str] = ()) -> Benchmark:
+def run(
+    bags: Sequence[Path],
+    specs: Sequence[str],
+    drives: Sequence[str] = (),
+    *,
+    slow: bool = False,
+    anyway: bool = False,
+) -> Benchmark:
     """
     Score models on recordings by the judge, on the samples that all of them may be judged on.
 
-    InputError if there are none.
+    slow, anyway: as in `load`. InputError if there are no such samples.
     """
     if len(set(specs)) < len(specs):
         raise InputError(f'--models names a model twice: {", ".join(specs)}')
     models = [_open(spec, bags) for spec in specs]
-    judge = Judge(load(bags, drives, anyway=True))
+    judge = Judge(load(bags, drives, slow=slow, anyway=anyway))
     networks = [model for model in models if isinstance(model, PowerPredictionNetwork)]
     types = networks[0].types if networks else infer_types(judge.prepared.names)
-    judged = judge.compare(models, specs, types, supply=not drives)
+    judged = tuple(
+        replace(one, how=(AS_RECORDED,) * len(one.how)) if one.name == RECORDED else one
+        for one in judge.compare(models, specs, types, supply=not drives)
+    )
     rows = np.any([one.rows.any(axis=1) for one in judged], axis=0)
     return Benchmark(
         table([judged]),

@@ -15,6 +15,7 @@ from power_estimator.model import Needs
 
 Floats = NDArray[np.float32]
 RECORDED: Final = 'recorded'
+AS_RECORDED: Final = 'as it was recorded'
 _STANDS_FOR: Final = 0.02  # s that end at an estimate's stamp
 _LONGEST_GAP: Final = 0.05  # s between estimates that are joined by a line
 

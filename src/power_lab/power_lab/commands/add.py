@@ -53,10 +53,14 @@ def _print_staircase(model: EffectModel) -> None:
     print('held-out error over the drives, on the recordings of each step:')
     for entry in model.history:
         label = ', '.join(entry.get('added', entry.get('effects', [])))
-        before = entry.get('rmse_before_w')
-        start = f'{_mean(before):.3f} → ' if before else ''
-        after = f'{_mean(entry.get("rmse_w", {})):.3f} W'
-        print(f'{entry.get("step", "?"):>4}  {start}{after}  {label}')
+        before, after = entry.get('rmse_before_w'), f'{_mean(entry.get("rmse_w", {})):.3f} W'
+        how = entry.get('held_out')
+        if before and entry.get('held_out_before', how) == how:
+            after = f'{_mean(before):.3f} → {after}'
+        elif before:
+            former = entry['held_out_before']
+            after += f' ({how}); the model before: {_mean(before):.3f} W ({former})'
+        print(f'{entry.get("step", "?"):>4}  {after}  {label}')
 
 
 def _mean(errors: Mapping[str, float]) -> float:

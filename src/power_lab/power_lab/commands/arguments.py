@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from power_recordings.commands.arguments import add_doubts
 from wattwalk_core.command import command_parser, entry_point
 from wattwalk_core.console import check_suffix
 from wattwalk_core.engine.options import add_workplace
@@ -41,20 +42,6 @@ def add_bags(made: argparse.ArgumentParser) -> None:
     add_doubts(made)
 
 
-def add_doubts(made: argparse.ArgumentParser) -> None:
-    """Recordings that are refused unless one insists."""
-    made.add_argument(
-        '--slow',
-        action='store_true',
-        help='take power that changes less than 25 times a second: judge energy over windows',
-    )
-    made.add_argument(
-        '--anyway',
-        action='store_true',
-        help='take signals whose units or signs contradict each other',
-    )
-
-
 def add_outputs(made: argparse.ArgumentParser, *, report: bool = True) -> None:
     """Arguments for files of results."""
     made.add_argument('--json', type=Path, metavar='FILE', help='write the result as JSON')
@@ -78,7 +65,7 @@ def add(args: Sequence[str] | None = None) -> argparse.Namespace:
     add('--drives', nargs='+', default=[], metavar='NAME', help='only these')
     add_doubts(parser)
     add('-o', '--output', type=Path, required=True, metavar='MODEL.yaml', help='file to write')
-    add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
+    add('--per', choices=('type', 'drive'), help='who shares coefficients; as in the model')
     add('--seed', type=int, default=0, help='of the bootstrap')
     add_outputs(parser, report=False)
     options = parser.parse_args(args)

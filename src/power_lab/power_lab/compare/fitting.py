@@ -1,6 +1,7 @@
 """Models of effects made from recordings: fitted from nothing, and with effects added."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active
@@ -48,20 +49,34 @@ def extended(
     model: EffectModel,
     new: Sequence[Active],
     name: str,
-    *,
-    per: str = 'type',
-    seed: int = 0,
+    **how: Any,
 ) -> EffectModel:
-    """A model with effects added and all coefficients fitted anew."""
-    effects = [*model.structure.actives, *new]
-    better = fitted(judge, effects, name, base=model.base, per=per, seed=seed)
+    """A model with effects added and all coefficients fitted anew; how: as in `refitted`."""
+    better = refitted(judge, model, [*model.structure.actives, *new], name, **how)
+    before = judge.score(model)
     entry = {
         **better.history[-1],
         'step': 'add',
         'added': [active.name for active in new],
-        'rmse_before_w': judge.score(model).rmse,
+        'held_out_before': before.held_out,
+        'rmse_before_w': before.rmse,
     }
     return better.with_history(*model.history, entry)
+
+
+def refitted(
+    judge: Judge,
+    model: EffectModel,
+    effects: Sequence[Active],
+    name: str,
+    *,
+    per: str | None = None,
+    seed: int = 0,
+) -> EffectModel:
+    """Effects fitted on a model's base; per: as the model's drives share, where none is given."""
+    alone = all(group.type.patterns == (group.type.name,) for group in model.groups)
+    own = 'drive' if model.groups and alone else 'type'
+    return fitted(judge, effects, name, base=model.base, per=per or own, seed=seed)
 
 
 def named_effects(texts: Sequence[str], catalogue: Catalogue) -> list[Active]:

@@ -291,7 +291,7 @@ def _section_staircase(
     page.heading('The error falls')
     judged = outcome.judged
     noise = outcome.diagnoser.fitter.prepared.noise
-    stairs = Stairs.of(outcome.model.history[:-1], judged.steps, outcome.loaded, noise)
+    stairs = Stairs.of(outcome.model.history, judged.steps, outcome.loaded, noise)
     highest = _HIGHEST * max(stairs.errors)
     errors = {str(model['name']): _error(model) for model in others}
     high = [f'{name} {error:.1f} W' for name, error in errors.items() if error > highest]

@@ -30,18 +30,23 @@ class Stairs:
         noise: NDArray[np.float64],
     ) -> 'Stairs':
         """
-        Make a staircase of former steps and of models as they are judged now.
+        Make a staircase of a model's history and of models as they are judged now.
 
-        Of the history, steps whose errors are of other recordings or meters, or were held out in
-        another way, are left out. noise: of the meters, W [M].
+        The first of these is the model, whose errors the history ends with. Steps whose errors are
+        of other recordings or meters, or were held out in another way, are left out. noise: of the
+        meters, W [M].
         """
-        former = [entry for entry in history if _comparable(entry, judged[0], loaded)]
-        names = [', '.join(entry.get('added', ())) or str(entry.get('step')) for entry in former]
+        former = [entry for entry in history[:-1] if _comparable(entry, judged[0], loaded)]
+        last = [entry for entry in history[-1:] if _comparable(entry, judged[0], loaded)]
+        names = [
+            ', '.join(entry.get('added', ())) or str(entry.get('step'))
+            for entry in (*former, *last)
+        ]
         errors = [
             float(np.sqrt(np.mean(np.square(list(entry['rmse_w'].values()))))) for entry in former
         ]
         return cls(
-            (*names, *(one.name for one in judged)),
+            (*names, *(one.name for one in judged[len(last) :])),
             (*errors, *(one.rms_w for one in judged)),
             float(np.sqrt(np.nanmean(np.square(noise)))),
         )

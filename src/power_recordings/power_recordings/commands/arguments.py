@@ -12,6 +12,20 @@ _IMPORT_LOGS = """example:
   ros2 run power_recordings info bags/hops"""
 
 
+def add_doubts(made: argparse.ArgumentParser) -> None:
+    """Recordings that are refused unless one insists."""
+    made.add_argument(
+        '--slow',
+        action='store_true',
+        help='take power that changes less than 25 times a second: judge energy over windows',
+    )
+    made.add_argument(
+        '--anyway',
+        action='store_true',
+        help='take signals whose units or signs contradict each other',
+    )
+
+
 @entry_point('power_recordings.commands.import_logs:run')
 def import_logs(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Arguments of import_logs."""

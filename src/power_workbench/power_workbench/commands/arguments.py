@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from power_lab.commands import arguments as common
+from power_recordings.commands.arguments import add_doubts
 from wattwalk_core.command import entry_point
 from wattwalk_core.errors import InputError
 
@@ -25,7 +26,7 @@ def open(args: Sequence[str] | None = None) -> argparse.Namespace:
     add('bags', nargs='*', type=Path, metavar='BAG', help='recordings, or folders with some')
     add('--model', metavar='MODEL', help='model.yaml, ppn:RUN or a proxy to begin with')
     add('--drives', nargs='+', default=[], metavar='NAME', help='only these drives')
-    common.add_doubts(parser)
+    add_doubts(parser)
     add(
         '--folder',
         type=Path,

@@ -102,7 +102,7 @@ def effects_before(record: SessionRecord) -> list[str]:
 
 
 def _options(step: SessionStep) -> list[str]:
-    per = ['--per', step.per] if step.per != 'type' else []
+    per = ['--per', step.per] if step.per else []
     return [*per, '--seed', str(step.seed)] if step.seed else per
 
 

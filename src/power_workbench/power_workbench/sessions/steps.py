@@ -35,7 +35,7 @@ class SessionStep:
     anyway: bool = False
     file: _Text = ''
     effects: _Names = ()
-    per: Literal['type', 'drive'] = 'type'
+    per: Literal['', 'type', 'drive'] = ''  # '': by type of a fit, else as in the model
     base: _Text = ''
     seed: int = 0
     model: Annotated[str, Printable(0)] = ''

@@ -250,7 +250,8 @@ class SessionWorker:
         self, loaded: Loaded, catalogue: Catalogue, spec: str, step: SessionStep, name: str
     ) -> Session:
         lab = Session(Judge(loaded, catalogue))
-        options: dict[str, Any] = {'name': name, 'per': step.per, 'seed': step.seed}
+        options: dict[str, Any] = {'name': name, 'seed': step.seed}
+        options |= {'per': step.per} if step.per else {}
         if step.kind == 'fit':
             return lab.fit(step.effects, base=step.base or None, **options)
         lab = lab.load(spec)

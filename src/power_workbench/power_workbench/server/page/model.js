@@ -61,7 +61,7 @@ function firstFit(first) {
   return h('form', { onsubmit: fit },
     h('fieldset', { class: 'choices' }, h('legend', {}, 'Effects'), sorted.map(box)),
     h('details', {}, h('summary', {}, 'More'), h('div', { class: 'row' },
-      h('label', {}, 'coefficients shared by ', h('select', {}, h('option', { value: 'type' }, 'drives of a type'), h('option', { value: 'drive' }, 'no one: each drive its own'))),
+      h('label', {}, 'coefficients shared by ', h('select', {}, h('option', { value: '' }, 'drives of a type'), h('option', { value: 'drive' }, 'no one: each drive its own'))),
       h('label', {}, 'on a network ', h('input', { type: 'text', name: 'base', placeholder: 'ppn:RUN' })))),
     h('div', { class: 'row' }, h('button', { type: 'submit', class: first ? 'main' : '' }, 'Fit'), first ? null : ''),
     first ? loading() : null);
