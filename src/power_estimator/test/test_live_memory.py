@@ -82,6 +82,15 @@ def test_a_winding_warms_piece_by_piece_as_it_does_in_the_whole(seconds, piece):
     assert expected[-third:].mean() > 1.3 * expected[:third].mean()
 
 
+def test_the_heat_at_the_start_of_the_recording_fitted_on_is_in_no_estimate():
+    cold, data = ('copper_loss', {}, 0.05), walk(2.0)
+    started_hot, started_cold = (
+        model(cold, ('winding_heating', {'time_constant': 50.0}, 0.05, start))
+        for start in (0.2, 0.0)
+    )
+    assert np.array_equal(started_hot.predict(data), started_cold.predict(data))
+
+
 def test_a_winding_warms_live_as_it_does_offline():
     heated, data = model(*heating(6.0)), walk(20.0)
     found, expected = watts(play(LiveEstimator(heated, NAMES), data)), offline(heated, data)

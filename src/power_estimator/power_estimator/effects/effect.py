@@ -32,6 +32,7 @@ class Term:
     prior: float = np.inf  # spread known beforehand; finite for measurement terms
     least: float = 0.0  # a smaller coefficient is not named
     attained: bool = False  # real drives may lie at the upper bound
+    of_recording: bool = False  # a state at its start, which no other recording has
 
 
 @dataclass(frozen=True)

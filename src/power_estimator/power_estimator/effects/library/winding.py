@@ -92,7 +92,7 @@ WINDING_HEATING = Effect(
     name='winding_heating',
     physics='a warm winding has more resistance: +0.39 % copper loss per kelvin',
     formula="c·motor_torque²·0.0039·dT; dT measured, or time_constant·dT' = torque² − dT",
-    terms=(Term('c', 'W/((N·m)²·K)'), Term('c0', 'W/(N·m)²')),
+    terms=(Term('c', 'W/((N·m)²·K)'), Term('c0', 'W/(N·m)²', of_recording=True)),
     regressors=_heating,
     recorded=_temperature_moved,
     follows=frozenset({'motor_torque'}),

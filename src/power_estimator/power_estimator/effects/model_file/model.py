@@ -143,10 +143,15 @@ class EffectModel:
         return group.coefficients[effect]
 
     def coefficients(self, members: Sequence[DriveGroup]) -> Floats:
-        """Return the coefficients of the effects [D, m]; errors of the meter stay behind."""
-        names = [active.name for active in self.structure.free]
+        """Return the coefficients of the effects [D, m]; what is of a recording stays behind."""
         rows = [
-            [found.value for name in names for found in group.coefficients[name]]
+            [
+                0.0 if term.of_recording else found.value
+                for active in self.structure.free
+                for term, found in zip(
+                    active.effect.terms, group.coefficients[active.name], strict=True
+                )
+            ]
             for group in members
         ]
         return np.array(rows, dtype=np.float64).reshape(len(members), -1)
