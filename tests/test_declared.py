@@ -39,6 +39,7 @@ BY_NAME_IN_XML = {
 BY_NAME_IN_SETUP = {
     'power_daq': {'pysoem', 'pyvisa-py'},  # loaded on use; backend of pyvisa
     'wattwalk_core': {'cryptography'},  # of the engine's temporary certificates
+    'sound_levels': {'statsmodels'},  # of arch
     'policy_training': {'tensorboard'},  # of torch.utils.tensorboard
 }
 OPTIONAL = (

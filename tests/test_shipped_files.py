@@ -8,6 +8,7 @@ from pathlib import Path
 
 import yaml
 from power_daq.bus.description import BusDescription
+from power_daq.nodes.card_topic import TOPIC as CARD
 from power_recordings.messages.types import TYPES
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -150,7 +151,7 @@ def test_the_security_policy_lets_each_node_do_what_it_does():
         assert node == 'operator' or f"super().__init__('{node}')" in SOURCES, node
         for side in ('publish', 'subscribe'):
             own = {name for name in sides[side] if not name.startswith('/')} - {'rosout'}
-            assert own <= set(TYPES), node
+            assert own <= {*TYPES, CARD}, node
     assert {'drive_supply', 'joint_states'} <= allowed['power_daq']['publish']
     assert set(TYPES) <= allowed['recorder']['subscribe']
     assert allowed['operator']['request'] >= SERVICES

@@ -3,7 +3,7 @@
 import ast
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -42,16 +42,34 @@ def packages() -> dict[str, dict[str, Path]]:
 
 
 def summaries(package: str) -> dict[str, str]:
-    """Return a line on each executable of a package, from the docstring of its module."""
+    """Return a line on each executable of a package, from the docstring of its body."""
     found = {}
     for script in entry_points(group='console_scripts'):
         if script.dist is None or script.dist.name.replace('-', '_') != package:
             continue
-        spec = find_spec(script.module)
-        if spec is not None and spec.origin:
-            text = ast.get_docstring(ast.parse(Path(spec.origin).read_text(encoding='utf-8')))
-            found[script.name] = (text or '').partition('\n')[0].rpartition('`: ')[2]
+        tree = source(script.module)
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef) and node.name == script.attr:
+                tree = next(map(source, bodies(node)), tree)
+        text = ast.get_docstring(tree) or ''
+        found[script.name] = text.partition('\n')[0].rpartition('`: ')[2]
     return found
+
+
+def source(module: str) -> ast.Module:
+    """Return a module's syntax tree, an empty one where it has no file."""
+    spec = find_spec(module)
+    text = Path(spec.origin).read_text(encoding='utf-8') if spec and spec.origin else ''
+    return ast.parse(text)
+
+
+def bodies(command: ast.FunctionDef) -> Iterator[str]:
+    """Yield the module that has the body of a command, named as `@entry_point('module:run')`."""
+    for decorator in command.decorator_list:
+        if isinstance(decorator, ast.Call):
+            for given in decorator.args:
+                if isinstance(given, ast.Constant) and isinstance(given.value, str):
+                    yield given.value.partition(':')[0]
 
 
 def main(argv: Sequence[str]) -> int | None:

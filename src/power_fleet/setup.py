@@ -15,6 +15,7 @@ setup(
         'setuptools',
         'numpy',
         'scikit-learn',
+        'statsmodels',
         'plotly',
         'rich',
         'threadpoolctl',

@@ -20,6 +20,7 @@ setup(
         'soundfile',
         'plotly',
         'arch',
+        'statsmodels',
     ],
     extras_require={'test': ['pytest']},
     zip_safe=False,

@@ -114,14 +114,14 @@ def test_the_page_says_that_nothing_is_published_and_what_to_start(browser, ros_
         (session,) = (tmp_path / 'page' / 'workbench').iterdir()
         assert 'nobody records' in (session / 'notes.yaml').read_text()
         (child,) = (
-            pid for pid, line in processes_of(bench).items() if 'workbench.live.child' in line
+            pid for pid, line in processes_of(bench).items() if 'workbench.live.process' in line
         )
         page.get_by_role('button', name='Follow no longer').click()
         assert wait_until(lambda: not alive([child]), SLOW), 'nobody follows'
         page.get_by_role('button', name='Follow the running robot').click()
         said.wait_for()
         (child,) = (
-            pid for pid, line in processes_of(bench).items() if 'workbench.live.child' in line
+            pid for pid, line in processes_of(bench).items() if 'workbench.live.process' in line
         )
         bench.process.kill()
         assert wait_until(lambda: not alive([child]), SLOW), 'an orphan is left'
