@@ -240,8 +240,9 @@ def _time(found: Sequence[CandidateColumn]) -> str:
         )
     best = min(times, key=lambda c: (_counts(c), -round(c.listed.changes, 1), len(c.address)))
     unit, why = (best.unit, '') if best.unit else _time_unit(best)
-    seconds = float(np.nanmax(best.values) - np.nanmin(best.values)) * _TIMES.get(unit, 1.0)
-    rows = np.isfinite(best.values).sum()
+    known = best.values[np.isfinite(best.values)]
+    rows = len(known)
+    seconds = float(np.ptp(known)) * _TIMES.get(unit, 1.0) if rows else 0.0
     if best.listed.changes < 0.5 and seconds > 0 and best.listed.changes * rows < seconds * 25:
         return (
             f'time: {{rate: {rows / seconds:.4g}}}   # rows over time: {best.address} changes in '
