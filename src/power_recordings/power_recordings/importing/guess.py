@@ -264,7 +264,8 @@ def _ascends(candidate: CandidateColumn) -> bool:
 
 def _counts(candidate: CandidateColumn) -> bool:
     """Tell whether a column numbers the rows."""
-    return bool(len(candidate.values) > 1 and (np.diff(candidate.values) == 1.0).all())
+    known = candidate.values[np.isfinite(candidate.values)]
+    return len(known) > 1 and bool((np.diff(known) == 1.0).all())
 
 
 def _time_unit(candidate: CandidateColumn) -> tuple[str, str]:
