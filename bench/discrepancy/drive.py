@@ -255,7 +255,7 @@ class DriveProblem:
                 joined = np.concatenate(parts, axis=1)
                 self.absent[name] = joined * SPIKE / np.sqrt(joined.shape[1])
 
-    def normals(self, columns: Columns, effects: Floats | None = None) -> list[Normal]:
+    def normals(self, columns: Columns) -> list[Normal]:
         """Evidence at each size of the discrepancy."""
         assert self.noise is not None
         weights = self.noise.weights / (self.noise.variance * self.noise.tempering)
