@@ -16,7 +16,7 @@ WORKERS ?= 2
 .PHONY: setup demo test build-ros test-ros lint docs bench bench-lab clean
 setup: $(STAMP)
 
-$(STAMP): requirements.txt requirements-dev.txt requirements-docs.txt $(PACKAGES:%=src/%/setup.py) embedded/pyproject.toml
+$(STAMP): requirements.txt requirements-dev.txt requirements-docs.txt $(PACKAGES:%=src/%/setup.cfg) embedded/pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install -q 'setuptools==79.0.1' wheel
 	$(BIN)/pip install -q '$(TORCH)'

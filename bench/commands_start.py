@@ -5,10 +5,10 @@ CPU time of `--help` and of a wrong argument of every command, each in a fresh p
 """
 
 import argparse
-import ast
 import os
 import subprocess
 from collections.abc import Sequence
+from configparser import ConfigParser
 from pathlib import Path
 
 from rich.console import Console
@@ -21,18 +21,16 @@ ARGUMENTS = ('--help', '--no-such-option')
 
 
 def entry_points() -> dict[tuple[str, str], tuple[str, str]]:
-    """Return module and function of each command, by package and name, as the setup.py say."""
+    """Return module and function of each command, by package and name, as the setup.cfg say."""
     found = {}
-    for file in sorted(SOURCES.glob('*/setup.py')):
-        for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
-            if not isinstance(node, ast.Dict):
-                continue
-            for key, value in zip(node.keys, node.values, strict=True):
-                if isinstance(key, ast.Constant) and key.value == 'console_scripts':
-                    for line in ast.literal_eval(value):
-                        name, _, target = line.partition(' = ')
-                        module, _, function = target.partition(':')
-                        found[file.parent.name, name] = (module, function)
+    for file in sorted(SOURCES.glob('*/setup.cfg')):
+        config = ConfigParser()
+        config.read(file, 'utf-8')
+        lines = config.get('options.entry_points', 'console_scripts', fallback='').strip()
+        for line in lines.splitlines():
+            name, _, target = line.partition(' = ')
+            module, _, function = target.partition(':')
+            found[file.parent.name, name] = (module, function)
     return found
 
 

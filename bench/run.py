@@ -15,7 +15,6 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     'offline_simulation': (),
     'alignment': (),
     'import_speed': ('--mb', '1000'),
-    'daq_bus': (),
     'real_runtime': (),
     'node_shares': (),
     'estimator': (),

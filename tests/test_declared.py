@@ -1,9 +1,10 @@
-"""Packages declare what they import: no more, no less, in package.xml and in setup.py."""
+"""Packages declare what they import: no more, no less, in package.xml and in setup.cfg."""
 
 import ast
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from configparser import ConfigParser
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -69,12 +70,12 @@ def imports(package, files=None):
 
 
 def declared_in_setup(package, *keywords):
-    tree = ast.parse((SOURCES / package / 'setup.py').read_text('utf-8'))
-    given = {node.arg: node.value for node in ast.walk(tree) if isinstance(node, ast.keyword)}
-    names = ast.literal_eval(given['install_requires'])
+    config = ConfigParser()
+    config.read(SOURCES / package / 'setup.cfg', 'utf-8')
+    names = config['options']['install_requires'].split()
     if 'extras_require' in keywords:
-        extras = ast.literal_eval(given['extras_require'])
-        names = [name for kind in extras if kind != 'test' for name in extras[kind]]
+        extras = config['options.extras_require']
+        names = [name for kind in extras if kind != 'test' for name in extras[kind].split('; ')]
     return {name.partition('=')[0].lower() for name in names}
 
 
@@ -96,7 +97,7 @@ def test_package_xml_has_the_packages_and_rosdep_keys_of_what_is_imported(packag
 
 
 @pytest.mark.parametrize('package', PACKAGES)
-def test_setup_py_has_the_distributions_of_what_is_imported(package):
+def test_setup_cfg_has_the_distributions_of_what_is_imported(package):
     used = {OF_PIP.get(name, name) for name in imports(package) if not is_of_ros(name)}
     used |= BY_NAME_IN_SETUP.get(package, set())
     always = declared_in_setup(package) - {'setuptools'}

@@ -29,7 +29,7 @@ def _terminal() -> Iterator[None]:
 
 
 def commands_of(package: str) -> dict[str, tuple[str, str]]:
-    """Return module and function of each command of a package, as its setup.py has them."""
+    """Return module and function of each command of a package, as its setup.cfg has them."""
     sys.path.insert(0, str(ROOT / 'bench'))
     try:
         known = importlib.import_module('commands_start').entry_points()

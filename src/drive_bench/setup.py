@@ -1,27 +1,3 @@
-from setuptools import find_packages, setup
+from setuptools import setup
 
-package_name = 'drive_bench'
-
-setup(
-    name=package_name,
-    version='0.1.0',
-    packages=find_packages(exclude=['test']),
-    include_package_data=True,
-    package_data={package_name: ['**/*.yaml']},
-    data_files=[
-        ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
-        ('share/' + package_name, ['package.xml']),
-    ],
-    install_requires=['setuptools', 'numpy'],
-    extras_require={'test': ['pytest']},
-    zip_safe=False,
-    maintainer='wattwalk maintainers',
-    maintainer_email='wattwalk@example.org',
-    description='Puts single drives through motions, safely, and records and checks them.',
-    license='Apache-2.0',
-    entry_points={
-        'console_scripts': [
-            'run = drive_bench.commands.run:main',
-        ],
-    },
-)
+setup()

@@ -1,33 +1,3 @@
-from setuptools import find_packages, setup
+from setuptools import setup
 
-package_name = 'power_calibration'
-
-setup(
-    name=package_name,
-    version='0.1.0',
-    packages=find_packages(exclude=['test']),
-    include_package_data=True,
-    package_data={package_name: ['**/*.yaml', '**/*.css', '**/*.js', '**/py.typed']},
-    data_files=[
-        ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
-        ('share/' + package_name, ['package.xml']),
-    ],
-    install_requires=[
-        'setuptools',
-        'numpy',
-        'scipy',
-        'matplotlib',
-    ],
-    extras_require={'test': ['pytest']},
-    zip_safe=False,
-    maintainer='wattwalk maintainers',
-    maintainer_email='wattwalk@example.org',
-    description='Calibration against a power analyser and synchronisation of streams.',
-    license='Apache-2.0',
-    entry_points={
-        'console_scripts': [
-            'calibrate = power_calibration.commands.arguments:calibrate',
-            'sync = power_calibration.commands.arguments:sync',
-        ],
-    },
-)
+setup()

@@ -30,7 +30,7 @@ MOST_SECONDS = 150.0
 """
 s of all recordings together that a diagnosis judges on, as long as those of the blind benchmark.
 
-On all of ten minutes the verdicts are the same (bench/lab_pieces.py).
+On all of ten minutes the verdicts are the same (docs/results/power_lab.md).
 """
 _TOO_LITTLE = 0.01  # of what the largest candidate explains, to be compared at all
 _HIDES = 3.0  # times the floor: what other terms of the model may have swallowed
