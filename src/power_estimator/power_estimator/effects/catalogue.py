@@ -121,6 +121,8 @@ def regressors_of(effect: Effect, signals: Signals, shape: Shape) -> Floats:
 
     Raises InputError for an effect that raises, or returns another shape or NaN.
     """
+    if signals.steady and (effect.needs_time or effect.remembers):
+        return np.zeros((*signals.torque.shape, len(effect.terms)))
     try:
         columns = np.asarray(effect.regressors(signals, **shape), dtype=np.float64)
     except InputError:

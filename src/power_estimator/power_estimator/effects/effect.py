@@ -93,6 +93,8 @@ class Effect:
     The regressors follow what was seconds before (heat, backlash, rest) from each gap on, so
     that a recording must not be cut into pieces.
     """
+    needs_time: bool = False
+    """Operating points do not show it: it acts while something changes."""
     torque_slope: Callable[[Signals, Floats], Floats | None] | None = None
     """(signals, coefficients) → derivative of its power by the motor's torque, W/(N·m) [T, D]."""
     drawn_slope: Callable[..., Floats | None] | None = None
@@ -130,6 +132,8 @@ class Effect:
     def usable(self, signals: Signals, **shape: float) -> bool:
         """Return whether the signals that this shape needs were recorded."""
         if self.needs_joint_torque and signals.at_motor.all():
+            return False
+        if signals.steady and (self.needs_time or self.remembers):
             return False
         return self.recorded is None or self.recorded(signals, **shape)
 

@@ -27,6 +27,8 @@ LEAST_SECONDS = 20.0
 """Less than this says nothing of what is missing: walking repeats every second or two."""
 LEAST_TO_FIT = 1.5
 """Seconds for a fit of a few coefficients, whose intervals then say how little is known."""
+LEAST_POINTS = 20
+"""Operating points for a fit: four in each fold, as many as a model without much in it has."""
 _LEAST_WINDOWS = 2 * FitSettings.folds  # each fold has two
 _LEAST_SPEED, _LEAST_TORQUE = 0.05, 0.3  # rad/s, N·m, standard deviations
 
@@ -74,8 +76,8 @@ def material(
     Prepare aligned data (400 Hz, not smoothed) for fitting and diagnosis.
 
     base: power of the model that effects are added to, W [T, D] for the drives of data. InputError
-    for data that are too short or too still to decide anything, saying what is missing. window: as
-    in `prepare`.
+    for data that are too short or too still to decide anything, saying what is missing. least: s,
+    for operating points as many of them as LEAST_POINTS. window: as in `prepare`.
     """
     if base is not None:
         data = _without_unknown(data, base)
@@ -113,8 +115,8 @@ def fit_model(
     Shapes that an effect leaves open are searched. Returns the model and the fit behind it.
     """
     _require_usable(material.prepared, effects)
-    structure = material.structure(effects)
-    terms = measurement_terms(catalogue, shaft='shaft' in structure.names)
+    structure, steady = material.structure(effects), material.prepared.steady
+    terms = measurement_terms(catalogue, shaft='shaft' in structure.names, steady=steady)
     fitter = material.fitter()
     whole = shaped(fitter, Folds.of(fitter.blocks, fitter.settings), structure.plus(*terms))
     fit = fitter.fit(whole, iterations=5)
@@ -164,7 +166,8 @@ def _groups(
             for active in fit.structure.free
             if active.effect.kind == 'measurement'
         }
-        measurement['time_offset'] = FittedValue(fit.delay, (fit.delay, fit.delay))
+        if not prepared.steady:
+            measurement['time_offset'] = FittedValue(fit.delay, (fit.delay, fit.delay))
         copper = 0.0 if material.base_power is None else float(material.base_power.copper[first])
         constant = float(prepared.torque_constant[first])
         groups.append(
@@ -183,19 +186,29 @@ def _groups(
 
 
 def _require_usable(prepared: Prepared, effects: Sequence[Active]) -> None:
-    if not prepared.signals.at_motor.all():
-        return
+    signals = prepared.signals
     for active in effects:
-        if active.effect.needs_joint_torque:
+        if signals.at_motor.all() and active.effect.needs_joint_torque:
             raise InputError(
                 f"{active.name}: the torque of {', '.join(prepared.names)} is the motor's "
                 '(card.yaml), which has it in already; leave it out, or say `torque: joint` in '
                 'the card if a sensor at the joint measured it'
             )
+        shapes = active.effect.shapes_of(prepared.scale)
+        if signals.steady and not any(active.effect.usable(signals, **s) for s in shapes):
+            raise InputError(
+                f'{active.name}: it shows while something changes, and operating points are all '
+                f'that {", ".join(prepared.recordings)} holds; leave it out, or record motion'
+            )
 
 
 def _require_excitation(prepared: Prepared, least: float) -> None:
-    if prepared.seconds < least:
+    if prepared.steady and len(prepared.time) < LEAST_POINTS:
+        raise InputError(
+            f'{", ".join(prepared.recordings)}: {prepared.extent} decide nothing; '
+            f'{LEAST_POINTS} or more do, at several speeds and loads'
+        )
+    if not prepared.steady and prepared.seconds < least:
         raise InputError(
             f'{", ".join(prepared.recordings)}: {prepared.seconds:.0f} s without gaps decide '
             f'nothing; record {least:g} s or more (a few minutes are better)'

@@ -115,6 +115,8 @@ class HeldOutEstimator:
     def _best_delay(self, estimated: Floats, rows: NDArray[np.bool_]) -> float:
         """The delay in s with the least residual, between the steps by a parabola."""
         prepared = self.prepared
+        if prepared.steady:
+            return 0.0
         known = rows[:, None] & np.isfinite(estimated) & prepared.measured
         errors = np.zeros(len(prepared.shifts))
         for meter in np.flatnonzero(known.any(axis=0)):

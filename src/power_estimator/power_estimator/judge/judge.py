@@ -45,7 +45,8 @@ class Judge:
     that were fitted elsewhere (gain, offset, drift, bias, lag) stay there. On recordings that a
     model of effects was fitted on it is refitted fold by fold: pieces of 10 s, a second apart,
     with errors of measurement of each recording's own. Proxies are scaled on the other folds, also
-    below effects that are refitted; a network counts on its test part.
+    below effects that are refitted; a network counts on its test part. Operating points of steady
+    recordings are independent rows: as they are, without delay, and dealt out to the folds.
     """
 
     def __init__(
@@ -120,7 +121,7 @@ class Judge:
         counts = np.zeros(self.prepared.measured.shape, bool)
         whole = self._estimator.blocks.rows.ravel()
         counts[whole] = self.prepared.measured[whole]
-        for part in self.prepared.reducer.stretches():
+        for part in () if self.prepared.steady else self.prepared.reducer.stretches():
             counts[part][: round(self.settings.settling * REDUCED_RATE)] = False
         return counts
 
@@ -174,6 +175,8 @@ class Judge:
     def _spread(self, measured: Floats, estimated: Floats) -> Score:
         """Score power and estimate [N, …], with the spread of R² over stretches."""
         found = score(measured, estimated, REDUCED_RATE)
+        if self.prepared.steady:
+            return replace(found, energy_error=np.nan, error_j=np.nan, energy_j=np.nan)
         rows = np.isfinite(estimated).reshape(len(estimated), -1).any(axis=1)
         used = np.flatnonzero(rows)
         if len(used) < self.settings.spread * self.settings.shortest * REDUCED_RATE:

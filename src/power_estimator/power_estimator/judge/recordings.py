@@ -46,8 +46,8 @@ class Loaded:
 
     @cached_property
     def smooth(self) -> AlignedDataset:
-        """The same recordings as networks and proxies take them: 200 Hz, smoothed."""
-        if self.smoothed is not None or not self.recordings:
+        """The same recordings as networks and proxies take them: 200 Hz, smoothed; or points."""
+        if self.smoothed is not None or not self.recordings or self.data.steady:
             return self.smoothed or self.data
         return load_aligned(
             self.recordings, rate=_SMOOTH_RATE, drives=self.data.names, need_power=False

@@ -30,7 +30,8 @@ def together(
     Delays and the terms that are named apart are each recording's own.
     """
     prepared = own.prepared
-    terms = measurement_terms(catalogue, shaft='shaft' in structure.names)
+    steady = prepared.steady
+    terms = measurement_terms(catalogue, shaft='shaft' in structure.names, steady=steady)
     alike = [
         catalogue[name]
         for name in _LIKE_A_DELAY

@@ -50,6 +50,8 @@ class Comparison:
             ],
             'drives': list(self.prepared.names),
             'seconds': round(self.prepared.seconds, 2),
+            'operating_points': len(self.prepared.time) if self.prepared.steady else None,
+            'extent': self.prepared.extent,
             'sensor_noise_w': {
                 name: float(f'{watts:.6g}') if np.isfinite(watts) else None
                 for name, watts in noise
@@ -98,8 +100,11 @@ def describe_state(
     """Signals and words over which a model may fail, [N, D] each."""
     state = prepared.state()
     shape = state['torque'].shape
-    since = prepared.time - prepared.time[0]
-    state['time'] = np.broadcast_to(since[:, None], shape)
+    if prepared.steady:
+        del state['acceleration'], state['torque_rate']
+    else:
+        since = prepared.time - prepared.time[0]
+        state['time'] = np.broadcast_to(since[:, None], shape)
     labels: dict[str, NDArray[np.str_]] = {}
     force = loaded.data.extras.get('foot_force')
     if force is not None and (part := prepared.part) is not None:

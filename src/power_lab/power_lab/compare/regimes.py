@@ -56,6 +56,7 @@ class Regime:
             'conditions': list(self.conditions),
             'error_w': round(self.error_w, 4),
             'seconds': round(self.seconds, 2),
+            'rows': round(self.seconds * _RATE),
             'share': round(self.share, 4),
         }
 

@@ -23,6 +23,7 @@ def traces(
     residuals: Mapping[str, Floats],
     floor: float,
     gap_free: Sequence[slice] = (),
+    axis: str = 'time in s',
 ) -> Figure:
     """Measured and estimated power where the first residual is largest, W [N] each."""
     part = worst_stretch(next(iter(residuals.values())), gap_free)
@@ -43,7 +44,7 @@ def traces(
     )
     figure.update_yaxes(title_text='power in W', row=1, col=1)
     figure.update_yaxes(title_text='error in W', row=2, col=1)
-    figure.update_xaxes(title_text='time in s', row=2, col=1)
+    figure.update_xaxes(title_text=axis, row=2, col=1)
     return finished(figure, legend=True)
 
 

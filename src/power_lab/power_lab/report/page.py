@@ -88,7 +88,7 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
         {
             'Recordings': ', '.join(prepared.recordings),
             'Drives': ', '.join(prepared.names),
-            'Length': f'{prepared.seconds:.0f} s without gaps',
+            'Length': prepared.extent + ('' if prepared.steady else ' without gaps'),
         }
     )
     rows = []
@@ -119,7 +119,7 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
     _section_failures(
         page, prepared, measured, residuals, comparison.state, comparison.labels, regimes
     )
-    noise = float(np.sqrt(np.nanmean(np.square(prepared.noise))))
+    noise = float(np.sqrt(np.nan_to_num(np.square(prepared.noise)).mean()))
     page.heading('Side by side')
     page.add(
         page.figure(
@@ -143,23 +143,39 @@ def _section_traces(
 ) -> None:
     page.heading('Measured against model')
     page.text(
-        'At most twelve seconds without a gap in which the model is worst. Drag to zoom, '
-        'double-click to go back. The grey band of the error is what is too small to judge.',
+        (
+            'Operating points, the least power first'
+            if prepared.steady
+            else 'At most twelve seconds without a gap in which the model is worst'
+        )
+        + '. Drag to zoom, double-click to go back. The grey band of the error is what is too '
+        'small to judge.',
         faint=True,
     )
     panels = {}
     for column in _worst_first(residuals):
         name = prepared.names[column]
-        own = {key: values[:, column] for key, values in residuals.items()}
-        figure = figures.traces(
-            prepared.time,
+        own, power = (
+            {key: values[:, column] for key, values in residuals.items()},
             measured[:, column],
-            own,
-            float(floors[name]),
-            prepared.reducer.stretches(),
+        )
+        figure = (
+            _points(power, own)
+            if prepared.steady
+            else figures.traces(
+                prepared.time, power, own, float(floors[name]), prepared.reducer.stretches()
+            )
         )
         panels[name] = page.figure(figure, f'Power of {name} over time', size='tall')
     page.tabs(panels)
+
+
+def _points(power: Floats, residuals: Mapping[str, Floats]) -> figures.Figure:
+    order = np.argsort(power)
+    own = {name: values[order] for name, values in residuals.items()}
+    counted = np.arange(len(order), dtype=np.float64)
+    whole = [slice(0, len(order))]
+    return figures.traces(counted, power[order], own, 0.0, whole, 'operating points by power')
 
 
 def _section_failures(

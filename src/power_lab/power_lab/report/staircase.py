@@ -48,7 +48,7 @@ class Stairs:
         return cls(
             (*names, *(one.name for one in judged[len(last) :])),
             (*errors, *(one.rms_w for one in judged)),
-            float(np.sqrt(np.nanmean(np.square(noise)))),
+            float(np.sqrt(np.nan_to_num(np.square(noise)).mean())),
         )
 
     def __str__(self) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.model_file.model import EffectModel, FittedValue
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.signals.sizing import UNKNOWN_CONSTANT
 from power_estimator.effects.training import LEAST_SECONDS
 from rich import box
@@ -82,7 +83,13 @@ def _fitted_table(
 def notes(prepared: Prepared) -> list[str]:
     """Facts that a fit rests on: little data, one meter, torque computed from a current."""
     found = []
-    if prepared.seconds < LEAST_SECONDS:
+    if prepared.steady:
+        found.append(
+            f'{prepared.extent} of a steady recording, each a row of its own: not offered are '
+            f'{", ".join(without_time())} and a winding that warms unmeasured, which all show '
+            'while something changes'
+        )
+    elif prepared.seconds < LEAST_SECONDS:
         found.append(
             f'{prepared.seconds:.1f} s are little: believe the intervals, not the values; '
             f'diagnose needs {LEAST_SECONDS:.0f} s'
@@ -106,9 +113,14 @@ def notes(prepared: Prepared) -> list[str]:
     return found
 
 
+def without_time() -> list[str]:
+    """Names of what operating points do not show."""
+    return [effect.name for effect in builtin_catalogue().values() if effect.needs_time]
+
+
 def print_comparison(console: Console, content: dict[str, Any]) -> None:
     """Errors by model and drive, and where they are worst."""
-    table = _table(f'held-out errors over {content["seconds"]:.0f} s')
+    table = _table(f'held-out errors over {content["extent"]}')
     for column in ('model', 'drive', 'R²', 'RMSE W', 'bias W', 'energy J', 'of J'):
         table.add_column(column, justify='left' if column in ('model', 'drive') else 'right')
     for model in content['models']:
@@ -133,7 +145,11 @@ def print_comparison(console: Console, content: dict[str, Any]) -> None:
         if model['regimes']:
             console.print(f'{model["name"]} fails most at')
         for regime in model['regimes'][:3]:
-            console.print(f'  {regime["text"]} ({regime["seconds"]:.0f} s)')
+            console.print(f'  {regime["text"]} ({_extent(regime["rows"], content)})')
+
+
+def _extent(rows: int, content: dict[str, Any]) -> str:
+    return f'{rows} points' if content['operating_points'] else f'{rows / REDUCED_RATE:.0f} s'
 
 
 def print_outcome(console: Console, outcome: Outcome) -> None:

@@ -1,7 +1,7 @@
 """
 Operating points of a recording whose card says `steady`.
 
-Representation: the points stand one after another at the nominal rate that was asked for, in one
+Representation: the points stand one after another at the nominal rate that was asked for, each a
 segment, as they were recorded: nothing is filtered, interpolated or cut at gaps. Their order and
 their times mean nothing; `AlignedDataset.steady` says so to whatever needs time (inertia, springs,
 delays, heat).
@@ -40,7 +40,7 @@ def operating_points(source: RecordedSignals, rate: float) -> AlignedDataset:
         rate=rate,
         names=source.names,
         time=source.start_ns / 1e9 + np.arange(len(rows)) / rate,
-        segment=np.zeros(len(rows), np.int32),
+        segment=np.arange(len(rows), dtype=np.int32),
         supply=kept.pop('supply')[:, 0],
         recordings=(str(source.path),),
         recording=np.zeros(len(rows), np.int32),

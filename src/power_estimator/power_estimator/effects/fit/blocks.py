@@ -15,7 +15,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks of a second of reduced samples, shorter in a short recording, that errors are of."""
+    """
+    Blocks of a second of reduced samples, shorter in a short recording, that errors are of.
+
+    Each operating point of a steady recording is a block.
+    """
 
     starts: NDArray[np.intp]  # [B] first row of each
     length: int
@@ -29,8 +33,10 @@ class Blocks:
         """Cut prepared signals into blocks that cross no gap."""
         settings = settings or FitSettings()
         window = prepared.reducer.window
-        for seconds in (window,) if window else settings.block_seconds:
-            length = round(seconds * REDUCED_RATE)
+        lengths = [round(s * REDUCED_RATE) for s in settings.block_seconds]
+        if window or prepared.steady:
+            lengths = [1 if prepared.steady else round(window * REDUCED_RATE)]
+        for length in lengths:
             starts = [
                 start
                 for part in prepared.reducer.stretches()
@@ -50,6 +56,11 @@ class Blocks:
             valid=prepared.measured[rows].all(axis=1) & enough,
             use=use,
         )
+
+    @property
+    def independent(self) -> bool:
+        """Return whether blocks are operating points, whose order means nothing."""
+        return self.length == 1
 
     @property
     def rows(self) -> NDArray[np.intp]:

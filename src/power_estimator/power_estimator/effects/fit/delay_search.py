@@ -37,8 +37,10 @@ class DelaySearch:
         Normal equations at the best delay, and that delay in s.
 
         It is sought near a known one first. weights: of the blocks [B, D]. With delay nothing is
-        sought.
+        sought, nor in operating points, which have none.
         """
+        if self.prepared.steady:
+            delay = 0.0
         shifts = self.prepared.shifts
         if delay is not None:
             place = np.clip((delay - shifts[0]) / self._step, 0.0, len(shifts) - 1.001)
@@ -60,9 +62,11 @@ class DelaySearch:
         self, design: Design, blocks: Blocks, weights: Floats, near: float, drawn: Floats
     ) -> Floats:
         """Best delays in s near a known one, of fits in which blocks count drawn [R, B] times."""
+        out = np.zeros(len(drawn))
+        if self.prepared.steady:
+            return out
         window = self._window(near)
         equations = self._equations(design, blocks, window)
-        out = np.empty(len(drawn))
         for row, counts in enumerate(drawn):
             sums = equations.summed(weights * counts[:, None])
             best = int(np.argmin(self._profile(design, *sums[:3])))

@@ -275,7 +275,7 @@ class Fitter:
 
     def drawn(self, repetitions: int, seed: int) -> Floats:
         """Return how often each block is drawn in R moving-block bootstraps, [R, B]."""
-        together = self.settings.drawn_together
+        together = 1 if self.blocks.independent else self.settings.drawn_together
         return drawn_blocks(len(self.blocks.starts), repetitions, together, seed)
 
     def _with_ties(self, fit: Fit, bounds: Floats) -> Floats:
@@ -323,10 +323,17 @@ def carried(structure: Structure, start: Fit | None, drives: int) -> Floats:
     return out
 
 
-def measurement_terms(catalogue: Catalogue, *, shaft: bool) -> tuple[Active, ...]:
-    """Terms that every model is fitted with; the gain only where the shaft's is known."""
+def measurement_terms(
+    catalogue: Catalogue, *, shaft: bool, steady: bool = False
+) -> tuple[Active, ...]:
+    """
+    Terms that every model is fitted with.
+
+    The gain only where the shaft's is known; what needs time not for steady operating points.
+    """
     names = [
         *(['power_gain', 'torque_bend'] if shaft else []),
         *('current_offset', 'offset_drift', 'torque_bias', 'velocity_lag'),
     ]
-    return tuple(Active.of(catalogue[name]) for name in names)
+    terms = (catalogue[name] for name in names)
+    return tuple(Active.of(term) for term in terms if not (steady and term.needs_time))

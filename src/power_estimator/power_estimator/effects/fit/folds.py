@@ -34,12 +34,15 @@ class Folds:
 
         Blocks without a measured drive count in no piece, so that short stretches of measurement
         far apart are in all folds.
+        Operating points are dealt out by chance: they are independent, and tables are sorted.
         An embargo beside each tested piece keeps what is autocorrelated out of training.
         """
         settings = settings or FitSettings()
         folds, recordings = settings.folds, np.unique(blocks.recording)
         if by_recording and len(recordings) >= folds:
             test = np.searchsorted(recordings, blocks.recording) % folds
+        elif blocks.independent:
+            test = np.random.default_rng(0).permutation(len(blocks.starts)) % folds
         else:
             place = np.cumsum(blocks.valid.any(axis=1)) - 1
             length = int(np.clip((place[-1] + 1) // (3 * folds), 2, settings.piece))
@@ -48,7 +51,7 @@ class Folds:
         for fold in range(folds):
             tested = test == fold
             near = tested.copy()
-            for step in range(1, settings.embargo + 1):
+            for step in range(1, 1 if blocks.independent else settings.embargo + 1):
                 near[:-step] |= tested[step:]
                 near[step:] |= tested[:-step]
             training[fold, near] = 0.0

@@ -123,6 +123,7 @@ COGGING = Effect(
     acts_on='torque',
     needs_joint_torque=True,
     per_drive=True,
+    needs_time=True,  # over a turn it takes nothing
     shapes=tuple({'order': float(order)} for order in (6, 7, 12, 14, 21, 24, 36, 42, 50, 100)),
     near=('rotor_inertia',),
     excitation=Excitation(

@@ -44,6 +44,7 @@ ROTOR_INERTIA = Effect(
     acts_on='torque',
     needs_joint_torque=True,
     per_drive=True,
+    needs_time=True,
     near=('time_offset', 'velocity_lag', 'spring'),
     excitation=Excitation(
         'unloaded fast reversals', mode='position', frequency=4.0, amplitude=0.3, seconds=20.0
@@ -58,6 +59,7 @@ SPRING = Effect(
     acts_on='speed',
     needs_joint_torque=True,
     per_drive=True,
+    needs_time=True,
     shapes=tuple({'relaxation': seconds} for seconds in (0.0, 0.003, 0.006, 0.012)),
     near=('time_offset', 'rotor_inertia'),
     excitation=Excitation(

@@ -71,6 +71,7 @@ OFFSET_DRIFT = Effect(
     regressors=_drift,
     kind='measurement',
     per_drive=True,
+    needs_time=True,
     near=('winding_heating',),
     excitation=Excitation('rest without load at the start and at the end of the recording'),
 )
@@ -93,6 +94,7 @@ VELOCITY_LAG = Effect(
     regressors=lambda signals, **_: (signals.torque * signals.acceleration)[..., None],
     kind='measurement',
     per_drive=True,
+    needs_time=True,
     near=('rotor_inertia', 'time_offset'),
     excitation=Excitation('none needed: position and velocity together show it'),
 )
@@ -105,6 +107,7 @@ TIME_OFFSET = Effect(
     kind='measurement',
     follows=frozenset({'drawn'}),
     per_drive=True,
+    needs_time=True,
     near=('rotor_inertia', 'spring', 'velocity_lag'),
     excitation=Excitation(
         'steps of torque near standstill',

@@ -23,6 +23,8 @@ def _heating(signals: Signals, *, time_constant: float = 0.0, **_: float) -> Flo
     if time_constant <= 0.0:
         rise = np.nan_to_num(signals.temperature - REFERENCE)
         return np.stack([squared * COPPER * rise, np.zeros_like(squared)], axis=-1)
+    if signals.steady:
+        return np.zeros((*squared.shape, 2))
     rise, remaining = _thermal_state(signals, time_constant)
     return np.stack([squared * COPPER * rise, squared * COPPER * remaining], axis=-1)
 
@@ -30,7 +32,7 @@ def _heating(signals: Signals, *, time_constant: float = 0.0, **_: float) -> Flo
 def _temperature_moved(signals: Signals, *, time_constant: float = 0.0, **_: float) -> bool:
     """Return whether this shape's temperature was recorded and changed."""
     if time_constant > 0.0:
-        return True
+        return not signals.steady
     seen = np.isfinite(signals.temperature)
     return bool(seen.all() and np.ptp(signals.temperature, axis=0).max() > 1.0)
 

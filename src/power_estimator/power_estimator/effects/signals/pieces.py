@@ -19,13 +19,14 @@ def pieces(prepared: Prepared, most: float) -> Prepared:
 
     Recordings share the seconds: short ones stay whole, and none has less than 40 s for others.
     What remembers (a winding's temperature) still follows all samples. Meters that are slow keep
-    all of theirs. Where power was measured part of the time, seconds are those.
+    all of theirs, operating points too. Where power was measured part of the time, seconds are
+    those.
     """
     reducer = prepared.reducer
     total = sum(part.stop - part.start for part in reducer.slices)
     known = prepared.measured.mean(axis=0)
     most /= float(known[known > 0].min()) if known.any() else 1.0
-    if reducer.window or total <= most * reducer.rate:
+    if reducer.window or reducer.steady or total <= most * reducer.rate:
         return prepared
     recordings = prepared.signals.recording
     parts: dict[int, list[tuple[slice, int]]] = {}

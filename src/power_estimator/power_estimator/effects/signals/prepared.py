@@ -92,9 +92,19 @@ class Prepared:
         return self.signals.scale.whole() if self.whole else self.signals.scale
 
     @property
+    def steady(self) -> bool:
+        """Rows are operating points: independent, in no order and without time."""
+        return self.reducer.steady
+
+    @property
     def seconds(self) -> float:
-        """Length of the reduced signals."""
-        return len(self.time) / REDUCED_RATE
+        """Length of the reduced signals; 0 of operating points."""
+        return 0.0 if self.steady else len(self.time) / REDUCED_RATE
+
+    @property
+    def extent(self) -> str:
+        """Length in words."""
+        return f'{len(self.time)} operating points' if self.steady else f'{self.seconds:.0f} s'
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
@@ -214,6 +224,7 @@ def signals_of(
         drawn=torque * velocity,
         scale=DriveScale.reference(len(data.names)) if scale is None else scale,
         at_motor=np.array([name in data.motor_torque for name in data.names], dtype=bool),
+        steady=data.steady,
     )
 
 
@@ -248,7 +259,10 @@ def prepare(data: AlignedDataset, window: float = 0.0) -> Prepared:
     data = with_torque(data, constants)
     lag = velocity_lag(data)
     signals = signals_of(data, lag, drive_scale(data))
-    reducer = Reducer(data.rate, _long_enough(signals, data.rate, window), window)
+    if data.steady:
+        reducer = Reducer(data.rate, (slice(0, len(data.time)),), steady=True)
+    else:
+        reducer = Reducer(data.rate, _long_enough(signals, data.rate, window), window)
     count = round((LATEST - EARLIEST) / SHIFT_STEP) + 1
     shifts = np.linspace(EARLIEST, LATEST, count)
     if not reducer.slices:

@@ -25,26 +25,32 @@ class Reducer:
     """
     Low-pass at 12.5 Hz and decimation, the same for every product and for the power.
 
-    With a window in s it is the mean over that window: energy, for meters that are slow.
+    With a window in s it is the mean over that window: energy, for meters that are slow. Steady
+    operating points are taken one by one.
     """
 
     rate: float
     slices: tuple[slice, ...]  # stretches of the input that are long enough
     window: float = 0.0
+    steady: bool = False  # rows are operating points
 
     @property
     def factor(self) -> int:
         """Input samples for each reduced one."""
-        return max(1, round(self.rate / REDUCED_RATE))
+        return 1 if self.steady else max(1, round(self.rate / REDUCED_RATE))
 
     @cached_property
     def margin(self) -> int:
         """Input samples lost at each end of a stretch: filter and largest shift."""
+        if self.steady:
+            return 0
         half = max(HALF_WIDTH, self.window / 2)
         return round(self.rate * (half + max(LATEST, -EARLIEST))) + 1
 
     def reduce(self, values: Floats | NDArray[np.float32], shift: float = 0.0) -> Floats:
         """[T, ...] → [N, ...]: the low-passed values at time t + shift (s)."""
+        if self.steady:
+            return np.array(values, np.float64)
         taps = self._taps(shift)
         start = self.margin - len(taps) // 2
         stretches = self.stretches()
