@@ -9,7 +9,7 @@ import yaml
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import JointLimits
 from drive_bench.motion.segments import Segment
-from drive_bench.run.filing import file_away
+from drive_bench.run.recording import file_away
 from drive_bench.run.recording_check import check
 from power_recordings.card import Card
 from power_recordings.messages import cdr

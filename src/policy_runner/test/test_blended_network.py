@@ -9,8 +9,7 @@ from policy_runner.policies.blended_network import FallbackShare, network_of
 from policy_runner.policies.by_name import load_policy
 from policy_runner.policies.folder import Fallback, PolicyNetwork, read_folder, write_folder
 from policy_runner.policies.observations import CLOCKED, Observation, ObservationTerm
-from policy_runner.policies.torch_network import torch_network
-from policy_runner.policies.torchscript import load_torchscript, write_torchscript
+from policy_runner.policies.torchscript import load_torchscript, torch_network, write_torchscript
 from wattwalk_core.errors import InputError
 
 

@@ -10,7 +10,7 @@ from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.observations import CLOCKED, STANDARD
 from policy_runner.policies.torchscript import write_torchscript
-from policy_runner.supervisor.handover import Handover
+from policy_runner.supervisor.supervisor import Handover
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
 from wattwalk_core.errors import InputError
 

@@ -8,6 +8,7 @@ import policy_folders
 import pytest
 from policy_runner.policies.by_name import load_policy
 from policy_training.commands.arguments import evaluate as main
+from policy_training.evaluation.evaluate import score_walk, verdict
 from policy_training.evaluation.figures import falls_front
 from policy_training.evaluation.gait_cycle import find_steps
 from policy_training.evaluation.measured_walk import (
@@ -18,9 +19,7 @@ from policy_training.evaluation.measured_walk import (
     recorded_walk,
 )
 from policy_training.evaluation.robustness import RobustnessConfig, _judge
-from policy_training.evaluation.scores import score_walk
 from policy_training.evaluation.tasks import TASKS, Task, parse_tasks
-from policy_training.evaluation.verdict import verdict
 from power_estimator.proxies import Proxy
 from power_recordings.card import Card
 from sim_bridge.offline.controllers import PolicyWalk, make_controller

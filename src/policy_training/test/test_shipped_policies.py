@@ -4,9 +4,9 @@ from policy_runner.policies.blended_network import network_of
 from policy_runner.policies.by_name import SHIPPED, load_policy, shipped
 from policy_runner.policies.folder import read_folder
 from policy_training.commands.arguments import export
+from policy_training.evaluation.evaluate import score_walk
 from policy_training.evaluation.measured_walk import idle_power, measure_walk
 from policy_training.evaluation.robustness import LIMITS, RobustnessConfig, evaluate_robustness
-from policy_training.evaluation.scores import score_walk
 from policy_training.evaluation.tasks import TASKS
 from sim_bridge.plant.parameters import Plant
 

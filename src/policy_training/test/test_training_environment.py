@@ -8,7 +8,7 @@ from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.plant_power import PlantPower
 from policy_training.environment.power_term import PredictedPower, power_source
 from policy_training.environment.vec_env import Mirror, TorchEnvironment
-from policy_training.learning.export import export_policy
+from policy_training.learning.training import export_policy
 from power_estimator.batch.power import BatchPower
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.anymal import JOINT_NAMES

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from power_estimator.live.estimator import LiveConfig, LiveEstimator, Status
-from power_estimator.live.sampler import CausalSampler
+from power_estimator.live.estimator import CausalSampler, LiveConfig, LiveEstimator, Status
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy
 from power_estimator.scores import block_means

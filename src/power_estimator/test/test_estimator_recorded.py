@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from power_estimator.evaluation import benchmark
-from power_estimator.evaluation.recorded_estimate import RecordedEstimate
+from power_estimator.evaluation.benchmark import RecordedEstimate
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.messages import cdr
 from power_recordings.writing.writer import BagWriter

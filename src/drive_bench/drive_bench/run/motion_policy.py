@@ -1,17 +1,56 @@
 """Motion as a policy of the supervisor: some drives move, the others hold."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.inputs import Inputs
+from policy_runner.supervisor.safety import Fault, FaultKind
 from wattwalk_core.errors import InputError
 
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import JointLimits
 from drive_bench.motion.segment_path import Mounting, Ramps
 from drive_bench.motion.segment_player import SegmentPlayer
-from drive_bench.run.winding_temperature import WindingTemperature
+
+STALE_AFTER: Final = 2.0  # s
+
+
+class WindingTemperature:
+    """Latest winding temperature of each drive, °C, with its time of arrival, s."""
+
+    def __init__(self) -> None:
+        self._read: dict[str, tuple[float, float]] = {}
+
+    def on_supply(self, names: Sequence[str], celsius: Sequence[float], now: float) -> None:
+        """Take temperatures of drive_supply: one for each name, or none where unknown."""
+        for place, name in enumerate(names):
+            if len(celsius) == len(names):
+                self._read[name] = float(celsius[place]), now
+            else:
+                self._read.pop(name, None)
+
+    def at(self, drive: str, now: float) -> float:
+        """Return a drive's temperature, °C; NaN where it is missing or older than STALE_AFTER."""
+        return math.nan if self.fault(drive, now) else self._read[drive][0]
+
+    def fault(self, drive: str, now: float) -> Fault | None:
+        """Return the fault of a drive's temperature (missing, NaN, stale); None if it is sound."""
+        if drive not in self._read:
+            return Fault(FaultKind.STALE, f'drive_supply has no winding temperature of {drive}')
+        celsius, came = self._read[drive]
+        if not math.isfinite(celsius):
+            return Fault(FaultKind.NOT_FINITE, f'winding temperature of {drive}: {celsius} °C')
+        if now - came > STALE_AFTER:
+            return Fault(
+                FaultKind.STALE,
+                f'the winding temperature of {drive} is {now - came:.1f} s old, limit '
+                f'{STALE_AFTER:g} s',
+            )
+        return None
+
 
 Floats = NDArray[np.float64]
 _LONGEST_STEP = 0.03  # s; after a stall the motion takes longer instead of jumping

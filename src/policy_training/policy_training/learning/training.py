@@ -1,16 +1,64 @@
 """Training from a config to the exported policy, with progress on stderr."""
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
 import torch
+from policy_runner.policies.folder import (
+    FORMAT,
+    Action,
+    Contract,
+    Gains,
+    PolicyNetwork,
+    write_folder,
+)
+from policy_runner.policies.observations import Observation
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES, POSITION_GAIN, VELOCITY_GAIN
 
 import policy_training
 from policy_training.config import TrainingConfig
-from policy_training.environment.environment import WalkingEnvironment
+from policy_training.environment.environment import ACTION_CLIP, WalkingEnvironment
 from policy_training.environment.power_term import power_source
-from policy_training.learning.export import export_policy
 from policy_training.learning.learner import Learner, Round
 from policy_training.learning.run_folder import RunFolder
+
+Layers = Sequence[tuple[torch.Tensor, torch.Tensor]]
+
+
+def export_policy(
+    folder: Path,
+    layers: Layers,
+    config: TrainingConfig,
+    observation: Observation,
+    training: Mapping[str, Any],
+) -> None:
+    """
+    Write `policy.yaml` and `weights.safetensors`.
+
+    layers: weight [out, in] and bias [out] of each layer, as trained on this observation.
+    training: origin of the policy, for people.
+    """
+    pose = (round(float(q), 6) + 0.0 for q in DEFAULT_POSE)
+    contract = Contract(
+        FORMAT,
+        name=config.name,
+        rate=1.0 / config.step_time,
+        joints=JOINT_NAMES,
+        default_pose=dict(zip(JOINT_NAMES, pose, strict=True)),
+        gains=dict.fromkeys(JOINT_NAMES, Gains(POSITION_GAIN, VELOCITY_GAIN)),
+        action=Action(dict.fromkeys(JOINT_NAMES, config.action_scale), ACTION_CLIP),
+        observation=observation,
+        network=PolicyNetwork(tuple(len(bias) for _, bias in layers[:-1])),
+        training=dict(training),
+    )
+    tensors = {}
+    for index, (weight, bias) in enumerate(layers):
+        tensors[f'layer{index}.weight'] = weight.numpy()
+        tensors[f'layer{index}.bias'] = bias.numpy()
+    write_folder(folder, contract, tensors)
 
 
 def make_learner(config: TrainingConfig, device: str = 'cpu') -> Learner:

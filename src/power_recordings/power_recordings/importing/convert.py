@@ -19,8 +19,7 @@ from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
 from power_recordings.importing.sources.source import LogBlock, LogSource
 from power_recordings.importing.times import PAUSE, START, LogClock
 from power_recordings.messages import cdr
-from power_recordings.writing.mcap_chunks import MessageBlock
-from power_recordings.writing.writer import BagWriter, make_way, staged
+from power_recordings.writing.writer import BagWriter, MessageBlock, make_way, staged
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -180,7 +179,7 @@ def import_logs(
     notes += [f'{sources[0].path.name}: {note}' for note in about]
     done, end = 0, 0
     with staged(out) as path:
-        with BagWriter(path, flush_period=_CHUNK, parallel=True) as bag:
+        with BagWriter(path, flush_period=_CHUNK) as bag:
             writer = _Writer(bag, plans[0])
             for source, plan in zip(sources, plans, strict=True):
                 log = _Log(source, plan, mapping, end)

@@ -5,23 +5,42 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from heapq import merge
+from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
 import numpy as np
+from mcap.writer import Writer
+from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import RecordingError, advice, write_whole
 from wattwalk_core.yaml_file import dump_yaml
 
 from power_recordings.messages import cdr as messages
 from power_recordings.writing import metadata
-from power_recordings.writing.mcap_chunks import ChunkedWriter, MessageBlock, Records
 from power_recordings.writing.metadata import Qos
 
 _CHUNK_SIZE = 1 << 20
 _RESERVE = 4 << 20
 _LIBRARY = 'power_daq'
+
+
+@dataclass(frozen=True)
+class MessageBlock:
+    """Messages of one topic and one size: log times ascending, ns [N]; CDR bytes [N, size]."""
+
+    topic: int
+    times: NDArray[np.int64]
+    messages: NDArray[np.uint8]
+
+    def rows(self) -> Iterator[tuple[int, int, bytes]]:
+        """Yield time, topic and bytes of each message."""
+        raw, size = self.messages.tobytes(), self.messages.shape[1]
+        for place, time in enumerate(self.times.tolist()):
+            yield time, self.topic, raw[place * size : (place + 1) * size]
 
 
 class _Spool:
@@ -39,6 +58,9 @@ class _Spool:
 
     def tell(self) -> int:
         return self._position
+
+    def flush(self) -> None:
+        pass
 
     def take(self) -> bytes:
         data = b''.join(self._parts)
@@ -102,8 +124,7 @@ class BagWriter:
     Messages are collected in zstd-compressed chunks. A chunk is given to the operating system once
     its log times span `flush_period` seconds (or it has 1 MiB), or on `flush`; a killed process
     loses no more than that. The disk is synced at `close` only: a power cut may lose what the
-    operating system has not written yet. The same calls give the same bytes. With `parallel`,
-    chunks are compressed in a thread, less but faster, and up to four of them wait for it.
+    operating system has not written yet. The same calls give the same bytes.
 
     If the disk fills, space that was reserved in the folder takes the last chunk and the index,
     the bag is closed, and RecordingError is raised; nothing given to `write` is lost. If that
@@ -119,7 +140,6 @@ class BagWriter:
         *,
         overwrite: bool = False,
         flush_period: float = 0.5,
-        parallel: bool = False,
     ) -> None:
         if not 0 < flush_period <= 10:
             raise InputError(f'flush_period is {flush_period} s; it must be in (0, 10]')
@@ -135,7 +155,7 @@ class BagWriter:
         self._saved = 0
         self._closed = False
         self._spool = _Spool()
-        self._mcap = ChunkedWriter(self._spool, _CHUNK_SIZE, parallel=parallel)
+        self._mcap = Writer(self._spool, _CHUNK_SIZE)  # type: ignore[arg-type]
         make_way(self.path, overwrite)
         try:
             self.path.mkdir(parents=True)
@@ -198,7 +218,7 @@ class BagWriter:
         self._first = time if self._first is None else min(self._first, time)
         self._last = max(self._last, time)
         self._counts[topic] += 1
-        self._mcap.add_message(topic, time, cdr)
+        self._mcap.add_message(topic, time, cdr, time)
         if abs(time - self._chunk_start) >= self._period:
             self.flush()
         elif self._spool.pending:
@@ -206,40 +226,13 @@ class BagWriter:
 
     def write_blocks(self, blocks: Sequence[MessageBlock]) -> None:
         """
-        Add messages of several topics in the order of their times.
+        Add messages of several topics in the order of their times, equal ones as given.
 
-        The file is the same as by `write` of each message. Raises RecordingError as `write` does.
+        Raises RecordingError as `write` does.
         """
-        self._must_be_open()
-        blocks = [block for block in blocks if len(block.times)]
-        if not blocks:
-            return
-        records = Records.of(blocks)
-        start, count = 0, len(records.times)
-        while start < count:
-            since = self._chunk_start = (
-                int(records.times[start]) if self._chunk_start is None else self._chunk_start
-            )
-            late = np.searchsorted(records.times, since + self._period)
-            early = records.times[start] <= since - self._period
-            full = max(self._mcap.room(records, start), start + 1)
-            stop = start + 1 if early else min(full, max(int(late), start) + 1, count)
-            part = slice(start, stop)
-            for topic, found in zip(
-                *np.unique(records.topics[part], return_counts=True), strict=True
-            ):
-                self._counts[int(topic)] += int(found)
-            first, self._last = (
-                int(records.times[start]),
-                max(self._last, int(records.times[stop - 1])),
-            )
-            self._first = first if self._first is None else min(self._first, first)
-            self._mcap.add_records(records, start, stop)
-            if early or stop > late:
-                self._mcap.end_chunk()
-            if early or stop > late or stop == full:
-                self._save()
-            start = stop
+        rows = merge(*(block.rows() for block in blocks), key=itemgetter(0))
+        for time, topic, message in rows:
+            self.write(topic, time, message)
 
     def flush(self) -> None:
         """Give all messages so far to the operating system; RecordingError if it refuses."""

@@ -7,8 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.messages import cdr
-from power_recordings.writing.mcap_chunks import MessageBlock
-from power_recordings.writing.writer import BagWriter
+from power_recordings.writing.writer import BagWriter, MessageBlock
 from wattwalk_core.anymal import FOOT_NAMES
 
 from sim_bridge.offline.session import Event
