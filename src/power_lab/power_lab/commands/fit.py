@@ -9,6 +9,7 @@ from wattwalk_core.console import progress, write_json
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
+from power_lab.compare.both_sides import both_sides
 from power_lab.compare.fitting import named_effects
 from power_lab.report.balance import balance_lines, balances_json, power_balances
 from power_lab.report.tables import notes, print_model
@@ -32,6 +33,7 @@ def run(options: argparse.Namespace) -> int:
     (entry,) = model.history
     rmse = entry['rmse_w']
     balances = power_balances(loaded.data)
+    both = both_sides(lab.judge.prepared, loaded.data.computed_power, options.seed)
     content = {
         'model': str(options.output),
         **entry,
@@ -44,6 +46,7 @@ def run(options: argparse.Namespace) -> int:
             for group in model.groups
         },
         'power_balance': balances_json(balances),
+        'both_sides': {name: one.json() for name, one in both.items()},
     }
     with together():
         lab.save(options.output)
@@ -52,6 +55,8 @@ def run(options: argparse.Namespace) -> int:
     for line in balance_lines(loaded.data, balances):
         print(line)
     print_model(common.console(), model)
+    for one in both.values():
+        print('\n'.join(one.lines()))
     for note in notes(lab.judge.prepared):
         print(note)
     print(f'wrote {options.output}; held-out error: ' + _errors(rmse))

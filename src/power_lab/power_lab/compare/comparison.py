@@ -16,6 +16,7 @@ from power_estimator.loader import load_model
 from power_estimator.model import PowerModel
 from power_estimator.proxies import Proxy
 
+from power_lab.compare.both_sides import BothSides, both_sides
 from power_lab.compare.regimes import Regime, worst_regimes
 
 Floats = NDArray[np.float64]
@@ -30,6 +31,7 @@ class Comparison:
     regimes: tuple[tuple[Regime, ...], ...]  # of each model, the worst first
     state: Mapping[str, Floats]
     labels: Mapping[str, NDArray[np.str_]]
+    both: Mapping[str, BothSides]  # of drives with torque at the joint and motor current
 
     def json(self) -> dict[str, Any]:
         """As `compare --json` writes it."""
@@ -50,6 +52,7 @@ class Comparison:
             ],
             'drives': list(self.prepared.names),
             'seconds': round(self.prepared.seconds, 2),
+            'both_sides': {name: one.json() for name, one in self.both.items()},
             'operating_points': len(self.prepared.time) if self.prepared.steady else None,
             'extent': self.prepared.extent,
             'sensor_noise_w': {
@@ -86,7 +89,8 @@ def comparison(
         )
         for one in judged
     ]
-    return Comparison(prepared, judged, tuple(map(tuple, regimes)), state, labels)
+    both = both_sides(prepared, judge.recordings.data.computed_power)
+    return Comparison(prepared, judged, tuple(map(tuple, regimes)), state, labels, both)
 
 
 def by_drive(residual: Floats, prepared: Prepared) -> Floats:

@@ -146,6 +146,8 @@ def print_comparison(console: Console, content: dict[str, Any]) -> None:
             console.print(f'{model["name"]} fails most at')
         for regime in model['regimes'][:3]:
             console.print(f'  {regime["text"]} ({_extent(regime["rows"], content)})')
+    for both in content['both_sides'].values():
+        console.print('\n'.join(both['text']))
 
 
 def _extent(rows: int, content: dict[str, Any]) -> str:

@@ -224,6 +224,7 @@ def signals_of(
         drawn=torque * velocity,
         scale=DriveScale.reference(len(data.names)) if scale is None else scale,
         at_motor=np.array([name in data.motor_torque for name in data.names], dtype=bool),
+        motor_current=None if data.motor_current is None else _rows(data.motor_current),
         steady=data.steady,
     )
 

@@ -62,6 +62,7 @@ class Signals:
     at_motor: NDArray[np.bool_]  # [D], torque is the motor's: friction and inertia are in it
     past: Past | None = None  # where these are pieces of longer recordings
     carried: Carried | None = None  # where these are one block after another
+    motor_current: Floats | None = None  # A, beside the torque
     steady: bool = False  # each row is an operating point: nothing changes, and nothing was before
 
     def rows(self, rows: NDArray[np.intp], segment: NDArray[np.int32]) -> 'Signals':
