@@ -23,9 +23,10 @@ from power_estimator.network.checkpoint import Checkpoint, Network, NetworkConfi
 from power_estimator.network.features import Scaling
 from power_estimator.network.lstm import LstmBank, Weights
 from power_estimator.network.ppn import PowerPredictionNetwork
+from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.processes import ChildProcess
 
-JOINTS = [f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')]
+JOINTS = list(JOINT_NAMES)
 HIDDEN = 100
 START = 1_700_000_000_000_000_000
 

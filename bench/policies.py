@@ -16,38 +16,18 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from estimator import network
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.power_term import PowerSource, PredictedPower
 from policy_training.learning.learner import Learner
-from power_estimator.drive_types import DriveType
-from power_estimator.network.checkpoint import FILE, Checkpoint, Network, NetworkConfig
-from power_estimator.network.features import Scaling
-from power_estimator.network.lstm import Weights
-from windowed_network import WindowedNetwork
+from power_estimator.network.checkpoint import FILE
+from power_estimator.network.ppn import PowerPredictionNetwork
+from wattwalk_core.anymal import JOINT_NAMES
 
 RATE = 12_000.0  # policy steps a second
 SLOWER = 1.1
 WINDOWED = 64  # robots whose windows are timed; the cost is proportional to their number
-
-
-def save_network(folder: Path, hidden: int) -> Path:
-    """A Power Prediction Network with random weights."""
-    random = np.random.default_rng(0)
-
-    def weights() -> Weights:
-        shapes = ((4 * hidden, 3), (4 * hidden, hidden), (4 * hidden,), (hidden,), (1,))
-        return Weights(*(random.normal(0, 0.1, shape).astype(np.float32) for shape in shapes))
-
-    scaling = Scaling((0.0, 0.0, 0.0), (0.1, 15.0, 3.0), 40.0, 50.0)
-    bounds = ((-9.0, -900.0, -90.0), (9.0, 900.0, 90.0))
-    networks = tuple(
-        Network(DriveType(name, (f'*_{name}',)), scaling, *bounds, weights())
-        for name in ('HAA', 'HFE', 'KFE')
-    )
-    folder.mkdir(parents=True, exist_ok=True)
-    Checkpoint(NetworkConfig(hidden=hidden), networks).save(folder / FILE)
-    return folder
 
 
 class Variant:
@@ -99,9 +79,10 @@ def main() -> int:
         {'physics.environments': count, 'physics.threads': cores}
     )
     with tempfile.TemporaryDirectory() as temporary:
-        small = save_network(Path(temporary) / 'small', options.units)
-        large = save_network(Path(temporary) / 'large', 100)
-        spec, teacher = f'ppn:{small}', f'ppn:{large}'
+        spec, teacher = (f'ppn:{temporary}/{units}' for units in (options.units, 100))
+        for units in {options.units, 100}:
+            (Path(temporary) / str(units)).mkdir()
+            network(units).save(Path(temporary) / str(units) / FILE)
         variants = [
             Variant('without power', None, config),
             Variant(
@@ -115,9 +96,15 @@ def main() -> int:
             for variant in variants:
                 variant.round()
         some = min(count, WINDOWED)
-        paper = WindowedNetwork(large, some)
-        samples = np.zeros((some, 4, 12), np.float32)
-        part = seconds_of(lambda: paper.step(samples, samples, samples))
+        bank = PowerPredictionNetwork.load(Path(temporary) / '100').stream(JOINT_NAMES * some)
+        history = np.zeros((60, 12 * some, 3), np.float32)  # 0.3 s at 200 Hz
+
+        def as_in_the_paper() -> None:
+            for _ in range(4):
+                bank.reset()
+                bank.run(history)
+
+        part = seconds_of(as_in_the_paper)
         window = tuple(seconds * count / some for seconds in part)
     base = variants[0]
     print(

@@ -16,7 +16,6 @@ BENCHMARKS: dict[str, tuple[str, ...]] = {
     'alignment': (),
     'import_speed': ('--mb', '1000'),
     'real_runtime': (),
-    'node_shares': (),
     'estimator': (),
     'policies': (),
     'acquisition': (),

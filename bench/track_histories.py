@@ -1,8 +1,7 @@
 """Histories of legs of one or two robots for the benchmark of `track`: weather, wear, meters."""
 
-import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,10 @@ from lab_scenarios import BASES
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.model_file.model import EffectModel
+from power_fleet.track.kept_fit import from_bytes, to_bytes
 from power_fleet.track.recording_fit import Occasion, RecordingFit, fit_recording
 from truth_circuit import NAMES, Faults, Truth, record
+from wattwalk_core.files import write_whole
 
 CATALOGUE = builtin_catalogue()
 EFFECTS = BASES['core']
@@ -22,7 +23,6 @@ _DAY = 86_400.0
 _START = 1.7e9  # s since 1970
 _WARMTH = {'viscous_friction': -0.012, 'coulomb_friction': -0.004, 'copper_loss': 0.0035}  # 1/K
 _KINDS = ('quiet', 'wear', 'quiet', 'gain', 'quiet', 'wear', 'quiet', 'offset')
-_KEPT = ('values', 'covariance', 'watts', 'rms', 'error', 'power')
 
 
 @dataclass(frozen=True)
@@ -136,37 +136,9 @@ def history(own: Plan, count: int, cache: Path) -> list[RecordingFit]:
     cache.mkdir(parents=True, exist_ok=True)
     out = []
     for index, (occasion, truth) in enumerate(circumstances(own, count)):
-        file = cache / f'{own.seed}_{count}_of_{own.robots}_{index}.json'
-        if file.exists():
-            out.append(_read(file))
-            continue
-        fit = fit_recording(record(truth), model(), CATALOGUE, occasion)
-        _write(file, fit)
-        out.append(fit)
+        file = cache / f'{own.seed}_{count}_of_{own.robots}_{index}.fit'
+        if not file.exists():
+            fit = fit_recording(record(truth), model(), CATALOGUE, occasion)
+            write_whole(file, to_bytes(fit))
+        out.append(from_bytes(file.read_bytes()))
     return out
-
-
-def _write(file: Path, fit: RecordingFit) -> None:
-    content = {
-        'occasion': asdict(fit.occasion),
-        'drives': fit.drives,
-        'labels': fit.labels,
-        'responses': {name: own.tolist() for name, own in fit.responses.items()},
-        'conditions': {name: own.tolist() for name, own in fit.conditions.items()},
-        **{name: getattr(fit, name).tolist() for name in _KEPT},
-    }
-    part = file.with_suffix('.part')
-    part.write_text(json.dumps(content))
-    part.replace(file)
-
-
-def _read(file: Path) -> RecordingFit:
-    content = json.loads(file.read_text())
-    return RecordingFit(
-        occasion=Occasion(**content['occasion']),
-        drives=tuple(content['drives']),
-        labels=tuple((name, term) for name, term in content['labels']),
-        responses={name: np.array(own) for name, own in content['responses'].items()},
-        conditions={name: np.array(own) for name, own in content['conditions'].items()},
-        **{name: np.array(content.get(name, np.full((3, 2), 10.0))) for name in _KEPT},
-    )
