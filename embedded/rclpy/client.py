@@ -4,45 +4,20 @@ import threading
 import time
 from typing import Any
 
-from rclpy.exceptions import InvalidHandle
-from rclpy.impl.service_transport import ServiceEnd
+from rclpy.impl.service_transport import ServiceEntity
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 
-class Client:
+class Client(ServiceEntity):
     """Sends requests to a service."""
 
     def __init__(
         self, node: Any, srv_type: Any, srv_name: str, callback_group: Any, qos_profile: QoSProfile
     ):
-        self.srv_type = srv_type
-        self.srv_name = srv_name
-        self.callback_group = callback_group
-        self.qos_profile = qos_profile
-        self.context = node.context
-        self._logger = node.get_logger()
+        super().__init__(node, srv_type, srv_name, callback_group, qos_profile, False)
         self._pending: dict[int, Future] = {}
         self._lock = threading.Lock()
-        participant = node.context.participant
-        self._end: ServiceEnd | None = ServiceEnd(
-            participant, srv_type, srv_name, qos_profile, False
-        )
-
-    @property
-    def service_name(self) -> str:
-        """Absolute name of the service."""
-        return self.srv_name
-
-    @property
-    def gids(self) -> tuple[bytes, bytes]:
-        """Gids of reader and writer."""
-        return self._alive().gids
-
-    def _alive(self) -> ServiceEnd:
-        if self._end is None:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
-        return self._end
 
     def call_async(self, request: Any) -> Future:
         """Send a request; the future has its response once the node was spun."""
@@ -83,25 +58,11 @@ class Client:
             time.sleep(min(0.02, max(0.0, end - time.monotonic())))
         return False
 
-    def _conditions(self) -> list[tuple[Any, Any]]:
-        return [] if self._end is None else [(self._end.unread, self._take)]
-
-    def _take(self) -> list[tuple[Any, Any]]:
-        if self._end is None:
-            return []
-        try:
-            mine = self._end.handle
-            return [(self._execute, reply) for reply in self._end.take() if reply[0] == mine]
-        except ValueError as error:
-            self._logger.error(f"reply of '{self.srv_name}' dropped: {error}")
-            return []
+    def _is_mine(self, taken: tuple[int, int, int, Any]) -> bool:
+        return taken[0] == self._alive().handle
 
     def _execute(self, taken: tuple[int, int, int, Any]) -> None:
         with self._lock:
             future = self._pending.pop(taken[1], None)
         if future is not None:
             future.set_result(taken[3])
-
-    def destroy(self) -> None:
-        """Stop waiting for responses."""
-        self._end = None

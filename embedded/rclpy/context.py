@@ -118,12 +118,6 @@ class Context:
                 self._graph = Graph(self.participant)
             return self._graph
 
-    def get_domain_id(self) -> int:
-        """Return the id of the domain."""
-        if not self.initialized:
-            raise RuntimeError('Context must be initialized before it can have a domain id')
-        return self._domain_id
-
     def on_shutdown(self, callback: Callable[[], None]) -> None:
         """Call back at shutdown, at once where that was."""
         if not callable(callback):

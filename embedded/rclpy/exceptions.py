@@ -18,13 +18,6 @@ class NotInitializedException(Exception):
         super().__init__(f'rclpy.init() has not been called.{detail}')
 
 
-class ROSInterruptException(Exception):
-    """Raised when an operation is canceled by rclpy shutting down."""
-
-    def __init__(self) -> None:
-        super().__init__('rclpy.shutdown() has been called')
-
-
 class NameValidationException(Exception):
     """Raised when a topic name, node name, or namespace is invalid."""
 
@@ -107,13 +100,6 @@ class InvalidParameterValueException(ParameterException):
         super().__init__(
             f'Invalid parameter value ({value}) for parameter. Reason: {reason}', parameter
         )
-
-
-class ParameterImmutableException(ParameterException):
-    """Raised when a read-only parameter is modified."""
-
-    def __init__(self, parameter_name: str):
-        super().__init__('Attempted to modify read-only parameter', parameter_name)
 
 
 class ParameterUninitializedException(ParameterException):

@@ -61,11 +61,6 @@ class SingleThreadedExecutor:
             node._executor = None
         self.forget()
 
-    def get_nodes(self) -> list[Any]:
-        """Return the nodes."""
-        with self._lock:
-            return list(self._nodes)
-
     def wake(self, changed: bool = False) -> None:
         """Stop waiting; with `changed`, look at the nodes' entities anew."""
         if changed:

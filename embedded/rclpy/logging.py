@@ -89,19 +89,9 @@ class RcutilsLogger:
         self._seen: dict[Place, int] = {}
         self._severities: dict[Place, LoggingSeverity] = {}
 
-    def get_child(self, name: str) -> 'RcutilsLogger':
-        """Return the logger `parent.name`."""
-        if not name:
-            raise ValueError('Child logger name must not be empty.')
-        return get_logger(f'{self.name}.{name}' if self.name else name)
-
     def set_level(self, level: int) -> None:
         """Set the severity from which on this logger writes."""
         set_logger_level(self.name, level)
-
-    def get_effective_level(self) -> LoggingSeverity:
-        """Return the severity from which on this logger writes."""
-        return get_logger_effective_level(self.name)
 
     def is_enabled_for(self, severity: int) -> bool:
         """Tell whether a message of this severity is written."""

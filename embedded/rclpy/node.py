@@ -35,12 +35,8 @@ class Node(Parameters):
         cli_args: list[str] | None = None,
         namespace: str | None = None,
         use_global_arguments: bool = True,
-        enable_rosout: bool = True,
         start_parameter_services: bool = True,
         parameter_overrides: list[Parameter] | None = None,
-        allow_undeclared_parameters: bool = False,
-        automatically_declare_parameters_from_overrides: bool = False,
-        enable_logger_service: bool = False,
     ):
         self._context = get_default_context() if context is None else context
         if not self._context.ok():
@@ -54,7 +50,7 @@ class Node(Parameters):
         self._set_names(node_name, namespace or '')
         given = own.overrides(self.get_fully_qualified_name())
         given |= {parameter.name: parameter.value for parameter in parameter_overrides or []}
-        super().__init__(given, allow_undeclared_parameters)
+        super().__init__(given)
         self._logger = get_logger(self.get_fully_qualified_name()[1:].replace('/', '.'))
         self._default_callback_group = MutuallyExclusiveCallbackGroup()
         self._entities: dict[type, list[Any]] = {
@@ -66,9 +62,6 @@ class Node(Parameters):
         self._graph_entry = NodeEntities(self._name, self._namespace)
         self._context.graph.nodes.append(self._graph_entry)
         self._context._nodes.add(self)
-        if automatically_declare_parameters_from_overrides:
-            entries = [(name, value) for name, value in given.items()]
-            self.declare_parameters('', entries)
         self._time_source = TimeSource(self, self._clock)
         if start_parameter_services:
             ParameterService(self)
@@ -86,11 +79,6 @@ class Node(Parameters):
     def context(self) -> Context:
         """Context of the node."""
         return self._context
-
-    @property
-    def default_callback_group(self) -> CallbackGroup:
-        """Group of callbacks for which none was given."""
-        return self._default_callback_group
 
     @property
     def executor(self) -> Any:
@@ -299,10 +287,6 @@ class Node(Parameters):
             self._executor.forget()
         return True
 
-    def destroy_publisher(self, publisher: Publisher) -> bool:
-        """Destroy a publisher; False where it is not the node's."""
-        return self._remove(publisher)
-
     def destroy_subscription(self, subscription: Subscription) -> bool:
         """Destroy a subscription; False where it is not the node's."""
         return self._remove(subscription)
@@ -310,10 +294,6 @@ class Node(Parameters):
     def destroy_client(self, client: Client) -> bool:
         """Destroy a service client; False where it is not the node's."""
         return self._remove(client)
-
-    def destroy_service(self, service: Service) -> bool:
-        """Destroy a service server; False where it is not the node's."""
-        return self._remove(service)
 
     def destroy_timer(self, timer: Timer) -> bool:
         """Destroy a timer; False where it is not the node's."""
@@ -363,11 +343,3 @@ class Node(Parameters):
     def get_service_names_and_types(self) -> list[tuple[str, list[str]]]:
         """Return the services of the domain."""
         return list(self._context.graph.services().items())
-
-    def get_node_names(self) -> list[str]:
-        """Return the names of the domain's nodes, without namespaces."""
-        return [node.name for node in self._context.graph.participants()]
-
-    def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        """Return names and namespaces of the domain's nodes."""
-        return [(node.name, node.namespace) for node in self._context.graph.participants()]

@@ -5,7 +5,6 @@ from enum import Enum
 from typing import Any
 
 import yaml
-from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterType, ParameterValue
 
 PARAMETER_SEPARATOR_STRING = '.'
@@ -125,10 +124,6 @@ class Parameter:
         if self._type is not Parameter.Type.NOT_SET:
             setattr(message, FIELDS[self._type.value], self._value)
         return message
-
-    def to_parameter_msg(self) -> Any:
-        """Return the parameter as rcl_interfaces/Parameter."""
-        return ParameterMsg(name=self._name, value=self.get_parameter_value())
 
 
 def get_parameter_value(string_value: str) -> Any:

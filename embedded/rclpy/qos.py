@@ -1,7 +1,7 @@
 """Quality of service: profiles and policies."""
 
 import warnings
-from enum import Enum, IntEnum
+from enum import IntEnum
 from typing import Any
 
 from cyclonedds.qos import Policy, Qos
@@ -41,31 +41,7 @@ DDS_POLICIES = {
 }
 
 
-def qos_policy_name_from_kind(policy_kind: int) -> str:
-    """Return the name of a policy."""
-    return QoSPolicyKind(policy_kind).name
-
-
-class QoSPolicyEnum(IntEnum):
-    """Base of the values of policies."""
-
-    @classmethod
-    def short_keys(cls) -> list[str]:
-        """Return the names in lower case."""
-        return [name.lower() for name in cls.__members__]
-
-    @classmethod
-    def get_from_short_key(cls, name: str) -> int:
-        """Return a value by its name in any case."""
-        return cls[name.upper()].value
-
-    @property
-    def short_key(self) -> str:
-        """Name in lower case."""
-        return self.name.lower()
-
-
-class HistoryPolicy(QoSPolicyEnum):
+class HistoryPolicy(IntEnum):
     """Number of samples that are kept."""
 
     SYSTEM_DEFAULT = 0
@@ -74,7 +50,7 @@ class HistoryPolicy(QoSPolicyEnum):
     UNKNOWN = 3
 
 
-class ReliabilityPolicy(QoSPolicyEnum):
+class ReliabilityPolicy(IntEnum):
     """Delivery: lost samples are sent again, or not."""
 
     SYSTEM_DEFAULT = 0
@@ -84,7 +60,7 @@ class ReliabilityPolicy(QoSPolicyEnum):
     BEST_AVAILABLE = 4
 
 
-class DurabilityPolicy(QoSPolicyEnum):
+class DurabilityPolicy(IntEnum):
     """Durability: late joiners get samples published before, or not."""
 
     SYSTEM_DEFAULT = 0
@@ -94,7 +70,7 @@ class DurabilityPolicy(QoSPolicyEnum):
     BEST_AVAILABLE = 4
 
 
-class LivelinessPolicy(QoSPolicyEnum):
+class LivelinessPolicy(IntEnum):
     """Assertion of a writer that it is alive."""
 
     SYSTEM_DEFAULT = 0
@@ -103,11 +79,6 @@ class LivelinessPolicy(QoSPolicyEnum):
     UNKNOWN = 4
     BEST_AVAILABLE = 5
 
-
-QoSHistoryPolicy = HistoryPolicy
-QoSReliabilityPolicy = ReliabilityPolicy
-QoSDurabilityPolicy = DurabilityPolicy
-QoSLivelinessPolicy = LivelinessPolicy
 
 _ENUMS: dict[str, Any] = {
     'history': HistoryPolicy,
@@ -254,25 +225,5 @@ def from_dds(qos: Qos) -> QoSProfile:
     return profile
 
 
-qos_profile_default = QoSProfile(depth=10)
-qos_profile_system_default = QoSProfile(
-    history=HistoryPolicy.SYSTEM_DEFAULT,
-    depth=0,
-    reliability=ReliabilityPolicy.SYSTEM_DEFAULT,
-    durability=DurabilityPolicy.SYSTEM_DEFAULT,
-)
-qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 qos_profile_services_default = QoSProfile(depth=10)
 qos_profile_parameters = QoSProfile(depth=1000)
-qos_profile_parameter_events = QoSProfile(depth=1000)
-
-
-class QoSPresetProfiles(Enum):
-    """Profiles by name."""
-
-    DEFAULT = qos_profile_default
-    SYSTEM_DEFAULT = qos_profile_system_default
-    SENSOR_DATA = qos_profile_sensor_data
-    SERVICES_DEFAULT = qos_profile_services_default
-    PARAMETERS = qos_profile_parameters
-    PARAMETER_EVENTS = qos_profile_parameter_events

@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.exceptions import InvalidHandle
-from rclpy.impl.service_transport import ServiceEnd
+from rclpy.impl.service_transport import ServiceEntity
 from rclpy.qos import QoSProfile
 
 
-class Service:
+class Service(ServiceEntity):
     """Answers requests by a callback (request, response) -> response."""
 
     def __init__(
@@ -20,43 +19,8 @@ class Service:
         callback_group: Any,
         qos_profile: QoSProfile,
     ):
-        self.srv_type = srv_type
-        self.srv_name = srv_name
+        super().__init__(node, srv_type, srv_name, callback_group, qos_profile, True)
         self.callback = callback
-        self.callback_group = callback_group
-        self.qos_profile = qos_profile
-        self._logger = node.get_logger()
-        participant = node.context.participant
-        self._end: ServiceEnd | None = ServiceEnd(
-            participant, srv_type, srv_name, qos_profile, True
-        )
-
-    @property
-    def service_name(self) -> str:
-        """Absolute name of the service."""
-        return self.srv_name
-
-    @property
-    def gids(self) -> tuple[bytes, bytes]:
-        """Gids of reader and writer."""
-        return self._alive().gids
-
-    def _alive(self) -> ServiceEnd:
-        if self._end is None:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
-        return self._end
-
-    def _conditions(self) -> list[tuple[Any, Any]]:
-        return [] if self._end is None else [(self._end.unread, self._take)]
-
-    def _take(self) -> list[tuple[Any, Any]]:
-        if self._end is None:
-            return []
-        try:
-            return [(self._execute, request) for request in self._end.take()]
-        except ValueError as error:
-            self._logger.error(f"request to '{self.srv_name}' dropped: {error}")
-            return []
 
     def _execute(self, taken: tuple[int, int, int, Any]) -> None:
         guid, sequence, publication, request = taken
@@ -70,7 +34,3 @@ class Service:
         if end is not None:
             end.wait_for_client(publication)
             end.send(response, guid, sequence)
-
-    def destroy(self) -> None:
-        """Stop serving."""
-        self._end = None

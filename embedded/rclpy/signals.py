@@ -75,11 +75,3 @@ def uninstall_signal_handlers() -> None:
         previous = _previous.pop(number)
         if signal.getsignal(number) is _handle:
             signal.signal(number, signal.SIG_DFL if previous is None else previous)
-
-
-def get_current_signal_handlers_options() -> SignalHandlerOptions:
-    """Tell which signals are taken over."""
-    return SignalHandlerOptions(
-        (SignalHandlerOptions.SIGINT if signal.SIGINT in _previous else 0)
-        | (SignalHandlerOptions.SIGTERM if signal.SIGTERM in _previous else 0)
-    )

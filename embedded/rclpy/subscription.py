@@ -122,20 +122,9 @@ class Subscription:
         )
 
     @property
-    def topic_name(self) -> str:
-        """Absolute name of the topic."""
-        return self._topic
-
-    @property
     def topic(self) -> str:
         """Absolute name of the topic."""
         return self._topic
-
-    def get_publisher_count(self) -> int:
-        """Return the number of publishers that messages come from."""
-        if self._reader is None:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
-        return len(self._reader.get_matched_publications())
 
     def _conditions(self) -> list[tuple[Any, Any]]:
         if self._reader is None or not self.callback_group.can_execute(self):

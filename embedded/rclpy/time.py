@@ -34,10 +34,6 @@ class Time:
         self.nanoseconds: int = total
         self.clock_type = clock_type
 
-    def seconds_nanoseconds(self) -> tuple[int, int]:
-        """Return whole seconds and the nanoseconds left."""
-        return divmod(self.nanoseconds, 1_000_000_000)
-
     def __repr__(self) -> str:
         return f'Time(nanoseconds={self.nanoseconds}, clock_type={self.clock_type.name})'
 

@@ -73,14 +73,6 @@ class Timer:
         """Never call back again."""
         self._destroyed = self._canceled = True
 
-    def is_ready(self) -> bool:
-        """Tell whether the callback is due."""
-        return not self._canceled and self._clock.nanoseconds() >= self._next
-
-    def time_since_last_call(self) -> int:
-        """Return the ns since the last call."""
-        return self._clock.nanoseconds() - self._last
-
     def time_until_next_call(self) -> int | None:
         """Return the ns until the next call, negative where it is due; None if cancelled."""
         return None if self._canceled else self._next - self._clock.nanoseconds()

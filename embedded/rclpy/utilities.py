@@ -53,10 +53,3 @@ def try_shutdown(*, context: Context | None = None) -> None:
 def get_rmw_implementation_identifier() -> str:
     """Return the name of the middleware."""
     return 'rmw_cyclonedds_embedded'
-
-
-def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
-    """Return a time in ns, -1 for one without end."""
-    if timeout_sec is None or timeout_sec < 0:
-        return -1
-    return int(float(timeout_sec) * 1_000_000_000)

