@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import time
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,9 +14,7 @@ from power_recordings.reading.reader import Recording
 from soak_bags import told_lost
 from wattwalk_core.processes import wait_until
 
-ROOT = Path(__file__).resolve().parents[1]
 LIVE = 'import sys; from wattwalk_bringup.commands.arguments import live as main; sys.exit(main())'
-NETWORK = f'ppn:{ROOT / "bags" / "ppn_small"}'
 NODES = {'sim_bridge/sim', 'power_daq/daq', 'policy_runner/run', 'power_estimator/estimate'}
 SLOW = 180.0
 """s that a step may take beside much other work."""
@@ -69,7 +68,7 @@ def test_one_command_walks_measures_records_and_ends_by_an_interrupt(node_proces
     bag = tmp_path / 'bag'
     live = node_process(
         *('wattwalk_bringup', 'live', '--channel', f'{tmp_path}/bus'),
-        *('--record', str(bag), '--model', NETWORK),
+        *('--record', str(bag)),
     )
     live.wait_for_output('policy: trot: standing up', timeout=SLOW)
     live.wait_for_output('recorder: .*drive_supply [1-9].*power_estimate [1-9]', timeout=SLOW)
@@ -82,10 +81,8 @@ def test_one_command_walks_measures_records_and_ends_by_an_interrupt(node_proces
 
 
 def test_a_node_that_is_killed_ends_all_and_is_named(node_process, tmp_path):
-    live = node_process(
-        'wattwalk_bringup', 'live', '--channel', f'{tmp_path}/bus', '--model', NETWORK
-    )
-    live.wait_for_output('daq: (warn: )?reading', timeout=SLOW)
+    live = node_process('wattwalk_bringup', 'live', '--channel', f'{tmp_path}/bus')
+    live.wait_for_output('daq: reading', timeout=SLOW)
     assert {*nodes()} == NODES
     os.kill(nodes()['power_daq/daq'], signal.SIGKILL)
     assert live.wait(SLOW) == 1, live.output
@@ -105,11 +102,34 @@ def test_what_a_node_says_of_its_input_is_the_reason_given(node_process, tmp_pat
 
 
 def test_nodes_end_by_themselves_when_live_is_killed(node_process, tmp_path):
-    live = node_process.python('-c', LIVE, '--channel', f'{tmp_path}/bus', '--model', NETWORK)
+    live = node_process.python('-c', LIVE, '--channel', f'{tmp_path}/bus')
     live.wait_for_output('policy: trot: (standing up|running)', timeout=SLOW)
     assert {*nodes()} == NODES
     os.kill(live.pid, signal.SIGKILL)
     assert wait_until(lambda: nodes() == {}, SLOW)
+
+
+def test_an_interrupt_while_nodes_start_is_no_fault(node_process, tmp_path):
+    live = node_process('wattwalk_bringup', 'live', '--channel', f'{tmp_path}/bus')
+    live.wait_for_output('estimator: starting', timeout=SLOW)
+    time.sleep(0.3)  # a process has no signal handlers at its very start
+    live.interrupt()
+    assert live.wait(SLOW) == 0, live.output
+    ends = [line for line in live.own_lines if ': ended' in line]
+    assert ends
+    assert all(line.endswith(', code 0') for line in ends), live.output
+
+
+@needs_launch
+def test_an_interrupt_while_nodes_start_is_no_fault_of_the_launch(node_process, tmp_path):
+    launch = node_process.ros2(
+        'launch', 'wattwalk_bringup', 'sim.launch.py', f'channel:={tmp_path}/bus'
+    )
+    launch.wait_for_output('estimator.*process started', timeout=SLOW)
+    time.sleep(0.3)  # a process has no signal handlers at its very start
+    launch.interrupt()
+    assert launch.wait(SLOW) == 0, launch.output
+    assert 'process has died' not in launch.output
 
 
 @needs_launch
@@ -117,7 +137,7 @@ def test_the_launch_file_walks_measures_records_and_ends_by_an_interrupt(node_pr
     bag = tmp_path / 'bag'
     launch = node_process.ros2(
         *('launch', 'wattwalk_bringup', 'sim.launch.py', f'channel:={tmp_path}/bus'),
-        *(f'record:={bag}', f'model:={NETWORK}'),
+        f'record:={bag}',
     )
     launch.wait_for_output('trot: standing up', timeout=SLOW)
     launch.wait_for_output('recorder.*drive_supply [1-9].*power_estimate [1-9]', timeout=SLOW)
@@ -131,7 +151,6 @@ def test_the_launch_file_walks_measures_records_and_ends_by_an_interrupt(node_pr
 def test_a_node_that_is_killed_ends_the_launch_with_code_1(node_process, tmp_path):
     launch = node_process.ros2(
         *('launch', 'wattwalk_bringup', 'sim.launch.py', f'channel:={tmp_path}/bus'),
-        f'model:={NETWORK}',
     )
     launch.wait_for_output(r'daq.*reading', timeout=SLOW)
     os.kill(nodes()['power_daq/daq'], signal.SIGKILL)
@@ -144,7 +163,6 @@ def test_a_node_that_is_killed_ends_the_launch_with_code_1(node_process, tmp_pat
 def test_nodes_end_by_themselves_when_the_launch_is_killed(node_process, tmp_path):
     launch = node_process.ros2(
         *('launch', 'wattwalk_bringup', 'sim.launch.py', f'channel:={tmp_path}/bus'),
-        f'model:={NETWORK}',
     )
     launch.wait_for_output('daq.*reading', timeout=SLOW)
     assert {*nodes()} == NODES
@@ -158,7 +176,7 @@ def test_rosbag2_records_the_launch_with_queues_that_lose_nothing_silently(node_
     bag = tmp_path / 'bag'
     launch = node_process.ros2(
         *('launch', 'wattwalk_bringup', 'sim.launch.py', f'channel:={tmp_path}/bus'),
-        *(f'record:={bag}', 'recorder:=rosbag2', f'model:={NETWORK}'),
+        *(f'record:={bag}', 'recorder:=rosbag2'),
     )
     launch.wait_for_output('daq.*reading', timeout=SLOW)
     assert wait_until(lambda: sum(f.stat().st_size for f in bag.glob('*')) > 300_000, SLOW)

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ethercat_peer import Peer
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kept_log import KeptLog
 from power_daq.ethercat.acquisition import SegmentAcquisition, SegmentPatience
 from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.soem import SoemSegment
@@ -67,13 +68,13 @@ class Bench:
     def __init__(self, cable, mapping, kinds=('EK1100', 'EL3102', 'EL3102')):
         near, far = cable
         self.peer = Peer(far, kinds)
-        self.samples, self.said = [], []
+        self.samples, self.said = [], KeptLog()
         loaded = SegmentMapping.load(mapping)
         self.acquisition = SegmentAcquisition(
             loaded,
             lambda: SoemSegment(near, loaded.frame_timeout),
             self.samples.append,
-            self.said.append,
+            self.said,
             None,
             SegmentPatience(0.05, 0.2, 5),
         )
@@ -223,9 +224,9 @@ def test_a_filter_that_cannot_be_switched_off_keeps_the_segment_from_operating(c
 def test_an_interface_that_is_not_there_is_told_with_those_that_are(cable, mapping):
     near, _ = cable
     loaded = SegmentMapping.load(mapping)
-    said = []
+    said = KeptLog()
     acquisition = SegmentAcquisition(
-        loaded, lambda: SoemSegment('eth77', loaded.frame_timeout), print, said.append
+        loaded, lambda: SoemSegment('eth77', loaded.frame_timeout), print, said
     )
     acquisition.start()
     end = time.monotonic() + PATIENCE

@@ -151,7 +151,7 @@ def test_the_security_policy_lets_each_node_do_what_it_does():
         assert node == 'operator' or f"super().__init__('{node}')" in SOURCES, node
         for side in ('publish', 'subscribe'):
             own = {name for name in sides[side] if not name.startswith('/')} - {'rosout'}
-            assert own <= {*TYPES, CARD}, node
+            assert own <= {*TYPES, CARD, 'robot_description'}, node
     assert {'drive_supply', 'joint_states'} <= allowed['power_daq']['publish']
     assert set(TYPES) <= allowed['recorder']['subscribe']
     assert allowed['operator']['request'] >= SERVICES

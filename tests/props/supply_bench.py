@@ -3,6 +3,7 @@
 import itertools
 import time
 
+from kept_log import KeptLog
 from power_daq.supply.instrument import Instrument, InstrumentSettings
 from power_daq.supply.poller import Poller, Retry
 from sim_bridge.instruments.scpi import ScpiInstrument, SupplyState, Terminals, whole
@@ -19,7 +20,7 @@ class Bench:
         self.state = SupplyState(self.terminals)
         self.instrument = ScpiInstrument(self.state)
         self.port = self.instrument.port
-        self.readings, self.said = [], []
+        self.readings, self.said = [], KeptLog()
         self.poller = None
 
     def terminals(self):
@@ -33,7 +34,7 @@ class Bench:
             lambda: Instrument(settings),
             self.readings.append,
             rate,
-            self.said.append,
+            self.said,
             Retry(0.01, 0.05),
             prepare,
         )

@@ -130,7 +130,8 @@ def test_a_velocity_command_makes_it_step(robot, node_process):
 
 
 def test_a_held_velocity_makes_it_step_and_is_told_on_cmd_vel(robot, node_process):
-    node_process('policy_runner', 'run', '--start', '--velocity=0.4,0,-0.2', *PATIENT)
+    given = ('-p', 'start:=true', '-p', 'velocity:=0.4,0,-0.2')
+    node_process('policy_runner', 'run', *PATIENT, *given)
     wait_until(lambda: 'running' in robot.reasons, 'running')
 
     def told():

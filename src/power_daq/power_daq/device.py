@@ -10,6 +10,7 @@ from power_recordings.calibration import Calibration
 from power_recordings.card import Card
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Report
+from wattwalk_core.nodes.fault_log import LogTarget
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.quoting import quoted
 
@@ -66,9 +67,7 @@ class MeasuringDevice:
     card: Card = field(default_factory=Card)
 
 
-def open_device(
-    given: DeviceParameters, queue: SampleQueue, report: Callable[[str], None]
-) -> MeasuringDevice:
+def open_device(given: DeviceParameters, queue: SampleQueue, log: LogTarget) -> MeasuringDevice:
     """Declare the parameters and return the device that they ask for; InputError for bad ones."""
     interface = given.text(
         'interface', 'socketcan', 'python-can interface, unixsocket, or ethercat'
@@ -77,7 +76,7 @@ def open_device(
     mapping = given.path('mapping', 'YAML file from signals to drives; empty for the shipped one')
     calibration = given.path('calibration', 'YAML file of gains and offsets; empty for none')
     if interface == ETHERCAT:
-        return _ethercat(channel, mapping, calibration, queue, report)
+        return _ethercat(channel, mapping, calibration, queue, log)
     ready = given.text('bus', '', f'ready description instead of a DBC: {", ".join(READY)}')
     nodes = _nodes(given.text('drives', '', 'node numbers of drives, as hip=0,knee=1'))
     dbc = given.path('dbc', 'DBC file of the bus; empty for the shipped one')
@@ -100,7 +99,7 @@ def open_device(
         corrections = Calibration.load(calibration, bus.groups['electrical'].drives)
     receiver = Receiver(bus, RosTime(), corrections, int(1e9 * delay))
     queries = None if bus.polled is None else QueryRounds(bus.polled.queries, 1 / bus.rate)
-    acquisition = Acquisition(receiver, settings.open, queue.put, report, None, queries)
+    acquisition = Acquisition(receiver, settings.open, queue.put, log, None, queries)
     health = BusHealth(acquisition, queue, bus, settings)
     drives = {name: group.drives for name, group in bus.groups.items()}
     hardware = f'{settings.interface} {settings.channel}'
@@ -129,7 +128,7 @@ def _ethercat(
     path: Path | None,
     calibration: Path | None,
     queue: SampleQueue,
-    report: Callable[[str], None],
+    log: LogTarget,
 ) -> MeasuringDevice:
     if path is None:
         raise InputError(
@@ -140,7 +139,7 @@ def _ethercat(
     corrections = None if calibration is None else Calibration.load(calibration, mapping.names)
     segment = partial(SoemSegment, channel, mapping.frame_timeout)
     segment()
-    acquisition = SegmentAcquisition(mapping, segment, queue.put, report, corrections)
+    acquisition = SegmentAcquisition(mapping, segment, queue.put, log, corrections)
     health = SegmentHealth(acquisition, queue, channel)
     drives = {'electrical': mapping.names}
     return MeasuringDevice(

@@ -5,6 +5,7 @@ import time
 import can
 import numpy as np
 import pytest
+from kept_log import KeptLog
 from power_daq.acquisition.bus_acquisition import (
     Acquisition,
     Arrivals,
@@ -56,14 +57,14 @@ class Measurement:
 
     def __init__(self, settings, sink=None):
         self.samples = []
-        self.reports = []
+        self.reports = KeptLog()
         self.receiver = Receiver(BUS, RosTime())
         self.queue = SampleQueue(100_000)
         self.acquisition = Acquisition(
             self.receiver,
             settings.open,
             sink or self.samples.append,
-            self.reports.append,
+            self.reports,
             PATIENCE,
         )
         self.health = BusHealth(self.acquisition, self.queue, BUS, settings)
@@ -250,7 +251,7 @@ def test_a_bus_that_is_lost_at_once_is_opened_again_with_growing_pauses_until_a_
         Receiver(BUS, RosTime()),
         lambda: buses.pop(0),
         lambda sample: None,
-        lambda line: None,
+        KeptLog(),
         Patience(first_retry=0.5, last_retry=100.0),
     )
     acquisition._stop = waits = Waits(5)

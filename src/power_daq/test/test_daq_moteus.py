@@ -7,6 +7,7 @@ import can
 import numpy as np
 import pytest
 import yaml
+from kept_log import KeptLog
 from moteus_emulator import POSITION, POWER, VELOCITY, MoteusEmulator, ServoBus, turns
 from power_daq.acquisition.bus_acquisition import Acquisition, Patience, SampleQueue
 from power_daq.acquisition.bus_health import BusHealth, Level
@@ -32,7 +33,7 @@ class Bench:
             self.receiver,
             self.settings.open,
             self.samples.append,
-            lambda line: None,
+            KeptLog(),
             Patience(0.01, 0.02, silence=0.3, read=0.02),
             QueryRounds(self.bus.polled.queries, 1 / self.bus.rate),
         )

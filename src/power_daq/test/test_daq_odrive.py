@@ -7,6 +7,7 @@ import time
 import can
 import numpy as np
 import pytest
+from kept_log import KeptLog
 from odrive_emulator import BUS, ENCODER, TEMPERATURE, TORQUES, ODriveEmulator
 from power_daq.acquisition.bus_acquisition import Acquisition, Patience, SampleQueue
 from power_daq.acquisition.bus_health import BusHealth, Level
@@ -156,7 +157,7 @@ class Measurement:
         self.receiver = Receiver(bus, RosTime())
         patience = Patience(0.01, 0.02, silence=0.3, read=0.02)
         self.acquisition = Acquisition(
-            self.receiver, settings.open, self.samples.append, lambda line: None, patience
+            self.receiver, settings.open, self.samples.append, KeptLog(), patience
         )
         self.health = BusHealth(self.acquisition, SampleQueue(10), bus, settings)
 

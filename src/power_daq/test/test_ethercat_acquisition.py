@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from kept_log import KeptLog
 from power_daq.acquisition.bus_acquisition import SampleQueue
 from power_daq.clock.mapping import RosTime
 from power_daq.ethercat.acquisition import SegmentAcquisition, SegmentPatience
@@ -87,12 +88,12 @@ class Run:
         path.write_text(CONTENT)
         self.mapping = SegmentMapping.load(path)
         self.frames = Frames(script)
-        self.samples, self.said = [], []
+        self.samples, self.said = [], KeptLog()
         self.acquisition = SegmentAcquisition(
             self.mapping,
             self.frames,
             self.samples.append,
-            self.said.append,
+            self.said,
             calibration,
             patience or SegmentPatience(0.01, 0.05, 20),
             ros_time,

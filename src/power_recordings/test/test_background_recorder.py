@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 from power_recordings.messages import cdr
 from power_recordings.reading.reader import Recording
-from power_recordings.writing.background import BackgroundRecorder, SequenceCheck
+from power_recordings.writing.background import (
+    BackgroundRecorder,
+    RecordingProgress,
+    SequenceCheck,
+)
 from power_recordings.writing.writer import BagWriter
 from wattwalk_core.files import RecordingError
 
@@ -86,3 +90,13 @@ def test_losses_are_found_in_the_bytes(frame: str, size: int) -> None:
     for message in [*block[:3], b'\0\1\0\0', *block[5:]]:
         check.feed(message)
     assert (check.samples, check.lost, check.places) == (100 - 2 * size, 2 * size, 1)
+
+
+def test_a_rate_counts_from_the_first_message() -> None:
+    none = RecordingProgress(0.0, {}, {}, 0, 0, {})
+    # 400 Hz from 9.5 s on: messages at 9.5, 9.5025, …, 10.0 s.
+    early = RecordingProgress(10.0, {'/imu': 201}, {}, 0, 0, {'/imu': 9.5})
+    assert early.rates(none) == {'/imu': pytest.approx(400.0)}
+    late = RecordingProgress(11.0, {'/imu': 601}, {}, 0, 0, {'/imu': 9.5})
+    assert late.rates(early) == {'/imu': pytest.approx(400.0)}
+    assert late.rates(none) == {'/imu': pytest.approx(400.0)}

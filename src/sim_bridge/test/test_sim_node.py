@@ -51,7 +51,8 @@ def test_topics_beside_the_bus_are_published(sim, node_process):
 
 
 def test_a_push_is_answered_with_its_velocity(sim, node_process):
-    call = node_process.ros2('service', 'call', '/push', 'std_srvs/srv/Trigger', '{}')
+    push = ('service', 'call', '/sim_bridge/push', 'std_srvs/srv/Trigger', '{}')
+    call = node_process.ros2(*push)
     call.wait_for_output(r'success=True.*\+0\.30, \+0\.00 m/s')
     sim.wait_for_output(r'pushed by')
 

@@ -95,6 +95,17 @@ def test_a_package_that_is_not_there_is_named(monkeypatch):
         NodeCommand('n', 'a', 'b').line()
 
 
+def test_none_is_the_word_for_a_setting_that_is_left_empty(here):
+    found = BringupSettings.load('sim').changed({'model': 'none', 'policy': 'none'})
+    assert found.nodes() == ('sim', 'daq')
+    assert as_text(found.model) == 'none'
+
+
+def test_all_nodes_are_in_the_namespace(here):
+    settings = BringupSettings.load('sim').changed({'namespace': 'robot_1', 'record': 'bag'})
+    assert {one.remappings['__ns'] for one in commands(settings)} == {'/robot_1'}
+
+
 def test_rosbag2_gets_its_queues_and_compression(here, monkeypatch):
     monkeypatch.setenv('ROS_DISTRO', 'jazzy')
     settings = BringupSettings.load('sim').changed({'record': 'bag', 'recorder': 'rosbag2'})
@@ -126,7 +137,9 @@ def test_a_bad_file_is_one_line_and_code_2(text, tmp_path, capsys):
     [
         (['--terrain', 'hilly'], "terrain: expected flat or rough, there is 'hilly'"),
         (['--duration', 'soon'], "duration: expected 0 to 1e+07 s, there is 'soon'"),
-        (['--model', 'ppn:nowhere'], "model: no network 'nowhere' here"),
+        (['--model', 'ppn:runs/nowhere'], "model: no network 'runs/nowhere' here"),
+        (['--namespace', 'a-b'], "namespace 'a-b': expected letters, digits and _"),
+        (['--record', 'b', '--recorder', 'rosbag2', '--namespace', 'a'], 'in the root namespace'),
         (['--record', '.'], "record: '.' exists; give a new folder"),
         (['--record', 'bag', '--card', 'a="b'], "card: 'a=\"b': No closing quotation"),
         (['--config', 'no_such'], "no bring-up 'no_such'; give a file, or one of"),

@@ -81,13 +81,17 @@ def _check_paths(settings: BringupSettings) -> None:
         raise InputError(f'record: {quoted(settings.record)} exists; give a new folder')
     if settings.model.startswith('ppn:'):
         network = Path(settings.model.removeprefix('ppn:')).expanduser()
-        if not network.exists():
+        # A name without folders is a shipped network's.
+        if len(network.parts) > 1 and not network.exists():
             raise InputError(
                 f'model: no network {quoted(str(network))} here; give another, '
-                "or '' to estimate nothing"
+                'or none to estimate nothing'
             )
-    if settings.recorder == 'rosbag2' and settings.record and 'ROS_DISTRO' not in os.environ:
-        raise InputError("recorder: 'rosbag2' needs ROS 2; source it, or use power_daq")
+    if settings.recorder == 'rosbag2' and settings.record:
+        if settings.namespace:
+            raise InputError("recorder: 'rosbag2' records in the root namespace; use power_daq")
+        if 'ROS_DISTRO' not in os.environ:
+            raise InputError("recorder: 'rosbag2' needs ROS 2; source it, or use power_daq")
 
 
 def _command(
@@ -106,7 +110,7 @@ def _command(
         executable,
         (*own, *settings.arguments.get(name, ())),  # type: ignore[call-overload]
         {**set_here, **settings.parameters.get(name, {})},  # type: ignore[call-overload]
-        remappings or {},
+        {**(remappings or {}), **({'__ns': settings.namespace} if settings.namespace else {})},
     )
 
 

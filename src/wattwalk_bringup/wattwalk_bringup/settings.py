@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 from wattwalk_core.errors import InputError
+from wattwalk_core.namespace import absolute_namespace
 from wattwalk_core.quoting import quoted
 from wattwalk_core.schema import Quantity, read, schema
 from wattwalk_core.yaml_file import read_yaml, shipped_file
@@ -17,6 +18,8 @@ FORMAT: Final = 'bringup/1'
 NodeName = Literal['sim', 'daq', 'supply', 'policy', 'estimator', 'recorder']
 NODES: Final = typing.get_args(NodeName)
 RANDOM: Final = 'random'
+NONE: Final = 'none'
+"""Word for a setting that is left empty: an argument of `ros2 launch` cannot be empty."""
 Robot = Literal['simulated', 'real']
 
 
@@ -38,7 +41,8 @@ class BringupSettings:
 
     format: Literal['bringup/1']
     robot: Robot
-    policy: Annotated[str, About('walking policy: a name or folder; empty: no policy runner')] = (
+    namespace: Annotated[str, About('namespace of all nodes, as robot_1; none: the root')] = ''
+    policy: Annotated[str, About('walking policy: a name or folder; none: no policy runner')] = (
         'trot'
     )
     start: Annotated[bool, About('stand up as soon as the robot is heard')] = False
@@ -48,10 +52,10 @@ class BringupSettings:
         About('s without a fault until it starts again; 0: never'),
     ] = 0.0
     velocity: Annotated[
-        str, About('VX,VY,YAW to hold (m/s, m/s, rad/s), or random; empty: follow cmd_vel')
+        str, About('VX,VY,YAW to hold (m/s, m/s, rad/s), or random; none: follow cmd_vel')
     ] = ''
-    model: Annotated[str, About('power model, ppn:RUN or model.yaml; empty: no estimator')] = ''
-    record: Annotated[str, About('new folder of the recording; empty: none')] = ''
+    model: Annotated[str, About('power model, ppn:RUN or model.yaml; none: no estimator')] = ''
+    record: Annotated[str, About('new folder of the recording, or none')] = ''
     recorder: Annotated[
         Literal['power_daq', 'rosbag2'],
         About('power_daq (counts lost samples, writes card.yaml) or rosbag2 (ros2 bag record)'),
@@ -64,12 +68,12 @@ class BringupSettings:
         str, About('bus: unixsocket, or a python-can interface such as socketcan, or ethercat')
     ] = 'socketcan'
     channel: Annotated[str, About('name of the bus, such as can0, or path of its socket')] = 'can0'
-    dbc: Annotated[str, About('DBC file of the bus; empty: the shipped one')] = ''
-    mapping: Annotated[str, About('YAML file from signals to drives; empty: shipped')] = ''
+    dbc: Annotated[str, About('DBC file of the bus; none: the shipped one')] = ''
+    mapping: Annotated[str, About('YAML file from signals to drives; none: shipped')] = ''
     bus: Annotated[str, About('ready bus description: odrive or moteus', 'real')] = ''
     drives: Annotated[str, About('node numbers of its drives, as hip=0,knee=1', 'real')] = ''
-    calibration: Annotated[str, About('YAML file of gains and offsets; empty: none')] = ''
-    supply: Annotated[str, About('address of a bench supply; empty: none')] = ''
+    calibration: Annotated[str, About('YAML file of gains and offsets, or none')] = ''
+    supply: Annotated[str, About('address of a bench supply, or none')] = ''
     plant: Annotated[str, About('plant file, or a shipped plant', 'simulated')] = 'anymal_c'
     terrain: Annotated[Literal['flat', 'rough'], About('flat or rough', 'simulated')] = 'flat'
     parameters: dict[NodeName, dict[str, bool | int | float | str]] = dataclasses.field(
@@ -78,6 +82,11 @@ class BringupSettings:
     arguments: dict[NodeName, tuple[str, ...]] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for name, value in [*vars(self).items()]:
+            if value == NONE:
+                object.__setattr__(self, name, '')
+        if self.namespace:
+            object.__setattr__(self, 'namespace', absolute_namespace(self.namespace))
         missing = {*self.parameters, *self.arguments} - {*self.nodes()}
         if missing:
             name = min(missing)
@@ -154,7 +163,7 @@ def as_text(value: bool | float | str) -> str:
     """Return a setting as arguments have it."""
     if isinstance(value, bool):
         return str(value).lower()
-    return value if isinstance(value, str) else f'{value:g}'
+    return (value or NONE) if isinstance(value, str) else f'{value:g}'
 
 
 def _value(name: str, hint: Any, text: str) -> bool | float | str:

@@ -10,11 +10,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.running import run_node
+from wattwalk_core.nodes.services import offer
 
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import limits_of
@@ -91,17 +91,15 @@ class MotionNode(Node):
         return max(130 if code is None else code, self._recording.finish(self._run))
 
     def _offer(self, name: str, action: _Action) -> None:
-        def serve(request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+        def serve() -> tuple[bool, str]:
             if self._run is None:
                 self._start_requested = self._start_requested and name == 'start'
-                answer.success, answer.message = False, 'joint_states never came'
-                return answer
+                return False, 'joint_states never came'
             self._start_requested = False
             self._run.count_publishers(self.count_publishers('joint_commands'))
-            answer.success, answer.message = action(self._run, self._now())
-            return answer
+            return action(self._run, self._now())
 
-        self.create_service(Trigger, name, serve)
+        offer(self, name, serve)
 
     def _now(self) -> float:
         return float(self._time.now().nanoseconds) * 1e-9

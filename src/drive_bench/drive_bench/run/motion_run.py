@@ -122,7 +122,7 @@ class MotionRun:
             return text
         return (
             f'{text}; record it: ros2 run power_daq record -o bags/{self.motion.name}; '
-            'begin (unless --start): ros2 service call /start std_srvs/srv/Trigger'
+            'begin (unless --start): ros2 service call /drive_bench/start std_srvs/srv/Trigger'
         )
 
     def progress(self, recorded: bool) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from wattwalk_core.command import command_parser, entry_point, own_arguments
 
-from policy_runner.nodes.run_options import Options
+from policy_runner.nodes.run_options import ABOUT, Options
 from policy_runner.policies.by_name import POLICIES, load_policy
 
 
@@ -27,14 +27,11 @@ def parse(arguments: Sequence[str]) -> Options:
     )
     add = parser.add_argument
     policies = f'{", ".join(POLICIES)}, a folder or a TorchScript file'
-    restart = 'after a fault, start again once inputs were sound for S s; 0: never'
-    velocity = 'hold it (m/s, m/s, rad/s) instead of following cmd_vel'
-    trust = 'run TorchScript files: they are code, which may do anything; folders are not'
     add('--policy', default='trot', help=policies)
-    add('--start', action='store_true', help='stand up as soon as the robot is heard')
-    add('--restart-after', type=float, default=0.0, metavar='S', help=restart)
-    add('--random-commands', action='store_true', help='walk about instead of following cmd_vel')
-    add('--velocity', metavar='VX,VY,YAW', help=velocity)
-    add('--seed', type=int, default=0, help='of the random commands')
-    add('--trust-code', action='store_true', help=trust)
+    add('--start', action='store_true', help=ABOUT['start'])
+    add('--restart-after', type=float, default=0.0, metavar='S', help=ABOUT['restart_after'])
+    add('--random-commands', action='store_true', help=ABOUT['random_commands'])
+    add('--velocity', metavar='VX,VY,YAW', help=ABOUT['velocity'])
+    add('--seed', type=int, default=0, help=ABOUT['seed'])
+    add('--trust-code', action='store_true', help=ABOUT['trust_code'])
     return Options(**vars(parser.parse_args(list(arguments))))

@@ -1,6 +1,7 @@
 """Node that runs a policy on the robot: joint states and IMU in, joint commands out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final
 
 from geometry_msgs.msg import TwistStamped
@@ -10,12 +11,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.running import run_node
+from wattwalk_core.nodes.services import offer
 
 from policy_runner.nodes.run_options import Options
 from policy_runner.nodes.topic_inputs import TopicInputs
@@ -38,13 +39,10 @@ class PolicyRunner(Node):
             'policy', options.policy, ParameterDescriptor(description=text)
         )
         self._policy = str(named.value)
-        text = 'run TorchScript policies, which are code and may do anything'
-        trusted = ParameterDescriptor(description=text, read_only=True)
-        self._trust_code = bool(
-            self.declare_parameter('trust_code', options.trust_code, trusted).value
-        )
-        policy = load_policy(self._policy, trust_code=self._trust_code)
         given = DeviceParameters(self)
+        options = options.declared(given)
+        self._trust_code = options.trust_code
+        policy = load_policy(self._policy, trust_code=self._trust_code)
         asked = given.real('rate', policy.rate, 'Hz at which it is asked', 10.0, 400.0)
         self._rate = None if asked == policy.rate else asked
         safety = SafetyConfig()
@@ -70,11 +68,9 @@ class PolicyRunner(Node):
         if source is not None:
             self._told_velocity = self.create_publisher(TwistStamped, 'cmd_vel', _COMMANDS)
             self.create_timer(0.1, self._tell_velocity, clock=self._time)
-        self.create_service(Trigger, 'start', lambda q, a: self._serve(a, self._supervisor.start))
-        self.create_service(Trigger, 'stop', lambda q, a: self._serve(a, self._supervisor.stop))
-        self.create_service(
-            Trigger, 'estop', lambda q, a: self._serve(a, self._supervisor.emergency_stop)
-        )
+        offer(self, 'start', partial(self._serve, self._supervisor.start))
+        offer(self, 'stop', partial(self._serve, self._supervisor.stop))
+        offer(self, 'estop', partial(self._serve, self._supervisor.emergency_stop))
         self.period = self._period_of(policy)
         self._timing = LoopTiming(self.period)
         self._due = self._now() + self.period
@@ -123,9 +119,9 @@ class PolicyRunner(Node):
     def _now(self) -> float:
         return float(self._time.now().nanoseconds) * 1e-9
 
-    def _serve(self, answer, action):  # type: ignore[no-untyped-def]
+    def _serve(self, action: Callable[[float], tuple[bool, str]]) -> tuple[bool, str]:
         self._start_wanted = False
-        answer.success, answer.message = action(self._now())
+        answer = action(self._now())
         self._announce()
         return answer
 

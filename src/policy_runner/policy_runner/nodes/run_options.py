@@ -2,12 +2,27 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
 from policy_runner.policies.velocity_commands import RandomCommands, SteadyCommand
+
+if TYPE_CHECKING:
+    from wattwalk_core.nodes.parameters import DeviceParameters  # rclpy, slow to import
+
+_LARGEST_SEED: Final = 2**31 - 1
+ABOUT: Final = {
+    'start': 'stand up as soon as the robot is heard',
+    'restart_after': 'after a fault, start again once inputs were sound for so many s; 0: never',
+    'random_commands': 'walk about instead of following cmd_vel',
+    'velocity': 'VX,VY,YAW to hold (m/s, m/s, rad/s) instead of following cmd_vel',
+    'seed': 'of the random commands',
+    'trust_code': 'run TorchScript files: they are code, which may do anything; folders are not',
+}
+"""Description of each option, which is a parameter of the node by the same name."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +48,18 @@ class Options:
         if self.seed < 0:
             raise InputError(f'--seed is {self.seed}; give 0 or more')
 
+    def declared(self, given: 'DeviceParameters') -> 'Options':
+        """Return the options by the parameters of a node, whose defaults are these."""
+        return Options(
+            self.policy,
+            given.flag('start', self.start, ABOUT['start']),
+            given.real('restart_after', self.restart_after, ABOUT['restart_after'], 0.0, 3600.0),
+            given.flag('random_commands', self.random_commands, ABOUT['random_commands']),
+            given.text('velocity', self.velocity or '', ABOUT['velocity']) or None,
+            given.whole('seed', self.seed, ABOUT['seed'], 0, _LARGEST_SEED),
+            given.flag('trust_code', self.trust_code, ABOUT['trust_code']),
+        )
+
     def source(self) -> Callable[[float], NDArray[np.float64]] | None:
         """Return velocity commands by time since walking began; None for those of cmd_vel."""
         if self.random_commands:
@@ -40,4 +67,4 @@ class Options:
         try:
             return None if self.velocity is None else SteadyCommand.parse(self.velocity)
         except ValueError as error:
-            raise InputError(f'--velocity: {error}') from None
+            raise InputError(str(error)) from None

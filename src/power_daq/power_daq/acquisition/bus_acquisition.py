@@ -10,6 +10,7 @@ from enum import Enum
 from queue import Empty, SimpleQueue
 
 import can
+from wattwalk_core.nodes.fault_log import LogTarget
 from wattwalk_core.worker import Worker
 
 from power_daq.acquisition.queries import QueryRounds
@@ -113,7 +114,7 @@ class Acquisition(Worker):
 
     open_bus may raise can.CanError or OSError: the bus is absent and is tried again with growing
     pauses, as is a bus that is lost before a frame of the mapping came. Any other exception ends
-    the thread and is raised by `join`. report gets a line whenever the bus appears or is lost.
+    the thread and is raised by `join`. log gets a line whenever the bus appears or is lost.
     queries are sent to devices that have to be asked.
     """
 
@@ -122,12 +123,12 @@ class Acquisition(Worker):
         receiver: Receiver,
         open_bus: Callable[[], can.BusABC],
         sink: Callable[[Sample], None],
-        report: Callable[[str], None] = _log.warning,
+        log: LogTarget = _log,
         patience: Patience | None = None,
         queries: QueryRounds | None = None,
     ) -> None:
         self.receiver = receiver
-        self._report = report
+        self._log = log
         self._open_bus = open_bus
         self._sink = sink
         self._patience = patience or Patience()
@@ -160,17 +161,17 @@ class Acquisition(Worker):
             bus = self._open_bus()
         except (can.CanError, OSError) as error:
             if str(error) != self.absence:
-                self._report(f'bus absent, will try again: {error}')
+                self._log.warning(f'bus absent, will try again: {error}')
             self.absence = str(error)
             return
         self._bus = bus
         self.opened += 1
-        self._report(f'reading {bus.channel_info}')
+        self._log.info(f'reading {bus.channel_info}')
         try:
             self._read(bus)
         except (can.CanError, OSError) as error:
             self.absence = str(error)
-            self._report(f'bus lost: {error}')
+            self._log.warning(f'bus lost: {error}')
         finally:
             self._bus = None
             with suppress(can.CanError, OSError):

@@ -157,7 +157,7 @@ example, without hardware:
   ros2 run sim_bridge supply_instrument --ros-args -p current:=3.0
   ros2 run power_daq supply --ros-args -p host:=127.0.0.1
 the energy counter back to zero:
-  ros2 service call /reset_energy std_srvs/srv/Trigger
+  ros2 service call /supply/reset_energy std_srvs/srv/Trigger
 """
 
 

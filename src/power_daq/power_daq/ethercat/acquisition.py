@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.calibration import Calibration
+from wattwalk_core.nodes.fault_log import LogTarget
 from wattwalk_core.worker import Worker
 
 from drive_power_msgs.msg import DriveSupply
@@ -68,7 +69,7 @@ class SegmentAcquisition(Worker):
         mapping: SegmentMapping,
         make_segment: Callable[[], EthercatSegment],
         sink: Callable[[Sample], None],
-        report: Callable[[str], None] = _log.warning,
+        log: LogTarget = _log,
         calibration: Calibration | None = None,
         patience: SegmentPatience | None = None,
         ros_time: RosTime | None = None,
@@ -78,7 +79,7 @@ class SegmentAcquisition(Worker):
         self._stamper = Stamper(self.ros_time)
         self.counts = CycleCounts()
         self.absence = 'not opened yet'
-        self._make, self._sink, self._report = make_segment, sink, report
+        self._make, self._sink, self._log = make_segment, sink, log
         self._patience = patience or SegmentPatience()
         self._channels = tuple(mapping.channels())
         self._ratio = np.array([channel.ratio for channel in self._channels])
@@ -115,7 +116,7 @@ class SegmentAcquisition(Worker):
                 self._exchange(segment, expected)
         except SegmentError as error:
             if str(error) != self.absence:
-                self._report(f'EtherCAT: {error}; will try again')
+                self._log.warning(f'EtherCAT: {error}; will try again')
             self.absence = str(error)
         finally:
             segment.close()
@@ -125,7 +126,7 @@ class SegmentAcquisition(Worker):
         wanted = self.mapping.segment
         check_order(wanted, segment.find())
         for line in assert_settings(segment, wanted, self._stop.is_set):
-            self._report(f'EtherCAT: {line}')
+            self._log.warning(f'EtherCAT: {line}')
         if self._stop.is_set():
             return None
         expected = segment.operate()
@@ -133,7 +134,7 @@ class SegmentAcquisition(Worker):
         self.absence = ''
         self.counts.times_operating += 1
         names = ', '.join(kind.name for kind in wanted)
-        self._report(f'EtherCAT: operating {names}')
+        self._log.info(f'EtherCAT: operating {names}')
         return expected
 
     def _exchange(self, segment: EthercatSegment, expected: int) -> None:

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from wattwalk_core.nodes.diagnostics import Reporter
+from wattwalk_core.nodes.fault_log import FaultLog
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.running import run_node
 
@@ -41,7 +42,7 @@ class DaqNode(Node):
         given = DeviceParameters(self)
         self._queue = SampleQueue(_QUEUED_SAMPLES)
         self._supply: SupplyPublisher | None = None
-        self._device = device = open_device(given, self._queue, self.get_logger().warning)
+        self._device = device = open_device(given, self._queue, FaultLog(self.get_logger()))
         applied = self.get_parameter('calibration').value
         calibration = label(Path(applied).expanduser()) if applied else NONE
         publish_card(self, replace(device.card, calibration=calibration))

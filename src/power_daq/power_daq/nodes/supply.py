@@ -9,10 +9,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import BatteryState
-from std_srvs.srv import Trigger
 from wattwalk_core.nodes.diagnostics import Reporter
+from wattwalk_core.nodes.fault_log import FaultLog
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.running import run_node
+from wattwalk_core.nodes.services import offer
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.supply.battery import BatteryPublisher
@@ -60,14 +61,14 @@ class SupplyNode(Node):
             partial(Instrument, settings),
             self._take,
             rate,
-            self.get_logger().warning,
+            FaultLog(self.get_logger()),
             None,
             prepare,
         )
         self._health = SupplyHealth(self._poller, rate, settings.resource)
         self._reporter = Reporter(self, 'instrument', settings.resource)
         self.create_subscription(DriveSupply, 'drive_supply', self._take_drives, _LOSSLESS)
-        self.create_service(Trigger, 'reset_energy', self._reset)
+        offer(self, 'reset_energy', self._reset)
         self.create_timer(_PERIOD, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._poller.start()
 
@@ -108,15 +109,14 @@ class SupplyNode(Node):
         names = tuple(message.name)
         self._balance.add_drives(stamps[good], message.header.frame_id, names, power[good])
 
-    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _reset(self) -> tuple[bool, str]:
         counted = self._energy.reset()
-        response.success = True
-        response.message = (
+        message = (
             f'{counted.joule:.1f} J ({counted.watt_hours:.4f} Wh) in {counted.seconds:.1f} s '
             'until now; counting from zero'
         )
-        self.get_logger().info(response.message)
-        return response
+        self.get_logger().info(message)
+        return True, message
 
     def _diagnose(self) -> None:
         if self._poller.failed:

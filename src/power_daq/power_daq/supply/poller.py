@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from wattwalk_core.nodes.fault_log import LogTarget
 from wattwalk_core.worker import Worker
 
 from power_daq.clock.mapping import RosTime
@@ -65,13 +66,13 @@ class Poller(Worker):
         connect: Callable[[], Instrument],
         sink: Callable[[Reading], None],
         rate: float,
-        report: Callable[[str], None] = _log.warning,
+        log: LogTarget = _log,
         retry: Retry | None = None,
         prepare: Callable[[Instrument], None] | None = None,
         ros_time: RosTime | None = None,
     ) -> None:
         self.state = PollState()
-        self._connect, self._sink, self._report = connect, sink, report
+        self._connect, self._sink, self._log = connect, sink, log
         self._retry = retry or Retry()
         self._prepare = prepare
         self._slots = Slots(1.0 / rate)
@@ -107,12 +108,12 @@ class Poller(Worker):
             state.identity, state.absence = instrument.identity, ''
             state.counts.connections += 1
             who = instrument.identity
-            self._report(f'reading {who.model} of {who.maker}, serial number {who.serial}')
+            self._log.info(f'reading {who.model} of {who.maker}, serial number {who.serial}')
             self._read(instrument)
         except (LostError, AnswerError) as error:
             state.counts.connections_lost += 1
             state.absence = str(error)
-            self._report(f'supply lost, will try again: {error}')
+            self._log.warning(f'supply lost, will try again: {error}')
             self._stop.wait(self._retry.first)
 
     def _wait_for_instrument(self) -> Instrument | None:
@@ -122,7 +123,7 @@ class Poller(Worker):
                 return self._connect()
             except (LostError, AnswerError) as error:
                 if str(error) != self.state.absence:
-                    self._report(f'supply absent, will try again: {error}')
+                    self._log.warning(f'supply absent, will try again: {error}')
                 self.state.absence = str(error)
             pauses.wait(self._stop)
         return None

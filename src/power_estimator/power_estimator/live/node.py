@@ -15,6 +15,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
+from wattwalk_core.nodes.fault_log import FaultLog
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.nodes.polled_topic import PolledTopic
 from wattwalk_core.nodes.running import run_node
@@ -72,6 +73,7 @@ class PowerEstimator(Node):
             PowerEstimate, 'power_estimate', QoSProfile(depth=10, reliability=_RELIABLE)
         )
         self._reporter = Reporter(self, 'estimate')
+        self._faults = FaultLog(self.get_logger())
         self._watch_reporter = Reporter(self, 'watch') if watch else self._reporter
         topics = self._session.topics
         self._targets = (
@@ -118,9 +120,8 @@ class PowerEstimator(Node):
     def _on_state(self, message: JointState) -> None:
         rows = (message.position, message.velocity, message.effort)
         if any(len(row) != len(message.name) for row in rows):
-            self.get_logger().warning(
-                'joint_states without position, velocity and effort of every joint',
-                throttle_duration_sec=10.0,
+            self._faults.warning(
+                'joint_states without position, velocity and effort of every joint'
             )
             return
         vector = Vector(_ns(message.header.stamp), tuple(message.name), np.array(rows, float))
@@ -136,7 +137,7 @@ class PowerEstimator(Node):
                 len(message.name), message.voltage, message.current, message.status
             )
         except ValueError as error:
-            self.get_logger().warning(f'drive_supply: {error}', throttle_duration_sec=10.0)
+            self._faults.warning(f'drive_supply: {error}')
             return
         names, stamp = tuple(message.name), _ns(message.header.stamp)
         self._session.supply(Vector(stamp, names, power))

@@ -20,6 +20,7 @@ from power_estimator.network.lstm import Weights
 from power_estimator.network.out_of_distribution import OutOfDistributionScore
 
 FILE = 'model.safetensors'
+SHIPPED = Path(__file__).parent / 'shipped'
 Format = Literal['power_prediction_network/1']
 
 _Number = Annotated[float, Quantity(-1e9, 1e9)]
@@ -128,10 +129,21 @@ class Checkpoint:
 
     @classmethod
     def load(cls, path: Path) -> 'Checkpoint':
-        """Read FILE or RUN/model.safetensors; InputError names the file and what is wrong."""
+        """
+        Read FILE, RUN/model.safetensors or a shipped network by its name.
+
+        InputError names the file and what is wrong.
+        """
         file = path / FILE if os.path.isdir(path) else path
         if not os.path.lexists(file):
-            raise InputError(f'{file}: there is no such file; train writes it when it is done')
+            shipped = sorted(SHIPPED.glob('*.safetensors'))
+            if path.name not in [known.stem for known in shipped] or len(path.parts) > 1:
+                names = ', '.join(known.stem for known in shipped)
+                raise InputError(
+                    f'{file}: there is no such file; train writes it when it is done '
+                    f'(shipped: {names})'
+                )
+            file = SHIPPED / f'{path.name}.safetensors'
         content = read_tensors(file, 'network')
         try:
             return _checkpoint(content)

@@ -58,11 +58,17 @@ class RecordingProgress:
     dropped: Mapping[str, int]  # messages for which there was no room, by topic
     size: int  # bytes in the file
     waiting: int  # bytes that the disk has not taken yet
+    begun: Mapping[str, float]  # s at which the first message of each topic was taken
 
     def rates(self, before: 'RecordingProgress') -> dict[str, float]:
-        """Return messages per second by topic since an earlier progress."""
-        span = max(self.seconds - before.seconds, 1e-9)
-        return {name: (n - before.counts.get(name, 0)) / span for name, n in self.counts.items()}
+        """Return messages per second by topic since an earlier progress or the first message."""
+        rates = {}
+        for name, count in self.counts.items():
+            since = max(before.seconds, self.begun[name])
+            # The first message ends no period.
+            fresh = count - before.counts.get(name, 1)
+            rates[name] = fresh / max(self.seconds - since, 1e-9)
+        return rates
 
 
 class BackgroundRecorder(Worker):
@@ -86,6 +92,7 @@ class BackgroundRecorder(Worker):
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[str] = Counter()
         self._started = time.monotonic()
+        self._begun: dict[str, float] = {}
         self._supply: bytes | None = None
         self.sequence = SequenceCheck()
         self.start()
@@ -96,6 +103,7 @@ class BackgroundRecorder(Worker):
             self._dropped[name] += 1
             return
         self._taken += len(cdr)
+        self._begun.setdefault(name, time.monotonic() - self._started)
         self._queue.append((name, log_time_ns, cdr))
 
     def declare(self, name: str, type_name: str, reliability: str = 'reliable') -> None:
@@ -111,6 +119,7 @@ class BackgroundRecorder(Worker):
             dict(self._dropped),
             self._bag.size,
             self._taken - self._written,
+            dict(self._begun),
         )
 
     @property
@@ -121,8 +130,9 @@ class BackgroundRecorder(Worker):
     def summary(self) -> str:
         """Return counts, rates and losses, a line each."""
         end = self.progress()
+        rates = end.rates(RecordingProgress(0.0, {}, {}, 0, 0, {}))
         lines = [
-            f'{name:<24}{count:>10} messages{count / end.seconds:>10.1f} Hz'
+            f'{name:<24}{count:>10} messages{rates[name]:>10.1f} Hz'
             for name, count in sorted(end.counts.items())
         ]
         if self.sequence.samples:

@@ -11,9 +11,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
+from wattwalk_core.nodes.fault_log import FaultLog
 from wattwalk_core.nodes.polled_topic import PolledTopic
+from wattwalk_core.nodes.services import offer
 
 from sim_bridge.live.frames import FrameEncoder, SimulatedBus
 from sim_bridge.live.joint_commands import joint_command
@@ -40,8 +41,11 @@ class SimNode(Node):
         self._joints = simulation.joints
         self._absent = frozenset(bus.drives) - set(simulation.joints)
         self._device_clock = instruments.clock
-        self._publisher = SamplePublisher(self, instruments.clock, settings.publish_clock)
+        self._publisher = SamplePublisher(
+            self, simulation.world, instruments.clock, settings.publish_clock
+        )
         self._reporter = Reporter(self, hardware_id='simulation')
+        self._faults = FaultLog(self.get_logger(), 5.0)
         self._bus = SimulatedBus(settings.interface, settings.channel)
         self.plant = LivePlant(simulation, instruments, encoder, self._bus.send, self._hand_on)
         self.done: Future = Future()
@@ -49,8 +53,8 @@ class SimNode(Node):
         self._commands = PolledTopic[JointState](
             self, JointState, 'joint_commands', QoSProfile(depth=1)
         )
-        self.create_service(Trigger, 'push', self._push)
-        self.create_service(Trigger, 'reset', self._reset)
+        offer(self, 'push', self._push)
+        offer(self, 'reset', self._reset)
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._steady_start = time.monotonic_ns()
         self._stop = Event()
@@ -100,27 +104,22 @@ class SimNode(Node):
                 )
             )
         except ValueError as error:
-            self.get_logger().warning(
-                f'joint_commands ignored: {error}', throttle_duration_sec=5.0
-            )
+            self._faults.warning(f'joint_commands ignored: {error}')
 
-    def _push(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _push(self) -> tuple[bool, str]:
         if not self.plant.simulation.world.floating:
-            response.success, response.message = False, 'a drive on a stand cannot be pushed'
-            return response
+            return False, 'a drive on a stand cannot be pushed'
         velocity = self._settings.push(self)
         if velocity is None:
             velocity = random_push(self._random)
         self.plant.push(velocity)
-        response.success = True
-        response.message = f'pushed by {velocity[0]:+.2f}, {velocity[1]:+.2f} m/s'
-        self.get_logger().info(response.message)
-        return response
+        message = f'pushed by {velocity[0]:+.2f}, {velocity[1]:+.2f} m/s'
+        self.get_logger().info(message)
+        return True, message
 
-    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _reset(self) -> tuple[bool, str]:
         self.plant.reset()
-        response.success, response.message = True, 'back to the start'
-        return response
+        return True, 'back to the start'
 
     def _report(self) -> None:
         self._follow_ros_time()

@@ -1,7 +1,8 @@
 """Publishers of the topics that do not travel over the bus."""
 
 import array
-from collections.abc import Callable
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -13,18 +14,25 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Imu, JointState
 from wattwalk_core.anymal import FOOT_NAMES
 
+from sim_bridge.live.message_fields import assign
+from sim_bridge.plant.world import World
 from sim_bridge.sensors.blocks import InstrumentReadings
 from sim_bridge.sensors.meter import DeviceClock
 from sim_bridge.sensors.sensors import BodyReadings, OdometryReadings, SupplyReadings
 
+if TYPE_CHECKING:
+    from sim_bridge.live.robot_frames import RobotFrames
+
+Floats = NDArray[np.float64]
 _SECOND = 1_000_000_000
 _CLOCK_PERIOD = 10  # steps: 200 Hz
+_FRAMES_PERIOD = 40  # steps: 50 Hz
 
 
 class SamplePublisher:
-    """Publisher of imu, foot_force, odom and supply, optionally of /clock."""
+    """Publisher of imu, foot_force, odom, supply and frames, optionally of /clock."""
 
-    def __init__(self, node: Node, clock: DeviceClock, with_clock: bool) -> None:
+    def __init__(self, node: Node, world: World, clock: DeviceClock, with_clock: bool) -> None:
         """Stamps are relative to `start_ns`, the ROS time of step 0."""
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         self._clock, self.start_ns = clock, 0
@@ -33,11 +41,13 @@ class SamplePublisher:
         self._odom = node.create_publisher(Odometry, 'odom', qos)
         self._supply = node.create_publisher(BatteryState, 'supply', qos)
         self._time = node.create_publisher(Clock, '/clock', 10) if with_clock else None
+        prefix = f'{node.get_namespace()}/'.lstrip('/')
+        self._frames = _robot_frames(node, world, prefix)
         self._imu_message = Imu()
-        self._imu_message.header.frame_id = 'base'
+        self._imu_message.header.frame_id = f'{prefix}base'
         self._feet_message = JointState(name=list(FOOT_NAMES))
-        self._odom_message = Odometry(child_frame_id='base')
-        self._odom_message.header.frame_id = 'odom'
+        self._odom_message = Odometry(child_frame_id=f'{prefix}base')
+        self._odom_message.header.frame_id = f'{prefix}odom'
         self._supply_message = empty_battery()
 
     def publish(self, samples: InstrumentReadings) -> None:
@@ -46,6 +56,7 @@ class SamplePublisher:
             self._publish_body(samples.body)
         if samples.odometry is not None:
             self._publish_odometry(samples.odometry)
+            self._publish_frames(samples.odometry, samples.joints.position)
         self._publish_supply(samples.supply)
         if self._time is not None:
             due = samples.electrical.step[samples.electrical.step % _CLOCK_PERIOD == 0]
@@ -58,9 +69,9 @@ class SamplePublisher:
         imu, feet = self._imu_message, self._feet_message
         for row, stamp in enumerate(self._stamps(body.step)):
             imu.header.stamp.sec, imu.header.stamp.nanosec = stamp
-            _assign(imu.orientation, 'xyzw', body.orientation[row])
-            _assign(imu.angular_velocity, 'xyz', body.rate[row])
-            _assign(imu.linear_acceleration, 'xyz', body.acceleration[row])
+            assign(imu.orientation, 'xyzw', body.orientation[row])
+            assign(imu.angular_velocity, 'xyz', body.rate[row])
+            assign(imu.linear_acceleration, 'xyz', body.acceleration[row])
             self._imu.publish(imu)
             feet.header.stamp.sec, feet.header.stamp.nanosec = stamp
             feet.effort = array.array('d', body.foot_force[row].tobytes())
@@ -70,11 +81,19 @@ class SamplePublisher:
         message = self._odom_message
         for row, stamp in enumerate(self._stamps(odometry.step)):
             message.header.stamp.sec, message.header.stamp.nanosec = stamp
-            _assign(message.pose.pose.position, 'xyz', odometry.position[row])
-            _assign(message.pose.pose.orientation, 'xyzw', odometry.orientation[row])
-            _assign(message.twist.twist.linear, 'xyz', odometry.velocity[row])
-            _assign(message.twist.twist.angular, 'xyz', odometry.rate[row])
+            assign(message.pose.pose.position, 'xyz', odometry.position[row])
+            assign(message.pose.pose.orientation, 'xyzw', odometry.orientation[row])
+            assign(message.twist.twist.linear, 'xyz', odometry.velocity[row])
+            assign(message.twist.twist.angular, 'xyz', odometry.rate[row])
             self._odom.publish(message)
+
+    def _publish_frames(self, odometry: OdometryReadings, joints: Floats) -> None:
+        due = np.flatnonzero(odometry.step % _FRAMES_PERIOD == 0)
+        if self._frames is None or not len(joints):
+            return
+        for row, stamp in zip(due, self._stamps(odometry.step[due]), strict=True):
+            base, orientation = odometry.position[row], odometry.orientation[row]
+            self._frames.publish(stamp, base, orientation, joints[-1])
 
     def _publish_supply(self, supply: SupplyReadings) -> None:
         message = self._supply_message
@@ -89,7 +108,10 @@ class SamplePublisher:
         return [divmod(stamp, _SECOND) for stamp in stamps.tolist()]
 
 
-def _assign(target: object, names: str, values: NDArray[np.float64]) -> None:
-    assign: Callable[[object, str, float], None] = setattr
-    for name, value in zip(names, values.tolist(), strict=True):
-        assign(target, name, value)
+def _robot_frames(node: Node, world: World, prefix: str) -> 'RobotFrames | None':
+    """Return the publisher of frames; None on a stand and on a ROS 2 without tf2_msgs."""
+    if not world.floating or find_spec('tf2_msgs') is None:
+        return None
+    from sim_bridge.live.robot_frames import RobotFrames  # needs tf2_msgs
+
+    return RobotFrames(node, world.model, prefix)

@@ -13,7 +13,7 @@ and so does the end of any of them. Exit code: 0, 1 if a node failed, 2 for bad 
 
 example, the simulated robot, a minute of it recorded:
   ros2 run wattwalk_bringup live --record bags/walk_1 --duration 60
-example, a robot on can0, walking on command after `ros2 service call /start std_srvs/srv/Trigger`:
+example, a robot on can0, which walks once `/policy_runner/start` is called:
   ros2 run wattwalk_bringup live --config robot --dbc robot.dbc --mapping robot.yaml
 example, settings of your own:
   ros2 run wattwalk_bringup live --config lab.yaml --velocity=0.4,0,0

@@ -7,6 +7,8 @@ from enum import IntEnum
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from wattwalk_core.nodes.fault_log import FaultLog
+
 
 class Level(IntEnum):
     """Levels of diagnostic_msgs/DiagnosticStatus."""
@@ -36,16 +38,16 @@ class Reporter:
         self._node, self._hardware = node, hardware_id
         self._name = f'{node.get_name()}: {part}' if part else node.get_name()
         self._publisher = node.create_publisher(DiagnosticArray, 'diagnostics', 10)
-        self._said = Level.OK
+        self._faults = FaultLog(node.get_logger())
+        self._level = Level.OK
 
     def say(self, report: Report) -> None:
         """Publish; log a fault when it begins, once in 10 s while it lasts, and when it ends."""
-        logger = self._node.get_logger()
         if report.level is not Level.OK:
-            logger.warning(report.sentence, throttle_duration_sec=10.0)
-        elif self._said is not Level.OK:
-            logger.info(report.sentence)
-        self._said = report.level
+            self._faults.warning(report.sentence)
+        elif self._level is not Level.OK:
+            self._faults.info(report.sentence)
+        self._level = report.level
         self.publish(report)
 
     def publish(self, report: Report) -> None:

@@ -15,8 +15,11 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from wattwalk_core.namespace import absolute_namespace
+
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 PATIENCE: Final = 4.0  # s for a callback, or the making of a node, to return after a signal
+_NAMESPACE: Final = '__ns:='
 SERVED: Final = 0.02  # s between turns of the executor of a node that polls
 
 
@@ -44,6 +47,8 @@ class EndSignals:
         self._former_fd = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
         self._former = {number: signal.signal(number, self._handle) for number in SIGNALS}
         self._thread.start()
+        # Bring-ups start nodes with SIGINT held back until it can end them soundly.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -147,10 +152,18 @@ def run_node(make: Callable[[], Any], arguments: Sequence[str]) -> int:
     Then the node's method `stop` is called, where it has one: the context is still valid, so that
     last messages can be published, and no signal interrupts it. It has to return in bounded time;
     a number that it returns is the exit code.
+    InputError for a namespace that no node can have.
     """
+    # rclpy refuses a relative namespace with a traceback, and some only when a node is made.
+    arguments = [
+        f'{_NAMESPACE}{absolute_namespace(given.removeprefix(_NAMESPACE))}'
+        if given.startswith(_NAMESPACE)
+        else given
+        for given in arguments
+    ]
     code: int | None = None
     with EndSignals() as signals:
-        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         try:
             with suppress(KeyboardInterrupt):
                 node = make()
