@@ -7,6 +7,7 @@ from pathlib import Path
 from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.console import output, print_table, progress, write_json
 from wattwalk_core.errors import InputError
+from wattwalk_core.figures import save_figure
 from wattwalk_core.files import together
 
 from sound_levels.levels.analysis import Analysis, analyse
@@ -60,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
         if options.json is not None:
             write_json(options.json, result)
         if options.picture is not None:
-            draw_sound(options.picture, analysis)
+            save_figure(draw_sound(analysis), options.picture)
         if options.report is not None:
             write_sound_report(options.report, analysis)
     for path in (options.json, options.picture, options.report):

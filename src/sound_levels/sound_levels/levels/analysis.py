@@ -158,7 +158,7 @@ def _take(entry: Entry, settings: Settings, tone: CalibratorTone | None) -> Take
         prefix = '' if text.startswith(str(entry.path)) else f'{entry.path}: '
         raise InputError(prefix + text) from None
     warnings = list(file.warnings)
-    good = reach(settings.weighting, file.rate)
+    good = reach(file.rate)
     if good < _EXPECTED_REACH:
         warnings.append(
             f'{file.rate} Hz holds sound up to {good:g} Hz only; what lies above is missing '

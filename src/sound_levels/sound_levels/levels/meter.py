@@ -10,11 +10,10 @@ from scipy.signal import get_window, lfilter, sosfilt, sosfilt_zi
 from wattwalk_core.errors import InputError
 
 from sound_levels.levels.settings import TIMES
-from sound_levels.levels.weighting import sections
+from sound_levels.levels.weighting import nominal, sections
 
 Floats = NDArray[np.float64]
 
-_NOMINAL: Final = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)
 _RESOLUTION = 1.5  # Hz
 _LOWEST, _HIGHEST = 14, 43  # 25 Hz to 20 kHz
 
@@ -65,11 +64,6 @@ class Spectrum:
             inside = np.interp([low, high], edges, total)
             found[nominal(number)] = float(inside[1] - inside[0])
         return found
-
-
-def nominal(number: int) -> float:
-    """Return the nominal frequency in Hz of a band by its number: 30 is 1 kHz."""
-    return float(f'{_NOMINAL[number % 10] * 10.0 ** (number // 10):g}')
 
 
 SETTLED: Final = 5.0  # time constants until the detector no longer depends on its start

@@ -2,18 +2,12 @@
 
 from pathlib import Path
 
-import numpy as np
-import plotly.graph_objects as go
+from wattwalk_core.pages.embedded_figure import embedded
 from wattwalk_core.pages.page import Page
-from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
 from sound_levels.levels.analysis import Analysis, Take
 from sound_levels.levels.summary import LEVEL_COLUMNS, level_cells, sentences
-from sound_levels.report.figure import curve
-
-_LINES = (COLORS['better'], COLORS['base'], COLORS['third'], COLORS['faint'])
-_DASHES = ('solid', 'dash', 'dot', 'dashdot')
-_CLOSE_UP = 3.0  # s shown of an alignment
+from sound_levels.report.figure import draw_alignment, draw_sound
 
 
 def write_sound_report(path: Path, analysis: Analysis) -> None:
@@ -33,9 +27,9 @@ def write_sound_report(path: Path, analysis: Analysis) -> None:
             f'{tone.spread:.2f} dB for {tone.seconds:g} s',
         }
     )
-    page.heading('Level over time')
-    page.add(page.figure(_over_time(analysis), 'level over time by policy', size='tall'))
-    page.text(f'Thin: {settings.time} time weighting; thick: mean over one second.', faint=True)
+    page.heading('Level over time, and third-octave spectrum')
+    words = 'level over time and third-octave spectrum by policy'
+    page.add(embedded(lambda dark: draw_sound(analysis, dark=dark), words))
     page.heading('Levels')
     rows = []
     for name in analysis.policies:
@@ -69,8 +63,6 @@ def write_sound_report(path: Path, analysis: Analysis) -> None:
             'as the position of the microphone: record each policy several times.',
             faint=True,
         )
-    page.heading('Third-octave spectrum')
-    page.add(page.figure(_spectra(analysis), 'third-octave spectrum by policy'))
     _alignments(page, analysis)
     page.heading('Files')
     page.table(
@@ -107,83 +99,12 @@ def _alignments(page: Page, analysis: Analysis) -> None:
         ],
         numbers=(3, 4, 5, 6),
     )
-    panels = {
-        take.path.name: page.figure(_close_up(analysis, take), 'level and landings', size='low')
-        for take in takes
-    }
-    page.tabs(panels)
+
+    def close_up(take: Take) -> str:
+        return embedded(lambda dark: draw_alignment(analysis, take, dark=dark), 'level, landings')
+
+    page.tabs({take.path.name: close_up(take) for take in takes})
     page.text('Three seconds; vertical lines are landings of a foot by foot_force.', faint=True)
-
-
-def _over_time(analysis: Analysis) -> Figure:
-    figure = go.Figure()
-    for index, name in enumerate(analysis.policies):
-        for number, take in enumerate(analysis.of(name)):
-            time, level, mean = curve(analysis, take)
-            colour = _LINES[index % len(_LINES)]
-            thin = {'color': colour, 'width': 0.7}
-            thick = {'color': colour, 'width': 2.4, 'dash': _DASHES[index % len(_DASHES)]}
-            for values, line, label in ((level, thin, ''), (mean, thick, name)):
-                figure.add_trace(
-                    go.Scatter(
-                        x=short(time),
-                        y=short(values),
-                        name=label or f'{name}, {analysis.settings.time}',
-                        showlegend=number == 0 and bool(label),
-                        legendgroup=name,
-                        mode='lines',
-                        opacity=1.0 if label else 0.5,
-                        line=line,
-                    )
-                )
-    figure.update_xaxes(title_text='time in s')
-    figure.update_yaxes(title_text=f'level in {analysis.unit}')
-    return finished(figure, legend=True)
-
-
-def _spectra(analysis: Analysis) -> Figure:
-    figure = go.Figure()
-    for index, name in enumerate(analysis.policies):
-        bands = analysis.bands(name)
-        figure.add_trace(
-            go.Scatter(
-                x=[f'{band:g}' for band in bands],
-                y=short(np.array(list(bands.values()))),
-                name=name,
-                mode='lines+markers',
-                line={
-                    'color': _LINES[index % len(_LINES)],
-                    'dash': _DASHES[index % len(_DASHES)],
-                },
-            )
-        )
-    letter = analysis.settings.weighting
-    figure.update_xaxes(title_text='band in Hz', type='category')
-    figure.update_yaxes(title_text=f'level in {analysis.unit.replace(f"({letter})", "")}')
-    return finished(figure, legend=True)
-
-
-def _close_up(analysis: Analysis, take: Take) -> Figure:
-    alignment, events = take.alignment, take.events
-    if alignment is None or events is None:
-        raise ValueError('a take without alignment')
-    time = alignment.of(take.sound.time)
-    landings = events.landings[(events.landings > time[0]) & (events.landings < time[-1])]
-    start = float(landings[len(landings) // 2]) - 0.1 if len(landings) else float(time[0])
-    shown = (time >= start) & (time < start + _CLOSE_UP)
-    figure = go.Figure(
-        go.Scatter(
-            x=short(time[shown] - start),
-            y=short(10.0 * np.log10(take.sound.energy[shown] + 1e-30) + analysis.shift),
-            mode='lines',
-            line={'color': COLORS['better'], 'width': 1.2},
-        )
-    )
-    for landing in landings[(landings >= start) & (landings < start + _CLOSE_UP)].tolist():
-        figure.add_vline(x=landing - start, line={'color': COLORS['base'], 'width': 1.2})
-    figure.update_xaxes(title_text=f'time in s, from {start:.1f} s of the recording')
-    figure.update_yaxes(title_text=f'5 ms level in {analysis.unit}')
-    return finished(figure)
 
 
 def _span(interval: tuple[float, float]) -> str:
