@@ -208,67 +208,6 @@ def _sim(seed: int, quick: bool) -> list[Scenario]:
     return out
 
 
-def few_circuits(seed: int, seconds: float) -> list[Scenario]:
-    """Scenarios of a seed: nulls, faults, effects small and large, pairs, unmodelled effects."""
-
-    def one(group: str, motion: str, base: str, fault: str = '', **hidden: float) -> Scenario:
-        return Scenario(group, 'circuit', motion, base, hidden, fault, seed, seconds)
-
-    walk, ladder = 'walk', 'ladder'
-    return [
-        *(one('null', motion, base) for motion in (walk, ladder) for base in ('lean', 'mid')),
-        one('null', walk, 'rich'),
-        one('fault', walk, 'mid', 'late power 8 ms'),
-        one('fault', walk, 'mid', 'drifting offset'),
-        one('fault', ladder, 'mid', 'bent torque sensor'),
-        one('fault', ladder, 'mid', 'torque bias 0.4 N·m'),
-        one('effect', walk, 'mid', load_friction=0.5),
-        one('effect', walk, 'mid', load_friction=2.0),
-        one('effect', ladder, 'mid', line_resistance=0.5),
-        one('effect', walk, 'rich', stribeck_friction=0.5),
-        one('effect', walk, 'lean', inverter_loss=0.5),
-        one('effect', walk, 'mid', winding_heating=2.0),
-        one('effect', ladder, 'mid', iron_loss=2.0),
-        one('effect', walk, 'mid', regeneration_limit=0.5),
-        one('effect', ladder, 'lean', coulomb_friction=0.5),
-        one('effect', walk, 'mid', spring=2.0),
-        one('effect', ladder, 'rich', cogging=2.0),
-        one('effect', walk, 'lean', rotor_inertia=0.5),
-        one('pair', walk, 'mid', viscous_friction=1.0, coulomb_friction=1.0),
-        one('pair', walk, 'mid', line_resistance=1.0, coulomb_friction=1.0),
-        one('pair', walk, 'lean', inverter_loss=1.0, viscous_friction=1.0),
-        one('pair', ladder, 'mid', winding_heating=1.0, coulomb_friction=1.0),
-        one('pair', walk, 'lean', spring=1.0, load_friction=1.0),
-        one('pair', ladder, 'lean', coulomb_friction=1.0, idle=1.0),
-        one('unmodelled', walk, 'mid', position_rub=0.5),
-        one('unmodelled', ladder, 'mid', fan=0.5),
-        one('unmodelled', walk, 'mid', cross_talk=0.5),
-        one('beside', walk, 'mid', position_rub=1.0, load_friction=1.0),
-        one('beside', walk, 'mid', fan=1.0, load_friction=1.0),
-        one('beside', walk, 'mid', cross_talk=1.0, spring=1.0),
-        one('constant', walk, 'lean', one_way_friction=1.0),
-        one('constant', ladder, 'mid', offset_torque=1.0),
-    ]
-
-
-def few_simulated(seed: int, seconds: float) -> list[Scenario]:
-    """Return scenarios of a seed in sim_bridge: walks with shocks, and a ladder on the stand."""
-
-    def one(group: str, motion: str = 'walk', **hidden: float) -> Scenario:
-        return Scenario(group, 'sim', motion, 'core', hidden, '', seed, seconds)
-
-    return [
-        one('null'),
-        one('null', 'bench'),
-        one('effect', spring=2.0),
-        one('effect', load_friction=1.0),
-        one('effect', 'bench', viscous_friction=2.0),
-        one('pair', load_friction=2.0, spring=2.0),
-        one('pair', load_friction=2.0, regeneration_efficiency=2.0),
-        one('unmodelled', position_rub=1.0),
-    ]
-
-
 def random_order(all_: Sequence[Scenario], seed: int = 0) -> list[Scenario]:
     """Shuffled, so that a part of them is a fair sample."""
     order = np.random.default_rng(seed).permutation(len(all_))

@@ -5,7 +5,6 @@ Same API, same wire: nodes see and are seen by ROS 2 Jazzy nodes on rmw_cycloned
 """
 
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Any
 
 from rclpy.context import Context
@@ -51,12 +50,7 @@ class InitContextManager:
     def __enter__(self) -> 'InitContextManager':
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         # The default context is replaced by a new one when it is shut down as such.
         is_default = self.context is get_default_context()
         try_shutdown(context=None if is_default else self.context)

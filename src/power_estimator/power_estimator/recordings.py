@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from power_recordings.alignment.align import load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.card import FILE, Card
+from power_recordings.quality.refusal import refuse_wrong_units
 from power_recordings.reading.reader import Recording, open_recordings
 from wattwalk_core.errors import InputError
 
@@ -45,13 +46,16 @@ def training_set(paths: Sequence[Path], drives: Sequence[str] = ()) -> TrainingS
     """
     Load several recordings as one set.
 
-    Raises InputError for a recording that is given twice, cannot be read or has another rate.
+    InputError for a recording that is given twice, cannot be read, has another rate, or whose
+    signals contradict each other.
     """
     known = tuple(describe(path) for path in paths)
     if len({r.sha256 for r in known}) < len(known):
         raise InputError(f'a recording is given twice among {", ".join(map(str, paths))}')
     recordings = open_recordings(paths)
     check_sampling(recordings)
+    for recording in recordings:
+        refuse_wrong_units(recording, overruled_by='')
     data = load(recordings, drives)
     return TrainingSet(data, live_features(recordings, data), known, tuple(paths), tuple(drives))
 

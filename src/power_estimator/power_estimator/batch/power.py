@@ -1,7 +1,6 @@
 """Power of many simulated robots side by side, for rewards in training."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -15,9 +14,9 @@ from power_estimator.drive_types import assign
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.loader import load_model
 from power_estimator.model import PowerModel
-from power_estimator.network.checkpoint import Network
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.network.torch_lstm import PowerLstm
+from power_estimator.portable.export import in_si_units
+from power_estimator.portable.power_term import DriveTypeLstm
 from power_estimator.proxies import Proxy
 
 Array = NDArray[np.float32] | Tensor
@@ -125,7 +124,7 @@ class NetworkBatch:
             raise InputError(f'{model.name} does not know the drive {drives[min(unknown)]}')
         self._robots, self._drives = robots, len(drives)
         self._parts = [
-            _Part(n, columns[n.type.name])
+            DriveTypeLstm(columns[n.type.name], in_si_units(n))
             for n in model.checkpoint.networks
             if columns[n.type.name]
         ]
@@ -135,44 +134,17 @@ class NetworkBatch:
     def reset(self, robots: Tensor | None) -> None:
         """Forget the past of the robots [n], or of all."""
         for part in self._parts:
-            part.reset(robots, self._robots)
+            if robots is None:
+                part.begin(self._robots)
+            else:
+                part.forget(
+                    torch.zeros(self._robots, dtype=torch.bool).index_fill(0, robots, True)
+                )
 
     def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
         """Return the mean power in W [N, D]."""
         result = torch.empty(self._robots, self._drives)
         features = torch.stack([error, torque, speed], dim=-1).transpose(0, 1)
         for part in self._parts:
-            result[:, part.columns] = part.advance(features)
+            result[:, part.columns] = part(features)
         return result
-
-
-class _Part:
-    """The network of one drive type: scaling folded in, state of all its drives."""
-
-    def __init__(self, network: Network, columns: Sequence[int]) -> None:
-        self.columns = list(columns)
-        weights, scaling = network.weights, network.scaling
-        scaled: NDArray[np.float32] = np.divide(weights.input, np.array(scaling.scale, np.float32))
-        bias = weights.bias - scaled @ np.array(scaling.mean, np.float32)
-        self._network = PowerLstm(weights.hidden)
-        self._network.set_weights(replace(weights, input=scaled, bias=bias))
-        self._hidden = weights.hidden
-        self._mean, self._scale = scaling.power_mean, scaling.power_scale
-        self._h = self._c = torch.empty(0)
-
-    def reset(self, robots: Tensor | None, count: int) -> None:
-        """Forget the past of the robots [n], or of all `count`."""
-        if robots is None:
-            self._h = torch.zeros(1, count * len(self.columns), self._hidden)
-            self._c = torch.zeros_like(self._h)
-        else:
-            for state in (self._h, self._c):
-                state.view(count, len(self.columns), self._hidden)[robots] = 0
-
-    def advance(self, features: Tensor) -> Tensor:
-        """Return the mean power in W [N, k] of the type's drives from features [S, N, D, 3]."""
-        own = features[:, :, self.columns]
-        rows = own.reshape(len(own), -1, own.shape[-1])
-        power, (self._h, self._c) = self._network(rows, (self._h, self._c))
-        mean = power.mean(dim=0) * self._scale + self._mean
-        return mean.view(own.shape[1], -1)

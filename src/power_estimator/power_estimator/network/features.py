@@ -9,8 +9,6 @@ from wattwalk_core.errors import InputError
 
 Floats = NDArray[np.float32]
 FEATURES = ('position_error', 'torque', 'velocity')
-UNITS = ('rad', 'N·m', 'rad/s')
-PLAUSIBLE = (10.0, 2000.0, 200.0)  # above: not rad, N·m, rad/s of a robot's joint
 
 
 def features(data: AlignedDataset) -> Floats:

@@ -9,8 +9,7 @@ from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from safetensors.numpy import save
+from safetensors.torch import save
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import together, write_whole
 
@@ -33,9 +32,9 @@ def export(
     InputError for a drive of no type or a rate that is no whole part of the network's.
     """
     tensors = {
-        f'{network.type.name}/{name}': np.ascontiguousarray(values, np.float32)
+        f'{network.type.name}/{name}': values
         for network in checkpoint.networks
-        for name, values in _in_si_units(network).items()
+        for name, values in in_si_units(network).items()
     }
     card = {
         'format': power_term.FORMAT,
@@ -56,18 +55,19 @@ def export(
     return files
 
 
-def _in_si_units(network: Network) -> dict[str, NDArray[np.float64]]:
+def in_si_units(network: Network) -> dict[str, torch.Tensor]:
     """Return the weights with the scaling folded in: SI units to watts."""
     weights, scaling = network.weights, network.scaling
     scaled = weights.input.astype(float) / np.array(scaling.scale)
-    return {
+    watts = weights.output_bias.astype(float) * scaling.power_scale + scaling.power_mean
+    found = {
         'input': scaled,
-        'recurrent': weights.recurrent.astype(float),
+        'recurrent': weights.recurrent,
         'bias': weights.bias - scaled @ np.array(scaling.mean),
         'output': weights.output.astype(float) * scaling.power_scale,
-        'output_bias': weights.output_bias.astype(float) * scaling.power_scale
-        + scaling.power_mean,
+        'output_bias': watts,
     }
+    return {name: torch.tensor(values, dtype=torch.float32) for name, values in found.items()}
 
 
 def _scripted(file: Path, drives: Sequence[str], sample_rate: float) -> bytes:

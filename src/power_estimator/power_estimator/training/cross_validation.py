@@ -16,7 +16,7 @@ from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign
 from power_estimator.evaluation.traces import Traces, traces
-from power_estimator.input_checks import check_complete, check_units
+from power_estimator.input_checks import check_complete
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.result import JudgedModel
 from power_estimator.loader import PLAIN, load_model
@@ -81,7 +81,6 @@ class CrossValidation:
             raise ValueError('the margin between parts is shorter than the history')
         if abs(data.rate - network.rate) > 1e-3 * network.rate:
             raise InputError(f'data at {data.rate:g} Hz, the network wants {network.rate:g} Hz')
-        check_units(data)
         check_complete(data)
         self.data = data
         self._targets = data.power if targets is None else targets

@@ -48,7 +48,9 @@ def _liveliest(recording: Recording) -> Recording:
     return recording.between(begin, begin + _STRETCH * 1_000_000_000)
 
 
-def refuse_wrong_units(recording: Recording, drives: Collection[str] = ()) -> None:
+def refuse_wrong_units(
+    recording: Recording, drives: Collection[str] = (), *, overruled_by: str = '--anyway'
+) -> None:
     """InputError for drives whose signals contradict each other, with what would mend it."""
     wrong = [
         finding
@@ -62,9 +64,8 @@ def refuse_wrong_units(recording: Recording, drives: Collection[str] = ()) -> No
     more = f' ({len(wrong) - 1} more: `power_recordings info`)' if len(wrong) > 1 else ''
     mend = f'; in the map: {first.mend}' if first.mend else ''
     who = f'{first.drive}: ' if first.drive else ''
-    raise InputError(
-        f'{recording.path}: {who}{first.text}{mend}{more}; --anyway judges it as it is'
-    )
+    overruled = f'; {overruled_by} judges it as it is' if overruled_by else ''
+    raise InputError(f'{recording.path}: {who}{first.text}{mend}{more}{overruled}')
 
 
 def refuse_slow(recording: Recording, drives: Collection[str] = ()) -> None:
