@@ -100,7 +100,7 @@ class ServiceEnd:
 
 
 class ServiceEntity:
-    """What clients and servers of a service have in common."""
+    """Common part of clients and servers of a service."""
 
     def __init__(
         self,
