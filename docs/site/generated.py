@@ -1,5 +1,6 @@
 """Parts of the site that the code knows: commands, messages, effects (a hook of MkDocs)."""
 
+import base64
 import importlib
 import io
 import os
@@ -111,10 +112,43 @@ def effects(kind: str) -> str:
     return '\n'.join(parts)
 
 
+def drives(_: str) -> str:
+    """Return a section with picture for each drive of the library."""
+    from power_lab.drives.library import load_drive, names
+
+    parts = []
+    for name in names():
+        drive = load_drive(name)
+        card, group = drive.card, drive.model.groups[0]
+        rows = {'Recorded': card.recorded, 'Source': f'{card.source} ({card.licence})',
+                'Held out': f'R² {card.r2:.4f}, {card.rmse_w:.3g} W over {card.extent}',
+                'Torque': f'at the {card.torque}'}  # fmt: skip
+        for active in drive.model.structure.free:
+            values = zip(active.effect.terms, group.coefficients[active.name], strict=True)
+            for term, own in values:
+                low, high = own.interval
+                at_bound = ', at its bound' if own.at_bound else ''
+                text = f'{own.value:.3g} ({low:.3g} … {high:.3g}) {term.unit}{at_bound}'
+                rows[f'`{active.name}` {term.symbol}'] = text
+        table = '\n'.join(f'| {key} | {value} |' for key, value in rows.items())
+        told = '\n'.join(f'- {line}' for line in card.findings)
+        lacking = '\n'.join(f'- {line}' for line in card.does_not_determine)
+        image = base64.b64encode(drive.picture.read_bytes()).decode()
+        parts.append(
+            f'## {name}\n\n{card.title[0].upper() + card.title[1:]}.\n\n'
+            f'| | |\n|---|---|\n{table}\n\n'
+            f'![{name}: measured against model, efficiency](data:image/png;base64,{image})\n\n'
+            + (f'{told}\n\n' if told else '')
+            + f'Not determined:\n\n{lacking}\n'
+        )
+    return '\n'.join(parts)
+
+
 SOURCES: dict[str, Callable[[str], str]] = {
     'commands': commands,
     'message': message,
     'effects': effects,
+    'drives': drives,
 }
 
 

@@ -12,7 +12,7 @@ from power_estimator.drive_types import DriveType, assign, infer_types
 from power_estimator.effects import Catalogue, builtin_catalogue
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.candidate_screener import shaped
-from power_estimator.effects.fit.design import Active, BasePower, Structure
+from power_estimator.effects.fit.design import Active, BasePower, Prior, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter, measurement_terms
 from power_estimator.effects.fit.folds import Folds
 from power_estimator.effects.fit.settings import FitSettings
@@ -47,13 +47,21 @@ class Material:
             return Structure(expanded(actives, self.prepared.signals))
         return Structure(tuple(actives))
 
-    def fitter(self, *, per_drive: bool = False, settings: FitSettings | None = None) -> Fitter:
+    def fitter(
+        self,
+        *,
+        per_drive: bool = False,
+        settings: FitSettings | None = None,
+        prior: Prior | None = None,
+    ) -> Fitter:
         """Make a fitter with drives of a type sharing coefficients unless per_drive."""
         if self.prepared.whole:
             return Fitter(self.prepared, base=self.base_power, settings=settings)
         columns = assign(self.prepared.names, self.types)
         groups = None if per_drive else [own for own in columns.values() if own]
-        return Fitter(self.prepared, groups=groups, base=self.base_power, settings=settings)
+        return Fitter(
+            self.prepared, groups=groups, base=self.base_power, settings=settings, prior=prior
+        )
 
     def at_most(self, seconds: float) -> 'Material':
         """The same of so many seconds at most, in pieces spread over all recordings."""
@@ -108,16 +116,20 @@ def fit_model(
     base: str | None = None,
     fitted_on: Sequence[Mapping[str, str]] = (),
     seed: int = 0,
+    prior: Prior | None = None,
 ) -> tuple[EffectModel, Fit]:
     """
     Fit effects, with the errors of measurement beside them, and their intervals.
 
-    Shapes that an effect leaves open are searched. Returns the model and the fit behind it.
+    prior: what is expected of coefficients, for drives with a meter of their own. Shapes that an
+    effect leaves open are searched. Returns the model and the fit behind it.
     """
     _require_usable(material.prepared, effects)
     structure, steady = material.structure(effects), material.prepared.steady
     terms = measurement_terms(catalogue, shaft='shaft' in structure.names, steady=steady)
-    fitter = material.fitter()
+    if prior and material.prepared.whole:
+        raise InputError('the prior is of one drive, and these drives share one meter')
+    fitter = material.fitter(prior=prior)
     whole = shaped(fitter, Folds.of(fitter.blocks, fitter.settings), structure.plus(*terms))
     fit = fitter.fit(whole, iterations=5)
     intervals = fitter.intervals(fit, seed)
@@ -132,6 +144,7 @@ def fit_model(
         base=base,
         metered='robot' if material.prepared.whole else 'drives',
         fitted_on=tuple(fitted_on),
+        prior=prior or {},
     )
     return model, fit
 

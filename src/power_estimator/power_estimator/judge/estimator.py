@@ -258,7 +258,7 @@ class HeldOutEstimator:
         apart = [term.name for term in measurement_terms(self.catalogue, shaft=True)]
         own, terms, delays = together(own, structure, self.catalogue, apart)
         terms = tuple(term for term in terms if term.name not in structure.names)
-        fitter = own.fitter(settings=self.settings.fit)
+        fitter = own.fitter(settings=self.settings.fit, prior=model.prior)
         examiner = Examiner(fitter, folds=self.folds(fitter.blocks))
         fit = fitter.fit(structure.plus(*terms), iterations=self.settings.iterations)
         columns = [self.prepared.names.index(name) for name in own.prepared.names]

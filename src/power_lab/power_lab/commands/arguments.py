@@ -204,6 +204,26 @@ def discover(args: Sequence[str] | None = None) -> argparse.Namespace:
     return options
 
 
+@entry_point('power_lab.commands.drives:run')
+def drives(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of drives."""
+    parser = lab_parser(
+        'drives',
+        'List the library of real drives that were identified from public logs, show one, or '
+        'write it as an actuator with its power.',
+        'example: ros2 run power_lab drives mn8014_sspg_7 --export mujoco',
+        effects=False,
+    )
+    add = parser.add_argument
+    add('name', nargs='?', metavar='NAME', help='drive to show; without one all are listed')
+    add('--export', choices=('mujoco', 'mjlab'), help='print the actuator: MJCF, or Python')
+    add_outputs(parser, report=False)
+    options = parser.parse_args(args)
+    if options.export and not options.name:
+        raise InputError('--export: name the drive; `drives` alone lists them')
+    return options
+
+
 @entry_point('power_lab.commands.execute:run')
 def execute(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Arguments of execute."""
@@ -241,6 +261,12 @@ def fit(args: Sequence[str] | None = None) -> argparse.Namespace:
     add('-o', '--output', type=Path, required=True, metavar='MODEL.yaml', help='file to write')
     add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
     add('--base', metavar='MODEL', help='add the effects to this model: ppn:RUN or a proxy')
+    add(
+        '--prior',
+        metavar='drive:NAME',
+        help='start from a drive of the library (power_lab drives): it decides what the recording '
+        'does not',
+    )
     add('--seed', type=int, default=0, help='of the bootstrap')
     add_outputs(parser, report=False)
     options = parser.parse_args(args)

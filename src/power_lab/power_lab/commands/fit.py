@@ -6,11 +6,13 @@ from dataclasses import asdict
 from power_estimator.effects import load_catalogue
 from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.console import progress, write_json
+from wattwalk_core.errors import InputError
 from wattwalk_core.files import together
 
 from power_lab.commands import options as common
 from power_lab.compare.both_sides import both_sides
 from power_lab.compare.fitting import named_effects
+from power_lab.drives.library import load_drive
 from power_lab.report.balance import balance_lines, balances_json, power_balances
 from power_lab.report.tables import notes, print_model
 from power_lab.session import Session
@@ -20,7 +22,10 @@ def run(options: argparse.Namespace) -> int:
     """Run the command with its options; return the exit code."""
     check_recordings(options.bags)
     catalogue = load_catalogue(options.effects_path)
-    named_effects(options.effects, catalogue)
+    effects = named_effects(options.effects, catalogue)
+    prior = load_drive(options.prior).model.as_prior() if options.prior else None
+    if prior is not None and not {effect.name for effect in effects} & {*prior}:
+        raise InputError(f'--prior {options.prior}: it has {", ".join(prior)}, none of --effects')
     with progress('reading and fitting'):
         lab = Session.open(*options.bags, catalogue=catalogue, **common.reading_of(options)).fit(
             options.effects,
@@ -28,6 +33,7 @@ def run(options: argparse.Namespace) -> int:
             base=options.base,
             per=options.per,
             seed=options.seed,
+            prior=prior,
         )
     model, loaded = lab.effects, lab.recordings
     (entry,) = model.history

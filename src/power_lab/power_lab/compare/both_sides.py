@@ -64,6 +64,7 @@ class BothSides:
     ratio: FittedValue | None = None  # W that the motor makes for each W at the joint
     scale: FittedValue | None = None  # of the torque sensor, where motion tells it from the gear
     gear_loss: FittedValue | None = None  # share of the load, likewise
+    drag: tuple[float, float] | None = None  # N·m, and N·m·s/rad, between motor and joint
     loss_w: float | None = None  # mean W between motor and joint, while driving
     verdict: Verdict | None = None
     efficiency: tuple[Efficiency, ...] = ()
@@ -233,6 +234,7 @@ class _Drive:
         shaft, motor = self._of('tw'), constants[0] * self._of('iw')
         sides, _ = self._fits(('tw', *drag), self._all['iw'])
         found: dict[str, Any] = {'ratio': _value(constants * sides[:, 0])}
+        found['drag'] = tuple(float(f'{constants[0] * drag:.4g}') for drag in sides[0, 1:3])
         driving = shaft > 0.0
         found['loss_w'] = float((motor - shaft)[driving].mean()) if driving.any() else 0.0
         driven = float((shaft < -_DRIVEN * np.quantile(np.abs(shaft), 0.95)).mean())

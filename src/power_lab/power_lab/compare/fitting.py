@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from power_estimator.effects import Catalogue
-from power_estimator.effects.fit.design import Active
+from power_estimator.effects.fit.design import Active, Prior
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import fit_model
 from power_estimator.judge.judge import Judge
@@ -20,9 +20,11 @@ def fitted(
     base: str | None = None,
     per: str = 'type',
     seed: int = 0,
+    prior: Prior | None = None,
 ) -> EffectModel:
     """A model of effects with its held-out error as the beginning of its history."""
     under = judge.base(base)
+    names = {active.name for active in effects}
     model, _ = fit_model(
         name,
         judge.material(under, per),
@@ -31,6 +33,7 @@ def fitted(
         base=base,
         fitted_on=judge.recordings.identities,
         seed=seed,
+        prior={name: own for name, own in (prior or {}).items() if name in names},
     )
     model = on_base(model, under)
     judged = judge.score(model)
@@ -76,7 +79,9 @@ def refitted(
     """Effects fitted on a model's base; per: as the model's drives share, where none is given."""
     alone = all(group.type.patterns == (group.type.name,) for group in model.groups)
     own = 'drive' if model.groups and alone else 'type'
-    return fitted(judge, effects, name, base=model.base, per=per or own, seed=seed)
+    return fitted(
+        judge, effects, name, base=model.base, per=per or own, seed=seed, prior=model.prior
+    )
 
 
 def named_effects(texts: Sequence[str], catalogue: Catalogue) -> list[Active]:

@@ -1,6 +1,6 @@
 """The linearised design of a model of effects: one reduced column per coefficient."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,10 @@ from power_estimator.effects.signals.prepared import rate_of
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
+
+
+Prior = Mapping[str, Sequence[tuple[float, float]]]
+"""Expected coefficient and its spread, by effect and term."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +121,17 @@ class Structure:
         """Spread known beforehand of each column [D, m], infinite where nothing is known."""
         terms = [term for active in self.free for term in active.effect.terms]
         return np.array([term.prior for term in terms]) * self._factors(scale)
+
+    def expected(self, prior: Prior) -> tuple[Floats, Floats]:
+        """Expected value and spread [m] of each column; spread is infinite without a prior."""
+        nothing = (0.0, np.inf)
+        found = [
+            own
+            for active in self.free
+            for own in prior.get(active.name, (nothing,) * len(active.effect.terms))
+        ]
+        table = np.array(found, np.float64).reshape(-1, 2)
+        return table[:, 0], table[:, 1]
 
     def _factors(self, scale: DriveScale) -> Floats:
         parts = [active.effect.factors(scale) for active in self.free]

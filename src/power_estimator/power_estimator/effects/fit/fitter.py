@@ -13,12 +13,13 @@ from power_estimator.effects.fit.blocks import Blocks, Normal, drawn_blocks, mod
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.by_drive import ByDriveBuilder
 from power_estimator.effects.fit.delay_search import DelaySearch, group_limits
-from power_estimator.effects.fit.design import Active, BasePower, Design, Structure
+from power_estimator.effects.fit.design import Active, BasePower, Design, Prior, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.kept import Kept
 from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.signals.scale import DriveScale
 
 Floats = NDArray[np.float64]
@@ -99,8 +100,15 @@ class Fitter:
         groups: Sequence[Sequence[int]] | None = None,
         base: BasePower | None = None,
         settings: FitSettings | None = None,
+        prior: Prior | None = None,
     ) -> None:
-        """groups: drives that share coefficients, by index; base: a model underneath."""
+        """
+        Fit drives of these signals.
+
+        groups: drives that share coefficients, by index; base: a model underneath; prior: what
+        is expected of coefficients, and counts like a second of measurement.
+        """
+        self.prior = prior or {}
         self.prepared = prepared
         self.settings = settings = settings or FitSettings()
         self.blocks = Blocks.of(prepared, settings)
@@ -242,6 +250,11 @@ class Fitter:
         limits = group_limits(design, prior, self.weight, self.groups)
         matrix = np.stack([gram[:, group].sum(axis=1) for group in self.groups], axis=1)
         right = np.stack([moment[:, group].sum(axis=1) for group in self.groups], axis=1)
+        expected, spread = design.structure.expected(self.prior)
+        weight = np.stack([self.weight[group].mean() for group in self.groups])
+        trust = weight[:, None] * REDUCED_RATE / np.square(spread)
+        right = right + trust * expected
+        limits = (*limits[:2], limits[2] + trust)
         begin = None if near is None else near[[group[0] for group in self.groups]]
         lower, upper, ridge = (np.tile(values, (len(right), 1)) for values in limits)
         start = None if begin is None else np.tile(begin, (len(right), 1))

@@ -11,7 +11,7 @@ from power_recordings.alignment.dataset import AlignedDataset
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, owners
-from power_estimator.effects.fit.design import BasePower, Structure, evaluate
+from power_estimator.effects.fit.design import BasePower, Prior, Structure, evaluate
 from power_estimator.effects.needs import RATE, needs_of
 from power_estimator.effects.signals.carried import Carried
 from power_estimator.effects.signals.prepared import signals_of
@@ -21,6 +21,7 @@ from power_estimator.model import Needs, PowerModel
 
 Floats = NDArray[np.float64]
 NOMINAL_VOLTAGE = 48.0
+_UNIT_SPREAD = 0.2
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class EffectModel:
     metered: Literal['drives', 'robot'] = 'drives'  # whose power it was fitted to
     fitted_on: tuple[Mapping[str, str], ...] = ()  # name and sha256
     history: tuple[Mapping[str, Any], ...] = ()
+    prior: Prior = field(default_factory=dict)  # where its coefficients were expected
     base_model: PowerModel | None = field(default=None, compare=False)
 
     @property
@@ -168,6 +170,26 @@ class EffectModel:
             found += [(f'{kind} {name}', own) for name, own in group.measurement.items()]
         return tuple(f'{name} ({own.at_bound})' for name, own in found if own.at_bound)
 
+    def as_prior(self) -> Prior:
+        """
+        Where the coefficients of a drive like this one are expected.
+
+        Give or take half of the interval, and a fifth, by which drives of one make differ. What
+        stands at a bound, or is of a recording, is not expected anywhere.
+        """
+        (group,) = self.groups
+        return {
+            active.name: tuple(
+                (own.value, _spread(own) or np.inf)
+                if not (own.at_bound or term.of_recording)
+                else (0.0, np.inf)
+                for term, own in zip(
+                    active.effect.terms, group.coefficients[active.name], strict=True
+                )
+            )
+            for active in self.structure.free
+        }
+
     def renamed(self, name: str) -> 'EffectModel':
         """Return the model under another name."""
         return replace(self, name=name)
@@ -175,6 +197,10 @@ class EffectModel:
     def with_history(self, *entries: Mapping[str, Any]) -> 'EffectModel':
         """Return the model with these entries as its history."""
         return replace(self, history=tuple(entries))
+
+
+def _spread(own: FittedValue) -> float:
+    return float(np.hypot(np.ptp(own.interval) / 2, _UNIT_SPREAD * own.value))
 
 
 def _constant(drive: str, group: DriveGroup) -> float:

@@ -5,6 +5,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
+import numpy as np
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.quoting import quoted
@@ -13,7 +14,7 @@ from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 from power_estimator.drive_types import DriveType
 from power_estimator.effects import Catalogue, Effect, Term
-from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.design import Active, Prior, Structure
 from power_estimator.effects.fit.whole_robot import COMMON
 from power_estimator.effects.model_file.model import (
     NOMINAL_VOLTAGE,
@@ -67,6 +68,7 @@ class _ModelContent:
     drives: dict[str, _GroupContent] | None = None
     fitted_on: tuple[dict[str, Name], ...] | None = None
     history: tuple[dict[str, Any], ...] | None = None
+    prior: dict[str, tuple[tuple[_Number, _Number] | None, ...]] | None = None
 
     def __post_init__(self) -> None:
         if not self.effects:
@@ -91,6 +93,11 @@ def write_model(model: EffectModel, path: Path) -> None:
     if model.groups:
         content['drives'] = {
             group.type.name: _group_content(group, model.structure) for group in model.groups
+        }
+    if model.prior:
+        content['prior'] = {
+            name: [[_number_out(v) for v in own] if np.isfinite(own[1]) else None for own in each]
+            for name, each in model.prior.items()
         }
     if model.fitted_on:
         content['fitted_on'] = [dict(entry) for entry in model.fitted_on]
@@ -155,7 +162,18 @@ def read_model(path: Path, catalogue: Catalogue) -> EffectModel:
         metered=content.metered,
         fitted_on=content.fitted_on or (),
         history=content.history or (),
+        prior=_prior(content, catalogue, where),
     )
+
+
+def _prior(content: _ModelContent, catalogue: Catalogue, where: str) -> Prior:
+    for name, own in (content.prior or {}).items():
+        if len(own) != len(catalogue.get_known(name, where).terms):
+            raise InputError(f'{where}: prior of {name} has {len(own)} values')
+    return {
+        name: tuple(one or (0.0, np.inf) for one in own)
+        for name, own in (content.prior or {}).items()
+    }
 
 
 def _in_full(content: Any, where: str) -> Any:

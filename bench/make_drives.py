@@ -1,0 +1,290 @@
+"""
+The library of identified drives, made again from the public logs (drive_logs.LOGS).
+
+    python bench/make_drives.py [NAME…] [-o FOLDER]
+"""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from drive_logs import HERE, LOGS
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from power_estimator.effects.fit.design import Structure
+from power_estimator.scores import score
+from power_lab.compare.both_sides import both_sides
+from power_lab.drives.library import FOLDER
+from power_lab.session import Session
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.importing.convert import import_logs
+from power_recordings.importing.map_file import load_map
+from power_recordings.importing.sources import open_source
+from wattwalk_core.errors import InputError
+from wattwalk_core.figures import OTHERS, save_figure, style
+from wattwalk_core.files import write_whole
+from wattwalk_core.yaml_file import dump_yaml
+
+Floats = NDArray[np.float64]
+_SPEEDS = 5  # ranges of speed, of which the highest torque is kept
+_MOST = 2000  # points of a picture
+_LEVELS = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.92, 0.94, 0.96, 1.0)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Logs of a drive, how they are fitted, and what is said of them."""
+
+    title: str
+    logs: str  # glob below LOGS
+    map: str  # in log_maps
+    effects: str
+    recorded: str
+    source: str
+    licence: str
+    does_not_determine: tuple[str, ...]
+    torque: Literal['joint', 'motor'] = 'motor'
+    sides: str = ''  # map with both sides of the gear
+    gear_ratio: float = 1.0
+    behind_inverter: str = ''  # map with the power between inverter and motor
+    how: tuple[tuple[str, Any], ...] = ()  # of reading
+
+
+RECIPES: Mapping[str, Recipe] = {
+    'hopper_leg_motor': Recipe(
+        'ungeared motor of a hopping leg, 330 rpm/V, ODrive controller',
+        'hopper_500_hops.mat',
+        'hopper.yaml',
+        'shaft copper_loss idle',
+        'the first of two motors over 500 hops, 401 s at 50 Hz; bus voltage and current of its '
+        'controller',
+        'github.com/FAMU-FSU-STRIDe/boom-ros2',
+        'GPL-3.0',
+        (
+            'friction and inertia: its torque is computed from the current',
+            'losses of the controller apart from those of the winding: both grow with the current',
+            'what a hop does within 20 ms, the step of the log',
+        ),
+        how=(('drives', ('MOTOR_0',)),),
+    ),
+    'mn8014_sspg_7': Recipe(
+        'T-Motor MN8014 behind a planetary gear of 7.2:1 (COMPAct SSPG), ODrive controller',
+        'compact_sspg/SSPG_*.csv',
+        'compact_motor.yaml',
+        'shaft copper_loss inverter_loss iron_loss idle',
+        '25 runs on a dynamometer, 3 to 15 N·m commanded at 10 to 50 rpm of the output, 36 s '
+        'each at 100 Hz; bus voltage and current, load cell',
+        'github.com/singhaman1750/COMPAct',
+        'MIT',
+        (
+            'whether the load cell reads 0.7 of the torque or the gear loses 0.3 of it: the drive '
+            'always drives; a known weight on the lever, or a load that drives it, would tell',
+            'braking: what it returns to the bus',
+            'inertia: the runs are slow',
+        ),
+        sides='compact_sspg.yaml',
+        gear_ratio=7.2,
+    ),
+    'moteus_actuator': Recipe(
+        'direct actuator of a moteus controller, Kt 0.11 N·m/A',
+        'moteus_dyno/futek_test_24_05_2021_16-20-14.csv',
+        'moteus_dyno.yaml',
+        'shaft copper_loss idle',
+        'stall at 0, 2, 4, 6 and 8 A, 24 s at 90 Hz, the winding from 44 to 82 °C; INA260 meter '
+        'on the bus, thermistor, torque sensor',
+        'github.com/karthikurs/actuator-dynamometer',
+        'not stated',
+        (
+            'the torque constant from its power: it stands still',
+            'all that depends on speed: iron loss, friction, field weakening',
+            'thermal time constants: the winding only warms',
+            'copper loss apart from conduction losses of the controller',
+        ),
+        sides='moteus_sensor.yaml',
+    ),
+    'ev_pmsm_335v': Recipe(
+        'traction motor (interior magnets) with its inverter at 335 V',
+        'ev_motor/Motor.csv',
+        'ev_motor.yaml',
+        'shaft copper_loss inverter_loss iron_loss field_weakening idle',
+        '1,069 steady operating points, 5 to 325 N·m at 500 to 13,000 rpm; power analyser on '
+        'either side of the inverter',
+        'github.com/sbwcwso/MotorTestDataProcessAndPlot',
+        'not stated',
+        (
+            'inertia, backlash and heat: operating points have no time',
+            'braking: all points drive',
+            'inverter loss apart from that of the motor, from the direct current alone',
+        ),
+        torque='joint',
+        sides='ev_motor.yaml',
+        behind_inverter='ev_ac.yaml',
+    ),
+    't7056_propeller': Recipe(
+        'motor with 14 poles and controller on a propeller stand, 16 V',
+        'thrust_t7056/*.csv',
+        'thrust_t7056.yaml',
+        'shaft copper_loss iron_loss idle',
+        'a propeller at rising throttle; voltage and current at 38 to 140 Hz, torque of a load '
+        'cell 5 times a second',
+        'github.com/alspitz/esc_test',
+        'MIT',
+        (
+            'torque and speed apart: a propeller ties one to the square of the other',
+            'braking, standstill under load, inertia',
+        ),
+        torque='joint',
+        how=(('slow', True),),
+    ),
+}
+
+
+def imported(recipe: Recipe, mapping: str, folder: Path) -> list[Path]:
+    """Import the logs; InputError where they are absent."""
+    files = sorted(LOGS.glob(recipe.logs))
+    if not files:
+        raise InputError(f'{LOGS / recipe.logs} is absent; WATTWALK_REAL_DATA says where logs lie')
+    path = HERE / 'log_maps' / mapping
+    given, out = load_map(str(path) if path.suffix else mapping), []
+    for file in files:
+        out.append(folder / Path(mapping).stem / file.stem)
+        out[-1].parent.mkdir(exist_ok=True)
+        import_logs([open_source(file, None)], given, f'map {mapping}', out[-1])
+    return out
+
+
+def make(name: str, folder: Path) -> Session:
+    """Fit a drive and write its folder."""
+    recipe = RECIPES[name]
+    with tempfile.TemporaryDirectory(prefix='wattwalk') as temporary:
+        bags = imported(recipe, recipe.map, Path(temporary))
+        lab = Session.open(*bags, **dict(recipe.how))
+        lab = lab.fit(recipe.effects, name=name)
+        beside = lab
+        if recipe.sides not in ('', recipe.map):
+            bags = imported(recipe, recipe.sides, Path(temporary))
+            beside = Session.open(*bags, **dict(recipe.how))
+        found = list(both_sides(beside.judge.prepared).values())
+        findings = [line for one in found for line in one.lines()]
+        if recipe.behind_inverter:
+            (bag,) = imported(recipe, recipe.behind_inverter, Path(temporary))
+            findings.append(of_inverter(lab, Session.open(bag)))
+    own = folder / name
+    own.mkdir(parents=True, exist_ok=True)
+    lab.save(own / 'model.yaml')
+    judged = lab.score.total or next(iter(lab.score.drives.values()))
+    drag = found[0].drag if found else None
+    card: dict[str, Any] = {
+        'format': 'drive/1',
+        **{key: getattr(recipe, key) for key in ('title', 'recorded', 'logs')},
+        **{key: getattr(recipe, key) for key in ('source', 'licence', 'torque', 'gear_ratio')},
+        'extent': lab.judge.prepared.extent,
+        'r2': float(f'{judged.r2:.4g}'),
+        'rmse_w': float(f'{judged.rmse_w:.4g}'),
+        'torque_over_speed': envelope(lab),
+        'findings': findings,
+        'does_not_determine': list(recipe.does_not_determine),
+    }
+    if drag is not None:
+        card |= {'frictionloss': drag[0], 'damping': drag[1]}
+    write_whole(own / 'drive.yaml', dump_yaml(card))
+    save_figure(picture(lab, recipe), own / 'drive.png')
+    return lab
+
+
+def of_inverter(lab: Session, behind: Session) -> str:
+    """The model's loss of the inverter against that which was metered on its two sides."""
+    data, model = lab.recordings.data, lab.effects
+    own = tuple(one for one in model.structure.actives if one.name == 'inverter_loss')
+    by_model = replace(model, structure=Structure(own)).predict(data)[:, 0]
+    metered = data.power[:, 0] - behind.recordings.data.power[:, 0]
+    found = score(metered, by_model, data.rate)
+    return (
+        f'inverter loss by the model, which saw the direct current alone, against the metered '
+        f'{np.median(metered):.0f} W in the median: R² {found.r2:.2f}, bias {found.bias_w:.0f} W'
+    )
+
+
+def envelope(lab: Session) -> list[list[float]]:
+    """Highest torque (99 %) in ranges of speed up to their ends, rad/s and N·m."""
+    signals = lab.judge.prepared.signals
+    speed, torque = np.abs(signals.velocity).ravel(), np.abs(signals.torque).ravel()
+    ends = np.linspace(0.0, np.quantile(speed, 0.99), _SPEEDS + 1)[1:]
+    rows = []
+    for low, high in zip([0.0, *ends[:-1]], ends, strict=True):
+        own = torque[(low <= speed) & (speed <= high)]
+        if own.size:
+            rows.append([float(f'{high:.4g}'), float(f'{np.quantile(own, 0.99):.4g}')])
+    return rows
+
+
+def picture(lab: Session, recipe: Recipe) -> Figure:
+    """Measured against model where it was held out, and the efficiency with measured points."""
+    prepared, judged = lab.judge.prepared, lab.score
+    known = judged.rows.any(axis=1)
+    measured = judged.measured[known]
+    chosen = np.random.default_rng(0).permutation(len(measured))[:_MOST]
+    with style(dark=False) as ink:
+        figure = Figure(figsize=(9.0, 3.8), layout='constrained')
+        left, right = figure.subplots(1, 2)
+        for column, (name, colour) in enumerate(zip(prepared.names, (ink, *OTHERS), strict=False)):
+            both = (
+                values[known][chosen, column] for values in (judged.estimated, judged.measured)
+            )
+            left.plot(*both, '.', ms=3, alpha=0.4, color=colour, label=name)
+        span = [float(np.nanmin(measured)), float(np.nanmax(measured))]
+        left.plot(span, span, color=OTHERS[3], lw=1)
+        left.set(xlabel='model, held out (W)', ylabel='measured (W)')
+        left.legend(frameon=False)
+        left.locator_params(nbins=6)
+        _efficiency(right, lab, recipe)
+        return figure
+
+
+def _efficiency(axes: Any, lab: Session, recipe: Recipe) -> None:
+    """Share of the drawn power that arrives, by the model, with the points that were measured."""
+    signals = lab.judge.prepared.signals
+    torque, speed = np.abs(signals.torque[:, 0]), np.abs(signals.velocity[:, 0])
+    x = np.linspace(0.0, np.quantile(speed, 0.995), 60)
+    y = np.linspace(0.0, np.quantile(torque, 0.995), 60)
+    seen = np.random.default_rng(0).permutation(len(torque))[:_MOST]
+    axes.plot(speed[seen], torque[seen], 'k.', ms=2, alpha=0.4, label='measured')
+    axes.set_xlim(0.0, max(1.0, 1.05 * float(np.quantile(speed, 0.995))))
+    axes.set(xlabel='speed (rad/s)', ylabel=f'torque at the {recipe.torque} (N·m)')
+    if lab.judge.prepared.whole or np.quantile(speed, 0.99) < 1.0:
+        return
+    across, up = (grid.ravel() for grid in np.meshgrid(x, y))
+    data = AlignedDataset.blank(
+        400.0, signals.names[:1], np.arange(len(up)) / 400.0, 'map',
+        torque=up[:, None], velocity=across[:, None], voltage=float(np.median(signals.voltage)),
+    )  # fmt: skip
+    data = replace(data, steady=True, segment=np.arange(len(up), dtype=np.int32))
+    drawn = lab.effects.predict(data)[:, 0]
+    share = np.where(drawn > 0.0, across * up / np.maximum(drawn, 1e-9), np.nan).reshape(60, 60)
+    shown = axes.contourf(x, y, share, levels=_LEVELS, cmap='viridis', zorder=0)
+    axes.figure.colorbar(shown, ax=axes, label='efficiency by the model')
+
+
+def main() -> int:
+    """Make the drives that are named, or all; those whose logs are absent are left as they are."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('names', nargs='*', metavar='NAME', help=', '.join(RECIPES))
+    parser.add_argument('-o', '--output', type=Path, default=FOLDER, help='folder of the library')
+    options = parser.parse_args()
+    for name in options.names or RECIPES:
+        try:
+            lab = make(name, options.output)
+        except InputError as error:
+            print(f'{name}: {error}', file=sys.stderr)
+            continue
+        print(name, {drive: round(score.r2, 4) for drive, score in lab.score.drives.items()})
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

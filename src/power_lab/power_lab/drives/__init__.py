@@ -1,0 +1,1 @@
+"""Real drives that were identified from public logs."""

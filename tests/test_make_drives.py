@@ -1,0 +1,43 @@
+"""The library of drives is what the public logs give."""
+
+import drive_logs
+import make_drives
+import numpy as np
+import pytest
+from power_lab.drives.library import FOLDER, load_drive, names
+from wattwalk_core.errors import InputError
+from wattwalk_core.yaml_file import read_yaml
+
+
+def numbers(content):
+    """All numbers of a file in order."""
+    if isinstance(content, dict):
+        content = list(content.values())
+    if isinstance(content, list):
+        return [number for each in content for number in numbers(each)]
+    return [content] if isinstance(content, float) else []
+
+
+def test_every_drive_has_its_recipe():
+    assert set(names()) == set(make_drives.RECIPES)
+
+
+@pytest.mark.parametrize('name', make_drives.RECIPES)
+def test_a_drive_is_made_again_from_its_logs(name, tmp_path):
+    try:
+        make_drives.make(name, tmp_path)
+    except InputError as error:
+        if 'is absent' not in str(error):
+            raise
+        pytest.skip(str(error))
+    for file in ('model.yaml', 'drive.yaml'):
+        made, kept = (read_yaml(at / name / file, 'drive') for at in (tmp_path, FOLDER))
+        np.testing.assert_allclose(numbers(made), numbers(kept), rtol=0.02, atol=0.02)
+    assert load_drive(name).card.findings == tuple(made['findings'])
+
+
+def test_absent_logs_are_told(monkeypatch, tmp_path):
+    monkeypatch.setattr(make_drives, 'LOGS', tmp_path)
+    with pytest.raises(InputError, match='WATTWALK_REAL_DATA says where logs lie'):
+        make_drives.make('mn8014_sspg_7', tmp_path)
+    assert tmp_path != drive_logs.LOGS
