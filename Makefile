@@ -1,4 +1,4 @@
-# make setup | demo | test | test-ros | lint | docs | bench
+# make setup | demo | test | test-ros | lint | docs | bench | bench-lab | bench-real
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -13,7 +13,7 @@ ROS_STAMP := $(ROS_VENV)/.installed
 ROS_BUILD := $(abspath $(ROS))
 WORKERS ?= 2
 
-.PHONY: setup demo test build-ros test-ros lint docs bench bench-lab clean
+.PHONY: setup demo test build-ros test-ros lint docs bench bench-lab bench-real clean
 setup: $(STAMP)
 
 $(STAMP): requirements.txt requirements-dev.txt requirements-docs.txt $(PACKAGES:%=src/%/setup.cfg) embedded/pyproject.toml
@@ -79,6 +79,11 @@ bench: setup
 bench-lab: setup
 	$(BIN)/python bench/lab.py
 	$(BIN)/python bench/reliability.py --sources plants robot logs
+
+# Logs of real drives, where WATTWALK_REAL_DATA says that they lie: the library, and its page of results.
+bench-real: setup
+	$(BIN)/python bench/make_drives.py
+	$(BIN)/python bench/real_drives.py
 
 clean:
 	rm -rf $(VENV) $(ROS) .pytest_cache .mypy_cache .ruff_cache runs

@@ -172,7 +172,7 @@ class EffectModel:
 
     def as_prior(self) -> Prior:
         """
-        Where the coefficients of a drive like this one are expected.
+        Return the coefficients that a drive like this one is expected to have.
 
         Give or take half of the interval, and a fifth, by which drives of one make differ. What
         stands at a bound, or is of a recording, is not expected anywhere.

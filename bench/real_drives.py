@@ -1,0 +1,180 @@
+"""
+Logs of real drives, from the guessed map to the verdict: the table of docs/results/real_drives.md.
+
+    python bench/real_drives.py [LOG…] [--no-write]
+
+Lines edited: entries of the guessed map that differ from the map that is used, in column, size of
+the unit, sign, or the torque's side. The expert's regression is P = a·τω + b·τ² + c·|ω| + d in
+sample, of a robot the sum of that over its drives.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from drive_logs import DRIVE_LOGS, HERE, LOGS, DriveLog
+from numpy.typing import NDArray
+from power_lab.session import Session
+from power_recordings.alignment.dataset import AlignedDataset
+from power_recordings.importing.convert import import_logs
+from power_recordings.importing.guess import guess_map
+from power_recordings.importing.listing import list_columns
+from power_recordings.importing.map_file import DriveMap, ImportMap, Signal, load_map, parse_map
+from power_recordings.importing.sources import open_source
+from power_recordings.importing.units import conversion
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+from wattwalk_core.yaml_file import read_yaml
+
+Floats = NDArray[np.float64]
+PAGE = HERE.parent / 'docs' / 'results' / 'real_drives.md'
+BEGIN, END = '<!-- bench-real: begin -->', '<!-- bench-real: end -->'
+HEAD = (
+    '| log | lines edited | fitted | R² held out | expert regression | verdict | s |',
+    '|---|---|---|---|---|---|---|',
+)
+_COMPARED = ('velocity', 'torque', 'voltage', 'current', 'power', 'temperature')
+_SIMILAR = 0.01  # of scales that are the same unit
+
+
+def edited(guess: ImportMap, used: ImportMap) -> int:
+    """Count the entries of the used map that the guess has otherwise, of the most alike drive."""
+    (drive, *_) = used.drives.values()
+    lines = min(_differences(other, drive) for other in guess.drives.values())
+    return lines + (guess.time != used.time and _time(guess) != _time(used))
+
+
+def _time(mapping: ImportMap) -> tuple[object, ...]:
+    given = mapping.time
+    return () if given is None else (given.column, given.columns, given.steady, given.rate)
+
+
+def _differences(guess: DriveMap, used: DriveMap) -> int:
+    found, wanted = guess.signals(), used.signals()
+    power = {'voltage', 'current'} <= found.keys() and 'power' in wanted
+    return sum(
+        name not in found or _differ(name, found[name], wanted[name])
+        for name in _COMPARED
+        if name in wanted and not (name == 'power' and power and not wanted[name].computed)
+    )
+
+
+def _differ(quantity: str, one: Signal, other: Signal) -> bool:
+    sizes = [_size(quantity, each) for each in (one, other)]
+    return (
+        one.terms != other.terms
+        or (one.at or 'joint') != (other.at or 'joint')
+        or one.positive != other.positive
+        or abs(sizes[0] / sizes[1] - 1.0) > _SIMILAR
+    )
+
+
+def _size(quantity: str, signal: Signal) -> float:
+    """SI units of one of the log; of a torque that is a current, 1."""
+    if signal.scale is not None:
+        return signal.scale
+    try:
+        return conversion(signal.unit, quantity).factor if signal.unit else 1.0
+    except InputError:
+        return 1.0
+
+
+def expert(data: AlignedDataset) -> str:
+    """A plain regression of the power, in sample."""
+    whole = not data.measured_drives()
+    meters = data.supply[:, None] if whole else data.power
+    told = []
+    for place, power in enumerate(meters.T.astype(np.float64)):
+        places = range(len(data.names)) if whole else (place,)
+        parts = [_columns(data, one) for one in places]
+        table = np.hstack([*parts, np.ones((len(power), 1))])
+        known = np.isfinite(power) & np.isfinite(table).all(axis=1)
+        solved = np.linalg.lstsq(table[known], power[known], rcond=None)[0]
+        left = (power - table @ solved)[known]
+        share = 1.0 - float(left.var() / power[known].var())
+        told.append(f'{share:.3f}' + ('' if whole else f' (a {solved[0]:.2f})'))
+    return ', '.join(told)
+
+
+def _columns(data: AlignedDataset, place: int) -> Floats:
+    tau, w = (values[:, place].astype(np.float64) for values in (data.torque, data.velocity))
+    return np.stack([tau * w, tau**2, np.abs(w)], axis=1)
+
+
+def row(name: str, log: DriveLog) -> str:
+    """The table's row of a log; InputError where it is absent or cannot be read."""
+    files = sorted(LOGS.glob(log.files))
+    if not files:
+        raise InputError(f'{LOGS / log.files} is absent; WATTWALK_REAL_DATA says where logs lie')
+    began = time.monotonic()
+    path = HERE / 'log_maps' / log.map
+    used = load_map(str(path) if path.suffix else log.map)
+    source = open_source(files[0], None)
+    with tempfile.TemporaryDirectory(prefix='wattwalk') as folder:
+        lines = 'ready map'
+        if path.suffix:
+            guess = Path(folder) / 'guess.yaml'
+            guess.write_text(guess_map(list_columns(source), 'robot', is_bag=False), 'utf-8')
+            lines = str(edited(parse_map(read_yaml(guess, 'map'), 'guess'), used))
+        bags = []
+        for file in files:
+            bags.append(Path(folder) / file.stem)
+            import_logs([open_source(file, None)], used, f'map {log.map}', bags[-1])
+        parts = [name, lines, ', '.join(log.known), *judged(bags, log)]
+    return f'| {" | ".join(parts)} | {time.monotonic() - began:.0f} |'
+
+
+def judged(bags: list[Path], log: DriveLog) -> list[str]:
+    """R², the expert's regression and the verdict."""
+    try:
+        lab = Session.open(*bags)
+        slow = ''
+    except InputError as error:
+        if '--slow' not in str(error):
+            raise
+        lab, slow = Session.open(*bags, slow=True), ' (`--slow`)'
+    regression = expert(lab.recordings.data)
+    try:
+        lab = lab.fit(' '.join(log.known))
+        scores = [f'{score.r2:.3f}' for score in lab.score.drives.values()]
+    except InputError as error:
+        return ['–', regression, f'refused: {_inline(str(error))}']
+    found = [', '.join(scores) + slow, regression]
+    try:
+        outcome = lab.diagnose()
+    except InputError as error:
+        return [*found, f'refused: {_inline(str(error))}']
+    return [*found, f'`{outcome.verdict}`: {_inline(outcome.sentence)}']
+
+
+def _inline(text: str) -> str:
+    """Text of a cell, without paths of this machine."""
+    words = (word.rpartition('/')[2] if '/tmp/' in word else word for word in text.split())
+    return ' '.join(words).replace('|', '∣')
+
+
+def main() -> int:
+    """Print the table and write it into the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('logs', nargs='*', metavar='LOG', help=', '.join(DRIVE_LOGS))
+    parser.add_argument('--no-write', action='store_true', help='print alone')
+    options = parser.parse_args()
+    rows = []
+    for name in options.logs or DRIVE_LOGS:
+        try:
+            rows.append(row(name, DRIVE_LOGS[name]))
+        except InputError as error:
+            rows.append(f'| {name} | – | – | – | – | not read: {_inline(str(error))} | – |')
+        print(rows[-1], flush=True)
+    if not options.no_write and not options.logs:
+        text = PAGE.read_text('utf-8')
+        before, after = text.split(BEGIN)[0], text.split(END)[1]
+        write_whole(PAGE, '\n'.join([f'{before}{BEGIN}', '', *HEAD, *rows, '', END]) + after)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
