@@ -152,7 +152,7 @@ def judged(bags: list[Path], log: DriveLog) -> list[str]:
 
 def _inline(text: str) -> str:
     """Text of a cell, without paths of this machine."""
-    words = (word.rpartition('/')[2] if '/tmp/' in word else word for word in text.split())
+    words = (word.rpartition('/')[2] if word.startswith('/') else word for word in text.split())
     return ' '.join(words).replace('|', '∣')
 
 
