@@ -200,6 +200,11 @@ def base(tmp_path_factory):
             (WALK, *KNEE, '--models', 'base.yaml'),
         ),
         (
+            'budget',
+            'power_lab.commands.arguments:budget',
+            (WALK, *KNEE, '--battery', '907Wh'),
+        ),
+        (
             'add',
             'power_lab.commands.arguments:add',
             ('viscous_friction', *KNEE, '--to', 'base.yaml', '--bag', WALK, '-o', 'better.yaml'),

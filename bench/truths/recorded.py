@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 _LEG = tuple(
     f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')
 )
-_START_NS = 1_750_000_000_000_000_000
+START_NS = 1_750_000_000_000_000_000
 _OVERSAMPLED = 1.9  # rate of the alignment against the joints', as the lab takes it
 
 
@@ -197,13 +197,13 @@ def aligned(name: str, plant: TruePlant, made: Simulated) -> AlignedDataset:
         names = tuple(f'J{place + 1}' for place in range(count))
     position, velocity, effort, winding = (values.T.astype(np.float32) for values in made.joints)
     voltage, current = (values.T.astype(np.float32) for values in made.meter)
-    at = _START_NS + np.rint(meter_time * 1e9).astype(np.int64)
+    at = START_NS + np.rint(meter_time * 1e9).astype(np.int64)
     warm = np.full(voltage.shape, np.nan, np.float32)
     if plant.sampling.temperature:
         before = np.searchsorted(joint_time, meter_time).clip(0, len(joint_time) - 1)
         warm = np.rint(winding[before] * 10.0) / np.float32(10.0)
     number = np.arange(len(at), dtype=np.uint64)
-    stamps = _START_NS + np.rint(joint_time * 1e9).astype(np.int64)
+    stamps = START_NS + np.rint(joint_time * 1e9).astype(np.int64)
     recording = Recording.in_memory(
         name,
         {

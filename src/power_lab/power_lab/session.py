@@ -1,6 +1,6 @@
 """The loop in Python: fit a model, see where it fails, add what it misses, see the error fall."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +18,8 @@ from power_estimator.model import PowerModel
 from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.errors import InputError
 
+from power_lab.budget.budget import Budget, budget
+from power_lab.budget.choice import chosen_effects
 from power_lab.compare.comparison import Comparison, comparison
 from power_lab.compare.fitting import extended, fitted, named_effects, refitted
 from power_lab.discover.outcome import DiscoveryOutcome, discover
@@ -117,6 +119,25 @@ class Session:
         return comparison(
             self.judge, [*own, *others], [*[self.spec or m.name for m in own], *specs]
         )
+
+    def budget(
+        self,
+        changes: Mapping[str, float] | None = None,
+        battery: float | None = None,
+        seed: int = 0,
+    ) -> Budget:
+        """
+        Account for the metered power by effect, drive and phase, by the model or a chosen one.
+
+        changes: factors by lever, in place of 10 % of each; battery: Wh.
+        """
+        how: dict[str, Any] = {'changes': changes, 'battery': battery, 'seed': seed}
+        if self.given is None:
+            model = self.fit(chosen_effects(self.judge), name='chosen', seed=seed).effects
+            return budget(self.judge, model, chosen=True, **how)
+        if not self.effects.fitted:
+            return self.fit(self.effects.effects, name=self.effects.name).budget(**how)
+        return budget(self.judge, self.effects, **how)
 
     def diagnose(self, seed: int = 0) -> 'Outcome':
         """Find the effects that the model misses."""

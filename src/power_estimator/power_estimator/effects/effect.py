@@ -14,6 +14,8 @@ Floats = NDArray[np.float64]
 Shape = Mapping[str, float]
 
 
+LEVERS = (*('gear_ratio', 'supply_voltage', 'winding_resistance', 'friction', 'idle', 'payload'),)
+"""Changes of a drive, as factors, whose effect on the power a model may tell."""
 _ROWS = 20_000  # that quantiles are taken of
 
 
@@ -113,6 +115,11 @@ class Effect:
     scaled: Callable[[DriveScale], tuple[Shape, ...]] | None = None
     """Scale → shapes to be tried, where they depend on the drives."""
     departs_from: str = ''  # the effect whose departure a discrepancy is
+    scaling: Mapping[str, tuple[float, ...] | None] | None = None
+    """
+    By lever, the power of its factor that each coefficient goes with at the same motion of the
+    joint; none of those that change nothing, None for what is not known.
+    """
     per_recording: bool = False  # a coefficient for each recording
     made: tuple[Callable[..., 'Effect'], tuple[Any, ...]] | None = None
     """Function and arguments that make it again in another process; None for those shipped."""

@@ -116,6 +116,48 @@ def reveal(args: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
+@entry_point('power_lab.commands.budget:run')
+def budget(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of budget."""
+    parser = lab_parser(
+        'budget',
+        'Where the metered power goes: by effect, drive, type of drive and phase of the motion, '
+        'with 90 % intervals, and what changes of the drives would save. Without a model one is '
+        'chosen by its error on held-out data. Several recordings are compared with the first.',
+        'example: ros2 run power_lab budget bags/walk --battery 907Wh --report budget.html',
+    )
+    add_bags(parser)
+    add = parser.add_argument
+    add('--model', metavar='MODEL.yaml', help='model of effects (default: one is chosen)')
+    add('--battery', type=_watt_hours, metavar='907Wh', help='give the hours that it lasts')
+    add(
+        '--change',
+        default='',
+        metavar='LEVER=FACTOR,…',
+        help='what these change, at the same motion of the joints, instead of 10 %% of each: '
+        'gear_ratio, supply_voltage, winding_resistance, friction, idle, payload (weight that '
+        'standing legs carry)',
+    )
+    add('--figures', type=Path, metavar='FOLDER', help='write the pictures as svg and png')
+    add('--seed', type=int, default=0, help='of the intervals')
+    add_workplace(parser, 'recordings read')
+    add_outputs(parser)
+    options = parser.parse_args(args)
+    check_suffix(options.report, '--report', ('.html',))
+    return options
+
+
+def _watt_hours(text: str) -> float:
+    value, unit = text.rstrip('Whk '), text.lstrip('0123456789.').strip()
+    try:
+        hours = float(value) * {'Wh': 1.0, 'kWh': 1e3, '': 1.0}[unit]
+    except (KeyError, ValueError):
+        raise argparse.ArgumentTypeError(f'{text!r}: give watt hours, as 907Wh') from None
+    if not 0.0 < hours < 1e6:
+        raise argparse.ArgumentTypeError(f'{text!r} lies outside 0..1000 kWh')
+    return hours
+
+
 @entry_point('power_lab.commands.compare:run')
 def compare(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Arguments of compare."""

@@ -103,6 +103,7 @@ class Page:
         colors = {stand_in: name for name, stand_in in COLORS.items()}
         content = {'figures': self.figures, 'colors': colors}
         data = json.dumps(content, ensure_ascii=False, allow_nan=False)
+        plotly = f'<script>{get_plotlyjs()}</script>\n' if self.figures else ''
         style = (_HERE / 'style.css').read_text(encoding='utf-8')
         script = (_HERE / 'script.js').read_text(encoding='utf-8')
         write_whole(
@@ -116,6 +117,6 @@ class Page:
             + '\n'.join(self.parts)
             + '</main>\n<script type="application/json" id="figures">'
             + data.replace('</', '<\\/')
-            + f'</script>\n<script>{get_plotlyjs()}</script>\n<script>{script}</script>'
+            + f'</script>\n{plotly}<script>{script}</script>'
             '</body></html>\n',
         )

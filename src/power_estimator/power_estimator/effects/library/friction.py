@@ -42,6 +42,7 @@ VISCOUS_FRICTION = Effect(
     physics='grease drags in proportion to speed, and the motor carries that torque as well',
     formula='B·w² + 2·k·torque·B·w',
     terms=(Term('B', 'N·m·s/rad', 0.0, 100.0),),
+    scaling={'friction': (1.0,)},
     regressors=lambda signals, **_: signals.motor_velocity[..., None],
     # Another exponent than 1, as of grease that thins with speed.
     discrepancy=lambda signals, **_: signals.motor_velocity * log_speed(signals.motor_velocity),
@@ -61,6 +62,7 @@ COULOMB_FRICTION = Effect(
     physics='dry friction: the same torque at every speed, against the motion',
     formula='Tc·(|w| + 2·k·torque·sgn w)',
     terms=(Term('Tc', 'N·m', 0.0, 80.0),),
+    scaling={'friction': (1.0,)},
     regressors=lambda signals, **_: _sign(signals)[..., None],
     # A slow rise or fall with speed.
     discrepancy=lambda signals, **_: _sign(signals) * log_speed(signals.motor_velocity),
@@ -76,6 +78,7 @@ STRIBECK_FRICTION = Effect(
     physics='surfaces touch at low speed until the lubricant carries them',
     formula='Ts·exp(−(w/speed)²)·(|w| + 2·k·torque·sgn w)',
     terms=(Term('Ts', 'N·m', 0.0, 80.0),),
+    scaling={'friction': (1.0,)},
     regressors=_fading_sign,
     acts_on='torque',
     needs_joint_torque=True,
@@ -94,6 +97,7 @@ LOAD_FRICTION = Effect(
     physics='gear friction in proportion to the load: the efficiency of the gear',
     formula='c·|torque·w| + 2·k·c·torque·|torque|·sgn w',
     terms=(Term('c', '1', 0.0, 1.0),),
+    scaling={'friction': (1.0,)},
     regressors=_load,
     # Worse when driving than when driven, or the other way round.
     discrepancy=lambda signals, **_: signals.torque,
@@ -118,6 +122,7 @@ COGGING = Effect(
         Term('A·cos(phase)', 'N·m', -20.0, 20.0),
         Term('A·sin(phase)', 'N·m', -20.0, 20.0),
     ),
+    scaling={'gear_ratio': None},
     regressors=_ripple,
     recorded=lambda signals, **_: bool(np.isfinite(signals.position).all()),
     acts_on='torque',

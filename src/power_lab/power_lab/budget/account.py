@@ -1,0 +1,117 @@
+"""Shares of effects in the power of drives, types of drives and the robot."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from power_estimator.effects.signals.prepared import WHOLE
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+
+from power_lab.budget.tally import ELECTRONICS, UNEXPLAINED, Tally, interval
+
+_JOULES = 3600.0
+
+
+@dataclass(frozen=True)
+class Share:
+    """Mean power of one part of a member's budget in one phase."""
+
+    drive: str  # or a type of drives, or `robot`
+    phase: str
+    effect: str
+    mean_w: float
+    interval: tuple[float, float]  # 90 %
+    share: float | None  # of the member's metered energy; None where nothing was metered or drawn
+    energy_wh: float
+
+
+@dataclass(frozen=True)
+class BudgetDifference:
+    """Power that a part of a recording's budget draws more than that of another."""
+
+    recording: str
+    against: str
+    drive: str
+    phase: str
+    effect: str
+    mean_w: float
+    interval: tuple[float, float]  # 90 %
+
+
+@dataclass(frozen=True)
+class Account:
+    """Budget of one recording, or of several as one: tallies by drive, type and robot."""
+
+    name: str
+    tallies: Mapping[str, Tally]
+    phases: tuple[str, ...]
+
+    @property
+    def first(self) -> str:
+        """The robot, or its only drive."""
+        return WHOLE if WHOLE in self.tallies else next(iter(self.tallies))
+
+    def shares(self, member: str, phase: str = 'all') -> list[Share]:
+        """Parts of a member's budget in a phase, what is unexplained last."""
+        tally, place = self.tallies[member], self.phases.index(phase)
+        means, limits = tally.means[0], interval(tally.means)
+        rows = tally.counts[0] / tally.drives
+        if not rows[place]:
+            return []
+        whole = float(means[0, -1] * rows[0])
+        found = []
+        for part, effect in enumerate(tally.rows[:-1]):
+            mean = float(means[place, part])
+            if np.isfinite(mean):
+                share = mean * float(rows[place]) / whole if whole > 0.0 else None
+                low, high = limits[place, part].tolist()
+                energy = mean * float(rows[place]) / REDUCED_RATE / _JOULES
+                found.append(Share(member, phase, effect, mean, (low, high), share, energy))
+        return found
+
+    def rows(self) -> Iterator[Share]:
+        """Parts of all members in all phases; electronics are the robot's alone."""
+        for member in self.tallies:
+            for phase in self.phases:
+                for found in self.shares(member, phase):
+                    if found.effect != ELECTRONICS or member == WHOLE:
+                        yield found
+
+    def power(self, phase: str = 'all') -> tuple[float, tuple[float, float]]:
+        """Metered W of the robot in a phase, with its interval."""
+        means = self.tallies[self.first].means[:, self.phases.index(phase), -1]
+        low, high = interval(means).tolist()
+        return float(means[0]), (low, high)
+
+    @property
+    def unexplained_w(self) -> float:
+        """W of the robot."""
+        return next(s.mean_w for s in self.shares(self.first) if s.effect == UNEXPLAINED)
+
+    @property
+    def energy_wh(self) -> float:
+        """Metered energy of the robot over the rows that count."""
+        tally = self.tallies[self.first]
+        return float(tally.sums[0, 0, -1]) / REDUCED_RATE / _JOULES
+
+    def runtime(self, battery: float) -> dict[str, dict[str, Any]]:
+        """Hours by phase from a battery in Wh; phases that draw nothing are left out."""
+        found = {}
+        for phase in self.phases:
+            watts, (low, high) = self.power(phase)
+            if watts > 0.0:
+                longest = battery / low if low > 0.0 else None
+                found[phase] = {'hours': battery / watts, 'interval': [battery / high, longest]}
+        return found
+
+    def json(self) -> dict[str, Any]:
+        """Plain values."""
+        metered, _ = self.power()
+        return {
+            'rows': [vars(row) for row in self.rows()],
+            'total_w': metered - self.unexplained_w,
+            'metered_w': metered,
+            'unexplained_w': self.unexplained_w,
+            'energy_wh': self.energy_wh,
+        }

@@ -1,0 +1,243 @@
+"""A fitted model on recordings: signals, phases and meters that its power is accounted by."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.drive_types import assign, infer_types, owners
+from power_estimator.effects import Signals
+from power_estimator.effects.fit.blocks import drawn_blocks
+from power_estimator.effects.fit.design import BasePower
+from power_estimator.effects.fit.design_builder import DesignBuilder
+from power_estimator.effects.fit.settings import FitSettings
+from power_estimator.effects.model_file.model import DriveGroup, EffectModel
+from power_estimator.effects.signals.prepared import WHOLE
+from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_estimator.effects.signals.scale import DriveScale
+from power_estimator.judge.held_out import power_under
+from power_estimator.judge.judge import Judge
+from wattwalk_core.errors import InputError
+
+from power_lab.budget.draws import Draws, coefficient_draws
+from power_lab.budget.drive_account import DriveAccount
+from power_lab.budget.parts import reduced, split
+from power_lab.budget.phases import phase_masks
+from power_lab.budget.tally import ELECTRONICS, Tally, blocks_of
+from power_lab.compare.comparison import describe_state
+
+Floats = NDArray[np.float64]
+Masks = Mapping[str, NDArray[np.bool_]]
+
+_TORQUE_SCALE: Final = 0.03  # error of torque sensors as they are sold; of computed torque ×5
+DRAWS = 200
+"""Draws of what is uncertain: ten of them lie beyond either bound of 90 %."""
+
+
+@dataclass(frozen=True)
+class PartsOverTime:
+    """Power of each part at 50 Hz beside the state of the drives."""
+
+    names: tuple[str, ...]  # D drives
+    parts: tuple[str, ...]
+    power: NDArray[np.float32]  # W [N, D, E]
+    metered: Floats  # W [N, M]
+    state: Mapping[str, Floats]  # N·m, rad/s, … [N, D]
+    masks: Masks  # by phase [N, D]
+    recording: NDArray[np.int32]  # [N]
+    stretches: Sequence[slice]
+
+
+class Accounts:
+    """Power of a fitted model by part on the recordings of a judge."""
+
+    def __init__(self, judge: Judge, model: EffectModel, seed: int = 0) -> None:
+        self.judge, self.model, self.seed = judge, model, seed
+        self.prepared = judge.prepared
+        names = self.prepared.signals.names
+        found = owners(names, model.groups)
+        for name, group in zip(names, found, strict=True):
+            if group is None:
+                raise InputError(f'{model.name} says nothing about {name}; fit it on that, too')
+        self.members: list[DriveGroup] = [group for group in found if group is not None]
+        self.coefficients = model.coefficients(self.members)
+        self.draws: Draws = coefficient_draws(judge, model, DRAWS, seed)
+
+    @cached_property
+    def signals(self) -> Signals:
+        """Signals as the model takes them."""
+        signals = self.prepared.signals
+        if self.judge.refits(self.model):
+            return signals
+        ratio = np.ones(len(signals.names))
+        for drive, group in enumerate(self.members):
+            constant = self.prepared.torque_constant[drive]
+            if group.torque_constant is not None and np.isfinite(constant):
+                ratio[drive] = group.torque_constant / constant
+        torque, rate = signals.torque * ratio, signals.torque_rate * ratio
+        scale = DriveScale.stack([group.scale for group in self.members])
+        return replace(signals, torque=torque, motor_torque=torque, torque_rate=rate, scale=scale)
+
+    @cached_property
+    def base(self) -> BasePower | None:
+        """Power of the model's base."""
+        found = power_under(self.judge.recordings, self.model)
+        if found is None:
+            return None
+        if len(found.power) != len(self.prepared.signals.time):
+            raise InputError('the recording has samples without position, velocity or torque')
+        copper = np.array([group.copper for group in self.members])
+        return BasePower(np.asarray(found.power, np.float64), copper)
+
+    @cached_property
+    def metered(self) -> Floats:
+        """Power of the meters with their delays taken out, W [N, M]."""
+        if self.judge.refits(self.model):
+            return self.prepared.power_at(self.members[0].measurement['time_offset'].value)
+        out = self.prepared.power_at(0.0)
+        for index, delay in enumerate(self.judge.score(self.model).delays):
+            rows = self.prepared.recording == index
+            out[rows] = self.prepared.power_at(delay)[rows]
+        return out
+
+    @property
+    def masks(self) -> Masks:
+        """Rows of each phase [N, D]."""
+        return self._described[1]
+
+    @cached_property
+    def _described(self) -> tuple[Mapping[str, Floats], Masks]:
+        state, labels = describe_state(self.prepared, self.judge.recordings)
+        still = self.prepared.signals.scale.standstill
+        return state, phase_masks(state['torque'], state['velocity'], still, labels.get('phase'))
+
+    @cached_property
+    def _robot_masks(self) -> Masks:
+        """Rows [N, 1] of the phases of a robot that has one meter: those of its shaft power."""
+        state, masks = self._described
+        torque, velocity = state['torque'], state['velocity']
+        shaft = (torque * velocity).sum(axis=1, keepdims=True)
+        rest = masks['rest'].all(axis=1, keepdims=True)
+        return phase_masks(shaft, np.where(rest, 0.0, 1.0), np.full(1, 0.5), None)
+
+    def tallies(self) -> tuple[PartsOverTime, list[dict[str, Tally]]]:
+        """Rows, and for each recording the tallies of drives, types of drives and the robot."""
+        prepared, names = self.prepared, self.prepared.signals.names
+        state, masks = self._described
+        found: list[dict[str, Tally]] = [{} for _ in prepared.recordings]
+        whole: list[list[Tally]] = [[] for _ in prepared.recordings]
+        power: list[NDArray[np.float32]] = []
+        parts: tuple[str, ...] = ()
+        for drive, account in enumerate(self._drives()):
+            power.append(account.power.astype(np.float32))
+            parts = account.parts
+            own = {phase: rows[:, drive] for phase, rows in masks.items()}
+            unknown = np.full(len(prepared.time), np.nan)
+            meter = unknown if prepared.whole else self.metered[:, drive]
+            for index in range(len(found)):
+                found[index][names[drive]] = self._tally(account, index, own, meter)
+                if prepared.whole:
+                    robot = {phase: rows[:, 0] for phase, rows in self._robot_masks.items()}
+                    share = self.metered[:, 0] / len(names)
+                    whole[index].append(self._tally(account, index, robot, share))
+        for index, tallies in enumerate(found):
+            self._add_groups(tallies, whole[index], index)
+        return PartsOverTime(
+            *(names, parts, np.stack(power, axis=1), self.metered, state, masks),
+            *(prepared.recording, prepared.reducer.stretches()),
+        ), found
+
+    @property
+    def together(self) -> list[list[int]]:
+        """Drives that are computed at once: each by itself where no effect looks at others."""
+        drives = range(len(self.members))
+        apart = all(active.effect.per_drive for active in self.model.structure.actives)
+        return [[drive] for drive in drives] if apart else [[*drives]]
+
+    def _drives(self) -> Iterator[DriveAccount]:
+        """Accounts of the drives in their order."""
+        signals, structure, draws = self.signals, self.model.structure, self.draws
+        random = np.random.default_rng([self.seed, 1])
+        for drives in self.together:
+            seen, base = signals, self.base
+            if len(drives) < len(signals.names):
+                seen, base = seen.drive(drives[0]), base and base.drive(drives[0])
+            found = split(structure, self.coefficients[drives], seen, base)
+            small = reduced(found, self.prepared.reduced)
+            for place, drive in enumerate(drives):
+                changes = draws.coefficients[:, drive] - self.coefficients[drive]
+                scale = _TORQUE_SCALE * float(signals.scale.gain[drive])
+                drawn = scale * random.standard_normal(DRAWS)
+                yield DriveAccount.of(small.drive(place), changes, drawn, self._errors(drive))
+
+    def _errors(self, drive: int) -> tuple[Floats, Floats, Floats] | None:
+        """Errors of a drive's meter that were fitted with the model, as an account takes them."""
+        draws = self.draws
+        if not draws.terms or self.prepared.whole:
+            return None
+        builder = DesignBuilder(self.prepared.drive(drive))
+        found = builder.beside(draws.terms, draws.structure, draws.point[[drive]])
+        values = draws.measured[drive]
+        columns = np.concatenate([column[:, 0] for column in found], axis=1)
+        return columns, values, draws.measurement[:, drive] - values
+
+    def _tally(
+        self,
+        account: DriveAccount,
+        index: int,
+        masks: Mapping[str, NDArray[np.bool_]],
+        meter: Floats,
+    ) -> Tally:
+        rows = self.prepared.recording == index
+        block, often = self._blocks[index]
+        return account.tally(rows, masks, meter, block, often)
+
+    @cached_property
+    def _blocks(self) -> list[tuple[NDArray[np.intp], Floats]]:
+        """Of each recording: the second of each row [N], and how often each is drawn [R, B]."""
+        numbers = blocks_of(self.prepared.reducer.stretches(), round(REDUCED_RATE))
+        found = []
+        for index in range(len(self.prepared.recordings)):
+            rows = self.prepared.recording == index
+            own = np.where(rows, numbers - numbers[rows].min(), 0)
+            found.append((own, self._often(int(own.max()) + 1, index)))
+        return found
+
+    def _often(self, count: int, index: int) -> Floats:
+        return drawn_blocks(count, DRAWS, FitSettings.drawn_together, self.seed + 1 + index)
+
+    def _add_groups(self, tallies: dict[str, Tally], whole: list[Tally], index: int) -> None:
+        """Types of drives, and the robot with its electronics."""
+        names, drives = self.prepared.signals.names, list(tallies.values())
+        for kind, own in assign(names, infer_types(names)).items():
+            if 1 < len(own) < len(names) and kind not in tallies:
+                tallies[kind] = Tally.beside([drives[drive] for drive in own])
+        if self.prepared.whole:
+            robot = Tally.beside(whole)
+            counts = robot.counts / len(names)
+            tallies[WHOLE] = replace(robot, counts=counts, drives=1)
+            for member, tally in tallies.items():
+                parts = tuple(ELECTRONICS if part == 'idle' else part for part in tally.parts)
+                tallies[member] = replace(tally, parts=parts)
+        elif len(names) > 1:
+            robot, electronics = Tally.beside(drives), self._electronics(index)
+            if electronics is not None:
+                robot = robot.with_constant(ELECTRONICS, electronics)
+            tallies[WHOLE] = robot
+
+    def _electronics(self, index: int) -> Floats | None:
+        """W [1 + R] that the robot draws beside its drives; None where that is not known."""
+        loaded = self.judge.recordings
+        data = loaded.data
+        joints = loaded.recordings[0].joint_states().names if loaded.recordings else data.names
+        rest = data.supply.astype(np.float64) - data.power.sum(axis=1)
+        known = np.isfinite(rest) & (data.recording == index)
+        if not known.any() or not {*joints} <= {*data.names}:
+            return None
+        _, second = np.unique(np.floor(data.time[known]), return_inverse=True)
+        sums, counts = np.bincount(second, rest[known]), np.bincount(second)
+        often = self._often(len(sums), index)
+        estimate = sums.sum() / counts.sum()
+        return np.concatenate([[estimate], (often @ sums) / np.maximum(often @ counts, 1)])

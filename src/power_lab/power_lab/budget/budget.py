@@ -1,0 +1,135 @@
+"""Energy budgets: where the metered power goes, by effect, drive and phase of the motion."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from power_estimator.drive_types import assign, infer_types
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.judge.judge import Judge
+
+from power_lab.budget.account import Account, BudgetDifference
+from power_lab.budget.accounts import Accounts, PartsOverTime
+from power_lab.budget.levers import Lever, saved
+from power_lab.budget.steady import Steady
+from power_lab.budget.tables import headline, tables
+from power_lab.budget.tally import Tally, interval
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Budgets of recordings by one model, with what changes of the drives would save."""
+
+    model: EffectModel
+    chosen: bool  # by itself, from the recordings
+    accounts: tuple[Account, ...]  # by recording
+    account: Account  # of all of them
+    pictured: PartsOverTime
+    levers: tuple[Lever, ...]
+    refused: tuple[str, ...]  # levers that the model cannot carry over, and why
+    steady: Mapping[str, Steady]  # of a drive of each type
+    battery: float | None  # Wh
+    error_w: float  # rms of the model where it was not fitted
+
+    @property
+    def origin(self) -> str:
+        """Effects of the model, where it came from, and its error, in words."""
+        effects = ', '.join(self.model.effects)
+        how = 'chosen by its error on held-out data' if self.chosen else self.model.name
+        return f'{effects} ({how}; {self.error_w:.2f} W rms on data that it was not fitted on)'
+
+    @cached_property
+    def differences(self) -> tuple[BudgetDifference, ...]:
+        """Power that each recording draws more than the first, by part, the meter's last."""
+        base = self.accounts[0]
+        found = []
+        for other in self.accounts[1:]:
+            for member, one in base.tallies.items():
+                two = other.tallies.get(member)
+                if two is None or one.rows != two.rows:
+                    continue
+                apart = two.means - one.means
+                limits = interval(apart)
+                for place, part in np.argwhere(np.isfinite(apart[0])).tolist():
+                    low, high = limits[place, part].tolist()
+                    names = other.name, base.name, member, base.phases[place], one.rows[part]
+                    found.append(
+                        BudgetDifference(*names, float(apart[0, place, part]), (low, high))
+                    )
+        return tuple(found)
+
+    def table(self) -> str:
+        """Tables to print."""
+        return tables(
+            headline(self.account),
+            self.origin,
+            (self.account, *self.accounts),
+            self.differences,
+            self.levers,
+            self.refused,
+            self.battery,
+        )
+
+    def json(self) -> dict[str, Any]:
+        """Plain values, as commands write them."""
+        found = {
+            'model': self.model.name,
+            'effects': list(self.model.effects),
+            'chosen': self.chosen,
+            'held_out_rmse_w': self.error_w,
+            **self.account.json(),
+            'levers': [vars(lever) for lever in self.levers],
+        }
+        if self.battery:
+            found['runtime_h'] = self.account.runtime(self.battery)
+        if len(self.accounts) > 1:
+            found['recordings'] = [
+                {'name': one.name, **one.json()}
+                | ({'runtime_h': one.runtime(self.battery)} if self.battery else {})
+                for one in self.accounts
+            ]
+            found['differences'] = [vars(one) for one in self.differences]
+        return found
+
+
+def budget(
+    judge: Judge,
+    model: EffectModel,
+    *,
+    chosen: bool = False,
+    changes: Mapping[str, float] | None = None,
+    battery: float | None = None,
+    seed: int = 0,
+) -> Budget:
+    """
+    Account for the power of recordings by a fitted model.
+
+    chosen: whether the model was; changes: factors by lever, in place of 10 % of each;
+    battery: Wh.
+    """
+    accounts = Accounts(judge, model, seed)
+    rows, tallies = accounts.tallies()
+    phases, error = tuple(rows.masks), judge.score(model).rms_w
+    of_recordings = tuple(
+        Account(known['name'], own, phases)
+        for known, own in zip(judge.recordings.identities, tallies, strict=True)
+    )
+    joined = {
+        member: Tally.joined([own[member] for own in tallies])
+        for member in tallies[0]
+        if all(member in own and own[member].rows == tallies[0][member].rows for own in tallies)
+    }
+    misfit = error / float(np.sqrt(np.nanmean(np.square(rows.metered))))
+    levers, refused = saved(accounts, changes or {}, misfit)
+    kinds = assign(rows.names, infer_types(rows.names))
+    steady = {
+        kind: Steady(own[0], model.structure, accounts.coefficients[own[:1]], seen)
+        for kind, own in kinds.items()
+        if model.base is None and (seen := accounts.signals.drive(own[0]))
+    }
+    return Budget(
+        *(model, chosen, of_recordings, Account('all', joined, phases), rows),
+        *(tuple(levers), tuple(refused), steady, battery, error),
+    )
