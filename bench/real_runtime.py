@@ -52,15 +52,22 @@ def _joints() -> Any:
 
 
 class LoadSource(Node):
-    """Publishes at the rates of the live system, the running number in the frame_id."""
+    """
+    Publishes at the rates of the live system, the running number in the frame_id.
 
-    def __init__(self, seconds: float) -> None:
+    It catches up with what is due, however late it is called. seconds: after the warm-up, once
+    both topics have a subscription; None: from the start on, without end.
+    """
+
+    def __init__(self, seconds: float | None = None) -> None:
         super().__init__('source', start_parameter_services=False)
         self.done = rclpy.Future()
         self.costs: dict[str, list[float]] = {name: [] for name in RATES}
         self.cpu = self.wall = 0.0
         self._messages = {'drive_supply': _supply(), 'joint_states': _joints()}
-        self._wanted = {name: int(rate * (seconds + WARM_UP)) for name, rate in RATES.items()}
+        self._endless = seconds is None
+        span = 1e9 if seconds is None else seconds + WARM_UP
+        self._wanted = {name: int(rate * span) for name, rate in RATES.items()}
         self._publishers_by_topic = {
             name: self.create_publisher(type(message), name, QOS)
             for name, message in self._messages.items()
@@ -72,7 +79,8 @@ class LoadSource(Node):
     def tick(self) -> None:
         """Publish what is due."""
         publishers = self._publishers_by_topic
-        if not all(publisher.get_subscription_count() for publisher in publishers.values()):
+        heard = self._endless or all(p.get_subscription_count() for p in publishers.values())
+        if not heard:
             return
         if self._start == 0.0:
             self._start = time.monotonic()
@@ -93,7 +101,10 @@ class LoadSource(Node):
         message = self._messages[name]
         number = len(self.costs[name])
         message.header.frame_id = str(number)
-        message.header.stamp = self.get_clock().now().to_msg()
+        now = self.get_clock().now()
+        message.header.stamp = now.to_msg()
+        if name == 'drive_supply':
+            message.sequence, message.device_time = number, array('Q', [now.nanoseconds])
         start = time.perf_counter()
         self._publishers_by_topic[name].publish(message)
         self.costs[name].append((time.perf_counter() - start) * 1e6)

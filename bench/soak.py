@@ -16,7 +16,6 @@ import argparse
 import json
 import os
 import re
-import shutil
 import sys
 import tempfile
 import time
@@ -28,7 +27,7 @@ from rich.console import Console
 from rich.progress import Progress
 from soak_account import Account, Check, Counters, account, markdown, supply_account
 from soak_bags import messages, rows
-from soak_system import SmallDisk, SoakError, System, Take, until
+from soak_system import SoakError, System, fill_disk, until
 
 Event = tuple[float, str, Callable[[], None]]
 _CYCLE = 300.0  # s
@@ -45,7 +44,6 @@ class Soak:
     def __init__(self, folder: Path, seconds: float) -> None:
         self.folder, self.seconds = folder, seconds
         self.system = System(folder)
-        self.disk = SmallDisk(folder / 'small')
         self.done: list[tuple[float, str]] = []
         self.checks: list[Check] = []
 
@@ -91,45 +89,27 @@ class Soak:
                 (start + 0.16 * length, 'bus off', lambda: s.drives.switch(False)),
                 (start + 0.21 * length, 'bus on', lambda: s.drives.switch(True)),
                 (start + 0.30 * length, 'recorder killed', lambda: s.stop_recording('killed')),
-                (start + 0.33 * length, 'recorder started', self._record),
+                (start + 0.33 * length, 'recorder started', s.record),
                 (start + 0.44 * length, 'supply unplugged', s.supply.unplug),
                 (start + 0.50 * length, 'supply plugged in', s.supply.plug),
                 (start + 0.56 * length, 'clock -0.7 s', lambda: s.clock.step(-0.7)),
                 (start + 0.62 * length, 'recorder stopped', s.stop_recording),
-                (start + 0.63 * length, 'recorder on a small disk', self._record_on_small_disk),
+                (start + 0.63 * length, 'recorder started', s.record),
                 (start + 0.70 * length, 'disk filled', self._fill),
-                (start + 0.80 * length, 'recorder started', self._record),
+                (start + 0.80 * length, 'recorder started', s.record),
                 (start + 0.88 * length, 'clock +0.02 s', lambda: s.clock.step(0.02)),
                 (start + 0.94 * length, 'clock -0.02 s', lambda: s.clock.step(-0.02)),
             ]
         return plan
 
-    def _record(self) -> None:
-        self.system.record()
-
-    def _record_on_small_disk(self) -> None:
-        self.system.record(self.disk.folder)
-
     def _fill(self) -> None:
         take = self.system.takes[-1]
-        self.disk.fill(take)
+        fill_disk(take)
         self.system.stop_recording('disk full')
         held = re.search(r'(?:holds all|The) (\d+) messages', take.process.output)
-        self._save(take)
         told = int(held[1]) if held else -1
-        self.checks.append(
-            Check(
-                f'{take.path.name}: messages = what the recorder said', messages(take.path), told
-            )
-        )
-
-    def _save(self, take: Take) -> None:
-        """Copy a bag from the small disk to where there is room, and make that empty again."""
-        here = self.folder / take.path.name
-        shutil.copytree(take.path, here)
-        shutil.rmtree(take.path)
-        (self.disk.folder / 'ballast').unlink(missing_ok=True)
-        take.path = here
+        name = f'{take.path.name}: messages = what the recorder said'
+        self.checks.append(Check(name, messages(take.path), told))
 
     def accounts(self) -> list[Account]:
         """Account of every sample; the nodes have to run yet."""
@@ -161,7 +141,6 @@ class Soak:
     def close(self) -> None:
         """End all that runs."""
         self.system.close()
-        self.disk.close()
 
 
 def run(seconds: float, folder: Path, output: Path | None, console: Console) -> bool:
@@ -184,7 +163,6 @@ def run(seconds: float, folder: Path, output: Path | None, console: Console) -> 
         'seconds': seconds,
         'closes': closes,
         'events': [{'at': round(at, 2), 'what': what} for at, what in soak.done],
-        'small_disk': soak.disk.kind,
         'latest_sending_s': round(soak.system.drives.latest, 4),
         'streams': {one.stream: one.content() for one in found},
         'usage': usage,

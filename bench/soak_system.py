@@ -1,11 +1,8 @@
 """The processes of a soak: DAQ, supply node and recorders, on one clock that can be stepped."""
 
-import os
 import re
 import resource
-import shutil
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -23,8 +20,7 @@ from wattwalk_core.processes import ChildProcess, wait_until
 
 PATIENCE = 120.0  # s
 _SHIM = Path(__file__).with_name('stepped_clock.py')
-_TMPFS = 96 << 20  # bytes
-_LEFT = 300_000  # bytes that a disk has left for the recording
+_LEFT = 300_000  # bytes that are left for the recording
 
 
 class SoakError(Exception):
@@ -96,39 +92,10 @@ class Take:
     how: str = 'stopped'
 
 
-class SmallDisk:
-    """A disk that is nearly full: a tmpfs where we may mount one, else a limit on files."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.folder.mkdir()
-        self.why_not = ''
-        mount = shutil.which('mount')
-        command = [str(mount), '-t', 'tmpfs', '-o', f'size={_TMPFS}', 'tmpfs', str(folder)]
-        if mount is None or os.geteuid() != 0:
-            self.why_not = 'a tmpfs needs root'
-        elif (done := subprocess.run(command, capture_output=True, text=True)).returncode:
-            self.why_not = done.stderr.strip()
-
-    @property
-    def kind(self) -> str:
-        """Kind of storage that is full."""
-        return 'tmpfs' if not self.why_not else f'a limit on the size of files ({self.why_not})'
-
-    def fill(self, take: Take) -> None:
-        """Leave little room for a recording that is under way."""
-        if self.why_not:
-            size = next(take.path.glob('*.mcap')).stat().st_size + _LEFT
-            resource.prlimit(take.process.pid, resource.RLIMIT_FSIZE, (size, size))
-            return
-        free = shutil.disk_usage(self.folder).free
-        with (self.folder / 'ballast').open('wb') as ballast:
-            os.posix_fallocate(ballast.fileno(), 0, max(free - _LEFT, 1))
-
-    def close(self) -> None:
-        """Unmount; its recording was copied away before."""
-        if not self.why_not:
-            subprocess.run(['umount', str(self.folder)], check=False)
+def fill_disk(take: Take) -> None:
+    """Let the file of a recording that is under way grow by little more, as on a full disk."""
+    size = next(take.path.glob('*.mcap')).stat().st_size + _LEFT
+    resource.prlimit(take.process.pid, resource.RLIMIT_FSIZE, (size, size))
 
 
 class System:
@@ -159,15 +126,14 @@ class System:
         """Samples by stream that the devices have measured by now."""
         return {**self.drives.marks(), 'supply': self.supply.measured}
 
-    def record(self, folder: Path | None = None) -> Take:
+    def record(self) -> None:
         """Start a recorder, and wait until it is ready."""
         name = f'bag_{len(self.takes) + 1}'
-        path = (folder or self.folder) / name
+        path = self.folder / name
         process = self._start('power_daq.commands.arguments:record', ['-o', str(path)], name)
         process.wait_for_line('recording to', PATIENCE)
         now = self.measured()
         self.takes.append(Take(path, process, now, now))
-        return self.takes[-1]
 
     def stop_recording(self, how: str = 'stopped') -> None:
         """End the recorder: in good order, killed, or by waiting until its disk is full."""
