@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from power_estimator.commands.arguments import benchmark
 from power_lab.commands.arguments import add, compare, fit
 from table_log import csv, run
 
@@ -46,3 +47,9 @@ def test_fit_add_and_compare_take_a_table_and_count_its_points(table, tmp_path, 
     assert content['models'][0]['drives']['MOTOR']['energy_j'] is None
     assert not any('time' in regime['bounds'] for regime in content['models'][1]['regimes'])
     assert 'operating points by power' in page.read_text()
+
+
+def test_a_benchmark_of_a_table_has_no_energies(table, capsys):
+    assert benchmark([str(table), '--models', 'mechanical_power', 'plain']) == 0
+    told = capsys.readouterr().out
+    assert '120 operating points held out' in told

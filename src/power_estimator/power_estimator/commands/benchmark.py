@@ -18,7 +18,7 @@ def run(options: argparse.Namespace) -> int:
         found = benchmark.run(
             options.bags, options.models, options.drives, slow=options.slow, anyway=options.anyway
         )
-    title = f'{found.seconds:.0f} s held out ({"; ".join(found.held_out)})'
+    title = f'{found.extent} held out ({"; ".join(found.held_out)})'
     print_scores(found.table, title)
     with together():
         if options.json:

@@ -13,7 +13,6 @@ from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import infer_types
-from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.evaluation.tables import table
 from power_estimator.evaluation.traces import Traces, traces
 from power_estimator.judge.judge import Judge
@@ -79,7 +78,7 @@ class Benchmark:
 
     table: dict[str, Any]
     traces: Traces
-    seconds: float  # of data judged on
+    extent: str  # of data judged on
     held_out: tuple[str, ...]  # ways in which samples were held out
 
 
@@ -110,7 +109,7 @@ def run(
     return Benchmark(
         table([judged]),
         traces(judge, judged),
-        float(rows.sum()) / REDUCED_RATE,
+        judge.prepared.extent_of(int(rows.sum())),
         tuple(dict.fromkeys(one.held_out for one in judged)),
     )
 

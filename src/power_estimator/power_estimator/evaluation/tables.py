@@ -81,8 +81,9 @@ def print_scores(table: Mapping[str, Any], title: str) -> None:
     print_table(console, ('model', *columns, *errors), rows, title)
 
 
-def _join(scores: Sequence[Mapping[str, float]], key: str, factor: float) -> str:
-    return ' '.join(f'{factor * score[key]:.1f}' for score in scores)
+def _join(scores: Sequence[Mapping[str, float | None]], key: str, factor: float) -> str:
+    values = [score[key] for score in scores]
+    return ' '.join('–' if value is None else f'{factor * value:.1f}' for value in values)
 
 
 def _r2(column: Sequence[Mapping[str, float] | None], row: int) -> Text:

@@ -104,7 +104,11 @@ class Prepared:
     @property
     def extent(self) -> str:
         """Length in words."""
-        return f'{len(self.time)} operating points' if self.steady else f'{self.seconds:.0f} s'
+        return self.extent_of(len(self.time))
+
+    def extent_of(self, rows: int) -> str:
+        """Length of so many rows in words."""
+        return f'{rows} operating points' if self.steady else f'{rows / REDUCED_RATE:.0f} s'
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
