@@ -30,14 +30,25 @@ class Kind:
     build: Callable[[Columns], Samples]
 
 
-def _paths(prefix: str, axes: str) -> tuple[str, ...]:
-    return tuple(f'{prefix}.{axis}' for axis in axes)
+def _vectors(type_name: str, samples: Callable[..., Samples], *fields: tuple[str, str]) -> Kind:
+    """Return the kind of messages of vectors, each by its path and its axes."""
+
+    def build(columns: Columns) -> Samples:
+        return samples(columns.stamps(), *(columns.vector(path, axes) for path, axes in fields))
+
+    paths = tuple(f'{path}.{axis}' for path, axes in fields for axis in axes)
+    return Kind(type_name, paths, build)
 
 
-def _joints(columns: Columns) -> JointSamples:
-    names = columns.names()
-    fields = (columns.by_name(path, names) for path in ('position', 'velocity', 'effort'))
-    return JointSamples(columns.stamps(), names, *fields)
+def _by_name(samples: Callable[..., Samples], *fields: str) -> Kind:
+    """Return the kind of JointState messages of which these fields count."""
+
+    def build(columns: Columns) -> Samples:
+        names = columns.names()
+        values = (columns.by_name(path, names) for path in fields)
+        return samples(columns.stamps(), names, *values)
+
+    return Kind(cdr.JOINT_STATE, fields, build)
 
 
 def _drives(columns: Columns) -> DriveSamples:
@@ -65,35 +76,6 @@ def _supply(columns: Columns) -> SupplySamples:
     return SupplySamples(columns.stamps(), columns.scalars('voltage'), columns.scalars('current'))
 
 
-def _motor_current(columns: Columns) -> MotorCurrentSamples:
-    names = columns.names()
-    return MotorCurrentSamples(columns.stamps(), names, columns.by_name('effort', names))
-
-
-def _foot_force(columns: Columns) -> FootForceSamples:
-    names = columns.names()
-    return FootForceSamples(columns.stamps(), names, columns.by_name('effort', names))
-
-
-def _imu(columns: Columns) -> ImuSamples:
-    return ImuSamples(
-        columns.stamps(),
-        columns.vector('orientation', 'xyzw'),
-        columns.vector('angular_velocity', 'xyz'),
-        columns.vector('linear_acceleration', 'xyz'),
-    )
-
-
-def _odom(columns: Columns) -> OdomSamples:
-    return OdomSamples(
-        columns.stamps(),
-        columns.vector('pose.pose.position', 'xyz'),
-        columns.vector('pose.pose.orientation', 'xyzw'),
-        columns.vector('twist.twist.linear', 'xyz'),
-        columns.vector('twist.twist.angular', 'xyz'),
-    )
-
-
 def _cmd_vel(columns: Columns) -> CmdVelSamples:
     return CmdVelSamples(
         columns.stamps(), np.stack([columns.scalars(path) for path in _TWIST], axis=1)
@@ -113,29 +95,27 @@ def _estimates(columns: Columns) -> EstimateSamples:
 
 
 _DRIVES = ('sequence', 'device_time', 'voltage', 'current', 'temperature', 'status')
-_JOINTS = ('position', 'velocity', 'effort')
 _TWIST = ('twist.linear.x', 'twist.linear.y', 'twist.angular.z')
-_IMU = (
-    *_paths('orientation', 'xyzw'),
-    *_paths('angular_velocity', 'xyz'),
-    *_paths('linear_acceleration', 'xyz'),
-)
-_ODOM = (
-    *_paths('pose.pose.position', 'xyz'),
-    *_paths('pose.pose.orientation', 'xyzw'),
-    *_paths('twist.twist.linear', 'xyz'),
-    *_paths('twist.twist.angular', 'xyz'),
-)
+_JOINTS = _by_name(JointSamples, 'position', 'velocity', 'effort')
 
 KINDS: Mapping[str, Kind] = {
     'drive_supply': Kind(cdr.DRIVE_SUPPLY, _DRIVES, _drives),
-    'joint_states': Kind(cdr.JOINT_STATE, _JOINTS, _joints),
-    'joint_commands': Kind(cdr.JOINT_STATE, _JOINTS, _joints),
+    'joint_states': _JOINTS,
+    'joint_commands': _JOINTS,
     'supply': Kind(cdr.BATTERY_STATE, ('voltage', 'current'), _supply),
     'power_estimate': Kind(cdr.POWER_ESTIMATE, ('power', 'total', 'status'), _estimates),
-    'imu': Kind(cdr.IMU, _IMU, _imu),
-    'odom': Kind(cdr.ODOMETRY, _ODOM, _odom),
+    'imu': _vectors(
+        cdr.IMU,
+        ImuSamples,
+        *(('orientation', 'xyzw'), ('angular_velocity', 'xyz'), ('linear_acceleration', 'xyz')),
+    ),
+    'odom': _vectors(
+        cdr.ODOMETRY,
+        OdomSamples,
+        *(('pose.pose.position', 'xyz'), ('pose.pose.orientation', 'xyzw')),
+        *(('twist.twist.linear', 'xyz'), ('twist.twist.angular', 'xyz')),
+    ),
     'cmd_vel': Kind(cdr.TWIST_STAMPED, _TWIST, _cmd_vel),
-    'motor_current': Kind(cdr.JOINT_STATE, ('effort',), _motor_current),
-    'foot_force': Kind(cdr.JOINT_STATE, ('effort',), _foot_force),
+    'motor_current': _by_name(MotorCurrentSamples, 'effort'),
+    'foot_force': _by_name(FootForceSamples, 'effort'),
 }
