@@ -1,6 +1,9 @@
 """
 The library of identified drives, made again from the public logs (drive_logs.LOGS).
 
+What is said of a drive is written by hand in its `drive.yaml`; numbers, findings, model and
+picture are made here.
+
     python bench/make_drives.py [NAME…] [-o FOLDER]
 """
 
@@ -10,7 +13,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from drive_logs import HERE, LOGS
@@ -28,7 +31,7 @@ from power_recordings.importing.sources import open_source
 from wattwalk_core.errors import InputError
 from wattwalk_core.figures import OTHERS, save_figure, style
 from wattwalk_core.files import write_whole
-from wattwalk_core.yaml_file import dump_yaml
+from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
 Floats = NDArray[np.float64]
 _SPEEDS = 5  # ranges of speed, of which the highest torque is kept
@@ -38,117 +41,36 @@ _LEVELS = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.92, 0.94, 0.96,
 
 @dataclass(frozen=True)
 class Recipe:
-    """Logs of a drive, how they are fitted, and what is said of them."""
+    """Import and fit of a drive; its `drive.yaml` has the logs, and what is said of them."""
 
-    title: str
-    logs: str  # glob below LOGS
     map: str  # in log_maps
     effects: str
-    recorded: str
-    source: str
-    licence: str
-    does_not_determine: tuple[str, ...]
-    torque: Literal['joint', 'motor'] = 'motor'
     sides: str = ''  # map with both sides of the gear
-    gear_ratio: float = 1.0
     behind_inverter: str = ''  # map with the power between inverter and motor
     how: tuple[tuple[str, Any], ...] = ()  # of reading
 
 
+_WITH_FIELD = 'shaft copper_loss inverter_loss iron_loss field_weakening idle'
 RECIPES: Mapping[str, Recipe] = {
     'hopper_leg_motor': Recipe(
-        'ungeared motor of a hopping leg, 330 rpm/V, ODrive controller',
-        'hopper_500_hops.mat',
-        'hopper.yaml',
-        'shaft copper_loss idle',
-        'the first of two motors over 500 hops, 401 s at 50 Hz; bus voltage and current of its '
-        'controller',
-        'github.com/FAMU-FSU-STRIDe/boom-ros2',
-        'GPL-3.0',
-        (
-            'friction and inertia: its torque is computed from the current',
-            'losses of the controller apart from those of the winding: both grow with the current',
-            'what a hop does within 20 ms, the step of the log',
-        ),
-        how=(('drives', ('MOTOR_0',)),),
+        'hopper.yaml', 'shaft copper_loss idle', how=(('drives', ('MOTOR_0',)),)
     ),
     'mn8014_sspg_7': Recipe(
-        'T-Motor MN8014 behind a planetary gear of 7.2:1 (COMPAct SSPG), ODrive controller',
-        'compact_sspg/SSPG_*.csv',
-        'compact_motor.yaml',
-        'shaft copper_loss inverter_loss iron_loss idle',
-        '25 runs on a dynamometer, 3 to 15 N·m commanded at 10 to 50 rpm of the output, 36 s '
-        'each at 100 Hz; bus voltage and current, load cell',
-        'github.com/singhaman1750/COMPAct',
-        'MIT',
-        (
-            'whether the load cell reads 0.7 of the torque or the gear loses 0.3 of it: the drive '
-            'always drives; a known weight on the lever, or a load that drives it, would tell',
-            'braking: what it returns to the bus',
-            'inertia: the runs are slow',
-        ),
-        sides='compact_sspg.yaml',
-        gear_ratio=7.2,
+        'compact_motor.yaml', 'shaft copper_loss inverter_loss iron_loss idle', 'compact_sspg.yaml'
     ),
-    'moteus_actuator': Recipe(
-        'direct actuator of a moteus controller, Kt 0.11 N·m/A',
-        'moteus_dyno/futek_test_24_05_2021_16-20-14.csv',
-        'moteus_dyno.yaml',
-        'shaft copper_loss idle',
-        'stall at 0, 2, 4, 6 and 8 A, 24 s at 90 Hz, the winding from 44 to 82 °C; INA260 meter '
-        'on the bus, thermistor, torque sensor',
-        'github.com/karthikurs/actuator-dynamometer',
-        'not stated',
-        (
-            'the torque constant from its power: it stands still',
-            'all that depends on speed: iron loss, friction, field weakening',
-            'thermal time constants: the winding only warms',
-            'copper loss apart from conduction losses of the controller',
-        ),
-        sides='moteus_sensor.yaml',
-    ),
-    'ev_pmsm_335v': Recipe(
-        'traction motor (interior magnets) with its inverter at 335 V',
-        'ev_motor/Motor.csv',
-        'ev_motor.yaml',
-        'shaft copper_loss inverter_loss iron_loss field_weakening idle',
-        '1,069 steady operating points, 5 to 325 N·m at 500 to 13,000 rpm; power analyser on '
-        'either side of the inverter',
-        'github.com/sbwcwso/MotorTestDataProcessAndPlot',
-        'not stated',
-        (
-            'inertia, backlash and heat: operating points have no time',
-            'braking: all points drive',
-            'inverter loss apart from that of the motor, from the direct current alone',
-        ),
-        torque='joint',
-        sides='ev_motor.yaml',
-        behind_inverter='ev_ac.yaml',
-    ),
+    'moteus_actuator': Recipe('moteus_dyno.yaml', 'shaft copper_loss idle', 'moteus_sensor.yaml'),
+    'ev_pmsm_335v': Recipe('ev_motor.yaml', _WITH_FIELD, 'ev_motor.yaml', 'ev_ac.yaml'),
     't7056_propeller': Recipe(
-        'motor with 14 poles and controller on a propeller stand, 16 V',
-        'thrust_t7056/*.csv',
-        'thrust_t7056.yaml',
-        'shaft copper_loss iron_loss idle',
-        'a propeller at rising throttle; voltage and current at 38 to 140 Hz, torque of a load '
-        'cell 5 times a second',
-        'github.com/alspitz/esc_test',
-        'MIT',
-        (
-            'torque and speed apart: a propeller ties one to the square of the other',
-            'braking, standstill under load, inertia',
-        ),
-        torque='joint',
-        how=(('slow', True),),
+        'thrust_t7056.yaml', 'shaft copper_loss iron_loss idle', how=(('slow', True),)
     ),
 }
 
 
-def imported(recipe: Recipe, mapping: str, folder: Path) -> list[Path]:
+def imported(logs: str, mapping: str, folder: Path) -> list[Path]:
     """Import the logs; InputError where they are absent."""
-    files = sorted(LOGS.glob(recipe.logs))
+    files = sorted(LOGS.glob(logs))
     if not files:
-        raise InputError(f'{LOGS / recipe.logs} is absent; WATTWALK_REAL_DATA says where logs lie')
+        raise InputError(f'{LOGS / logs} is absent; WATTWALK_REAL_DATA says where logs lie')
     path = HERE / 'log_maps' / mapping
     given, out = load_map(str(path) if path.suffix else mapping), []
     for file in files:
@@ -161,39 +83,36 @@ def imported(recipe: Recipe, mapping: str, folder: Path) -> list[Path]:
 def make(name: str, folder: Path) -> Session:
     """Fit a drive and write its folder."""
     recipe = RECIPES[name]
+    card: dict[str, Any] = read_yaml(FOLDER / name / 'drive.yaml', 'drive')
     with tempfile.TemporaryDirectory(prefix='wattwalk') as temporary:
-        bags = imported(recipe, recipe.map, Path(temporary))
+        bags = imported(card['logs'], recipe.map, Path(temporary))
         lab = Session.open(*bags, **dict(recipe.how))
         lab = lab.fit(recipe.effects, name=name)
         beside = lab
         if recipe.sides not in ('', recipe.map):
-            bags = imported(recipe, recipe.sides, Path(temporary))
+            bags = imported(card['logs'], recipe.sides, Path(temporary))
             beside = Session.open(*bags, **dict(recipe.how))
         found = list(both_sides(beside.judge.prepared).values())
         findings = [line for one in found for line in one.lines()]
         if recipe.behind_inverter:
-            (bag,) = imported(recipe, recipe.behind_inverter, Path(temporary))
+            (bag,) = imported(card['logs'], recipe.behind_inverter, Path(temporary))
             findings.append(of_inverter(lab, Session.open(bag)))
     own = folder / name
     own.mkdir(parents=True, exist_ok=True)
     lab.save(own / 'model.yaml')
     judged = lab.score.total or next(iter(lab.score.drives.values()))
     drag = found[0].drag if found else None
-    card: dict[str, Any] = {
-        'format': 'drive/1',
-        **{key: getattr(recipe, key) for key in ('title', 'recorded', 'logs')},
-        **{key: getattr(recipe, key) for key in ('source', 'licence', 'torque', 'gear_ratio')},
+    card |= {
         'extent': lab.judge.prepared.extent,
         'r2': float(f'{judged.r2:.4g}'),
         'rmse_w': float(f'{judged.rmse_w:.4g}'),
         'torque_over_speed': envelope(lab),
         'findings': findings,
-        'does_not_determine': list(recipe.does_not_determine),
     }
     if drag is not None:
         card |= {'frictionloss': drag[0], 'damping': drag[1]}
     write_whole(own / 'drive.yaml', dump_yaml(card))
-    save_figure(picture(lab, recipe), own / 'drive.png')
+    save_figure(picture(lab, card['torque']), own / 'drive.png')
     return lab
 
 
@@ -223,7 +142,7 @@ def envelope(lab: Session) -> list[list[float]]:
     return rows
 
 
-def picture(lab: Session, recipe: Recipe) -> Figure:
+def picture(lab: Session, side: str) -> Figure:
     """Measured against model where it was held out, and the efficiency with measured points."""
     prepared, judged = lab.judge.prepared, lab.score
     known = judged.rows.any(axis=1)
@@ -242,11 +161,11 @@ def picture(lab: Session, recipe: Recipe) -> Figure:
         left.set(xlabel='model, held out (W)', ylabel='measured (W)')
         left.legend(frameon=False)
         left.locator_params(nbins=6)
-        _efficiency(right, lab, recipe)
+        _efficiency(right, lab, side)
         return figure
 
 
-def _efficiency(axes: Any, lab: Session, recipe: Recipe) -> None:
+def _efficiency(axes: Any, lab: Session, side: str) -> None:
     """Share of the drawn power that arrives, by the model, with the points that were measured."""
     signals = lab.judge.prepared.signals
     torque, speed = np.abs(signals.torque[:, 0]), np.abs(signals.velocity[:, 0])
@@ -255,7 +174,7 @@ def _efficiency(axes: Any, lab: Session, recipe: Recipe) -> None:
     seen = np.random.default_rng(0).permutation(len(torque))[:_MOST]
     axes.plot(speed[seen], torque[seen], 'k.', ms=2, alpha=0.4, label='measured')
     axes.set_xlim(0.0, max(1.0, 1.05 * float(np.quantile(speed, 0.995))))
-    axes.set(xlabel='speed (rad/s)', ylabel=f'torque at the {recipe.torque} (N·m)')
+    axes.set(xlabel='speed (rad/s)', ylabel=f'torque at the {side} (N·m)')
     if lab.judge.prepared.whole or np.quantile(speed, 0.99) < 1.0:
         return
     across, up = (grid.ravel() for grid in np.meshgrid(x, y))
