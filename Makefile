@@ -1,4 +1,4 @@
-# make setup | demo | test | test-ros | lint | docs | bench | bench-lab | bench-real
+# make setup | demo | test | test-fast | test-ros | lint | docs | wheels | bench | bench-lab | bench-real
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -13,7 +13,7 @@ ROS_STAMP := $(ROS_VENV)/.installed
 ROS_BUILD := $(abspath $(ROS))
 WORKERS ?= 2
 
-.PHONY: setup demo test build-ros test-ros lint docs bench bench-lab bench-real clean
+.PHONY: setup demo test test-fast build-ros test-ros lint docs wheels bench bench-lab bench-real clean
 setup: $(STAMP)
 
 $(STAMP): requirements.txt requirements-dev.txt requirements-docs.txt $(PACKAGES:%=src/%/setup.cfg) embedded/pyproject.toml
@@ -39,6 +39,10 @@ test: setup
 	$(BIN)/python -m pytest -q $(AGAIN) || code=$$?; \
 	$(BIN)/python -m pytest -q -m alone tests || code=$$?; exit $$code
 endif
+
+# While working: under two minutes on two cores.
+test-fast: setup
+	$(BIN)/python -m pytest -n $(WORKERS) -q --fast
 
 # The Python that colcon runs with is the one that `ros2 run` will start nodes with.
 $(ROS_STAMP): requirements.txt requirements-dev.txt
@@ -69,6 +73,13 @@ lint: setup
 	export MYPYPATH=$$(echo $(filter-out src/wattwalk_bringup,$(wildcard src/*)) | tr ' ' :); \
 	for package in $(PACKAGES); do $(BIN)/mypy src/$$package/$$package || exit 1; done
 	$(BIN)/mypy embedded/rclpy
+
+# sdists, and the wheels that they make, of the distribution `wattwalk` and its packages.
+# From a copy: building in the checkout changes the metadata of its editable installations.
+wheels: setup
+	rm -rf build/source && git archive --prefix build/source/ HEAD | tar x
+	for source in . embedded $(PACKAGES:%=src/%); do \
+		$(BIN)/python -m build --no-isolation --outdir build/wheels build/source/$$source || exit; done
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

@@ -23,13 +23,29 @@ settings.load_profile('same')
 os.environ['WATTWALK_INDEX'] = ''
 
 DAEMON_PORT = 11511
+SLOW_FILES = re.compile('test_(xxx)')
+"""Files of tests that fit, simulate or start processes for most of their time."""
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
 IS_EMBEDDED = find_spec('rosidl_embedded') is not None
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option of `make test-fast`."""
+    parser.addoption('--fast', action='store_true', help='leave out what starts processes or fits')
+
+
+def is_fast(item: pytest.Item) -> bool:
+    """Tell whether a test starts no process and is in no file whose tests take minutes."""
+    started = {'node_process', 'ros_domain'} & {*getattr(item, 'fixturenames', ())}
+    return not (started or item.get_closest_marker('alone') or SLOW_FILES.search(item.path.name))
+
+
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Live systems run one at a time: two of them need more than two cores."""
+    if config.getoption('--fast'):
+        config.hook.pytest_deselected(items=[item for item in items if not is_fast(item)])
+        items[:] = filter(is_fast, items)
     for item in items:
         if 'node_process' in getattr(item, 'fixturenames', ()):
             item.add_marker(pytest.mark.xdist_group('live'))

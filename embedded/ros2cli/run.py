@@ -4,12 +4,13 @@ import ast
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 
 from ros2cli.main import CommandError
 
+_OF_WHEELS = 'wattwalk.commands'
 USAGE = """usage: ros2 run PACKAGE EXECUTABLE [ARGUMENT ...]
 
 Run an executable of a package; it takes the place of this process.
@@ -25,12 +26,12 @@ def prefixes() -> list[Path]:
     return [*given, Path(sys.prefix)]
 
 
-def packages() -> dict[str, dict[str, Path]]:
-    """Return the executables of each package, by name."""
-    found: dict[str, dict[str, Path]] = {}
+def packages() -> dict[str, dict[str, Path | EntryPoint]]:
+    """Return the executables of each package, by name: files, or entry points of wheels."""
+    found: dict[str, dict[str, Path | EntryPoint]] = {}
     for prefix in prefixes():
         for folder in sorted((prefix / 'lib').glob('*')):
-            files = {
+            files: dict[str, Path | EntryPoint] = {
                 path.name: path
                 for path in sorted(folder.glob('*'))
                 if path.is_file() and os.access(path, os.X_OK)
@@ -38,13 +39,15 @@ def packages() -> dict[str, dict[str, Path]]:
             is_package = files or (prefix / 'share' / folder.name / 'package.xml').is_file()
             if is_package and folder.name not in found:
                 found[folder.name] = files
+    for entry in entry_points(group=_OF_WHEELS):
+        found.setdefault(entry.module.partition('.')[0], {}).setdefault(entry.name, entry)
     return found
 
 
 def summaries(package: str) -> dict[str, str]:
     """Return a line on each executable of a package, from the docstring of its body."""
     found = {}
-    for script in entry_points(group='console_scripts'):
+    for script in (*entry_points(group='console_scripts'), *entry_points(group=_OF_WHEELS)):
         if script.dist is None or script.dist.name.replace('-', '_') != package:
             continue
         tree = source(script.module)
@@ -73,7 +76,7 @@ def bodies(command: ast.FunctionDef) -> Iterator[str]:
 
 
 def main(argv: Sequence[str]) -> int | None:
-    """Replace this process by the executable."""
+    """Replace this process by the executable, or run the entry point of a wheel in it."""
     if not argv or argv[0] in ('-h', '--help'):
         print(USAGE)
         return None
@@ -97,5 +100,9 @@ def main(argv: Sequence[str]) -> int | None:
         names = ', '.join(known[package]) or 'none'
         raise CommandError(f"No executable '{executable}' in package '{package}', it has: {names}")
     path = known[package][executable]
-    sys.stdout.flush()
-    os.execv(path, [str(path), *argv[2:]])
+    if isinstance(path, Path):
+        sys.stdout.flush()
+        os.execv(path, [str(path), *argv[2:]])
+    sys.argv = [executable, *argv[2:]]
+    code: int = path.load()()
+    return code

@@ -1,3 +1,5 @@
+from xml.etree import ElementTree
+
 from setuptools import setup
 
-setup()
+setup(version=ElementTree.parse('package.xml').findtext('version'))

@@ -11,6 +11,7 @@ from typing import Final
 
 import yaml
 from wattwalk_core.errors import InputError
+from wattwalk_core.installed_commands import installed_commands
 from wattwalk_core.processes import ProcessError, find_program
 from wattwalk_core.quoting import quoted
 from wattwalk_core.yaml_file import read_yaml
@@ -56,6 +57,9 @@ class NodeCommand:
             path = Path(prefix, 'lib', self.package, self.executable)
             if os.access(path, os.X_OK):
                 return [str(path)]
+        if self.executable in installed_commands().get(self.package, {}):
+            module = installed_commands.__module__
+            return [sys.executable, '-m', module, self.package, self.executable]
         raise InputError(
             f'no executable {self.executable} of package {self.package} in '
             f'{os.pathsep.join((*prefixes, sys.prefix))}: build or install it'

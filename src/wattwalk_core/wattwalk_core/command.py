@@ -17,6 +17,11 @@ from wattwalk_core.quoting import printable
 Entry = Callable[[Sequence[str] | None], int]
 
 _LONGEST: Final = 2000
+_EXTRAS: Final = {
+    **dict.fromkeys(('pyvisa', 'pysoem', 'hebi'), 'hardware'),
+    **dict.fromkeys(('dask', 'distributed', 'cryptography'), 'cluster'),
+}
+"""Extra that has a library which a wheel does not require, by its import name."""
 _INTERRUPTED: Final = 'interrupted'
 
 
@@ -40,6 +45,12 @@ def command(body: Callable[[Sequence[str] | None], int | None]) -> Entry:
             except KeyboardInterrupt as end:
                 number = end.number if isinstance(end, Interrupted) else signal.SIGINT
                 _say(str(end) or _INTERRUPTED)
+            except ModuleNotFoundError as error:
+                extra = _EXTRAS.get((error.name or '').partition('.')[0])
+                if extra is None:
+                    raise
+                _say(f"needs {error.name}: pip install 'wattwalk[{extra}]'")
+                return 2
             except Exception:
                 # Extension modules that a signal interrupts at their import raise ImportError.
                 if signals.received is None:

@@ -45,6 +45,19 @@ def import_logs(args: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(own_arguments(args))
 
 
+@entry_point('power_recordings.commands.example:run')
+def example(args: Sequence[str] | None = None) -> argparse.Namespace:
+    """Arguments of example."""
+    parser = command_parser(
+        'power_recordings example',
+        'Write a recording to try the other commands with: 25 s of a simulated walk.',
+        'example:\n  ros2 run power_recordings example -o walk_small',
+    )
+    add = parser.add_argument
+    add('-o', '--output', type=Path, metavar='BAG', required=True, help='its folder')
+    return parser.parse_args(own_arguments(args))
+
+
 _INDEX = """example:
   ros2 run power_recordings index --add bags --robot anymal_c --since 2026-03
   ros2 run power_recordings index --export tables"""

@@ -46,19 +46,20 @@ P = ParamSpec('P')
 
 def definitions() -> Path:
     """
-    Return the folder of drive_power_msgs' .msg files: of a ROS workspace, else the checkout.
+    Return the folder of drive_power_msgs' .msg files: of ROS, the checkout or the wheels.
 
-    Raises InputError if there is neither.
+    Raises InputError if there is none.
     """
     prefixes = [Path(p) for p in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if p]
     folders = [prefix / 'share' / _PACKAGE / 'msg' for prefix in prefixes]
-    folders += [parent / _PACKAGE / 'msg' for parent in Path(__file__).resolve().parents]
+    above = [parent / _PACKAGE for parent in Path(__file__).resolve().parents]
+    folders += [folder / name for folder in above for name in ('msg', 'definitions')]
     for folder in folders:
         if (folder / 'DriveSupply.msg').is_file():
             return folder
     raise InputError(
         f'cannot find the messages of {_PACKAGE}: source the workspace that holds it '
-        '(AMENT_PREFIX_PATH) or install this package from its checkout'
+        '(AMENT_PREFIX_PATH), or pip install wattwalk-embedded'
     )
 
 
