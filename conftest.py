@@ -23,7 +23,7 @@ settings.load_profile('same')
 os.environ['WATTWALK_INDEX'] = ''
 
 DAEMON_PORT = 11511
-SLOW_FILES = re.compile('test_(xxx)')
+SLOW_FILES = re.compile('test_(lab|workbench|fleet|training|interrupts|truths|docs_site|whole)')
 """Files of tests that fit, simulate or start processes for most of their time."""
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
 IS_EMBEDDED = find_spec('rosidl_embedded') is not None
