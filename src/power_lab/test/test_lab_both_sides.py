@@ -92,3 +92,36 @@ def test_computed_power_is_said_to_give_the_figures_of_its_formula():
 
 def test_a_recording_without_motor_current_has_one_side():
     assert both_sides(prepare(replace(bench(), motor_current=None))) == {}
+
+
+def test_rows_without_a_current_do_not_count():
+    data = bench()
+    gone = np.arange(len(data.time))[:, None] % 4000 < 40
+    one = found(replace(data, motor_current=np.where(gone, np.nan, data.motor_current)))
+    assert one.torque_constant.value == pytest.approx(KT, rel=0.01)
+
+
+@pytest.mark.parametrize(('signal', 'value'), [('torque', 0.0), ('power', 5.0)])
+def test_a_signal_that_never_changes_says_nothing(signal, value):
+    data = bench()
+    one = found(replace(data, **{signal: np.full_like(data.torque, value)}))
+    assert one.verdict is None
+    assert one.remark
+
+
+def test_no_gear_gains_so_that_more_power_at_the_joint_is_a_scale():
+    one = found(bench(scale=1.3, driven=False))
+    assert one.verdict == 'torque scale'
+    assert one.scale.value == pytest.approx(1.3, abs=0.02)
+    assert 'the gear takes' not in ' '.join(one.lines())
+
+
+def test_load_and_speed_that_rise_together_give_no_torque_constant():
+    data = bench()
+    ramp = np.linspace(1.0, 5.0, len(data.time))[:, None]
+    noise = np.random.default_rng(2).normal(0.0, 2.0, ramp.shape)
+    power = KT * ramp * ramp + R * ramp**2 + 5.0 + noise
+    columns = {'velocity': ramp, 'torque': KT * ramp, 'motor_current': ramp, 'power': power}
+    one = found(replace(data, **{name: own.astype(np.float32) for name, own in columns.items()}))
+    assert one.torque_constant is None
+    assert 'vary together' in one.remark

@@ -30,7 +30,11 @@ _AGREE = 0.05  # torque sensors are good to 4 %
 _DRIVEN = 0.05  # share of rows with power from the joint, and of the largest power, that show it
 _SHOWN = 0.02  # of the power's spread, that the motor's power has in a drive that is in motion
 _LEAST_R2 = 0.1
-_TOO_SMALL = 'its current is too small to show in its power'
+_TOO_SMALL = 'its current is too small, or read too seldom, to show in its power'
+_NOT_APART = 'load and friction do not separate in this motion'
+_FEWEST = 10  # blocks, or points
+_ALONE = 1e-3  # share of a column's spread that no other column has
+_SHARP = 0.15  # of a torque constant: data sheets do better
 _WORSE = 2.0  # times the unexplained power, at which current and torque contradict each other
 _WARMED = 5.0  # K by which seconds differ, for a coefficient of temperature
 _COLD = 20.0  # °C at which resistances are stated
@@ -104,11 +108,12 @@ class BothSides:
             )
         if self.verdict == 'agree':
             return f'{head}: current and torque agree'
-        if self.scale is not None and self.gear_loss is not None:
-            return (
-                f'{head}: {self.verdict}; the torque sensor reads {_shown(self.scale)} of the '
-                f'torque, the gear takes {_shown(self.gear_loss)} of the load'
-            )
+        if self.scale is not None:
+            loss = '' if self.gear_loss is None else (
+                f', the gear takes {_shown(self.gear_loss)} of the load'
+            )  # fmt: skip
+            reads = f'the torque sensor reads {_shown(self.scale)} of the torque'
+            return f'{head}: {self.verdict}; {reads}{loss}'
         share = 1.0 / self.ratio.value
         return (
             f'{head}: {self.verdict}. Either the torque sensor reads {share:.2f} of the torque, '
@@ -129,7 +134,7 @@ def both_sides(
     current, signals = prepared.signals.motor_current, prepared.signals
     if current is None or prepared.whole:
         return {}
-    known = np.isfinite(current).all(axis=0) & ~signals.at_motor
+    known = np.isfinite(current).any(axis=0) & ~signals.at_motor
     found = {}
     for drive in np.flatnonzero(known).tolist():
         name = signals.names[drive]
@@ -170,14 +175,18 @@ class _Drive:
         self._all = {name: prepared.reduced(values) for name, values in products.items()}
         self._power = np.asarray(prepared.power[:, :, drive], np.float64)
         blocks = Blocks.of(prepared)
-        self._blocks = blocks.rows[blocks.valid[:, drive]]
+        needed = [own for name, own in self._all.items() if name != 'temperature']
+        known = np.isfinite(np.sum(needed, axis=0))[blocks.rows].all(axis=1)
+        self._blocks = blocks.rows[blocks.valid[:, drive] & known]
         together = 1 if blocks.independent else _TOGETHER
         self._drawn = drawn_blocks(len(self._blocks), _DRAWS, together, seed)
 
     def found(self) -> BothSides:
         """All that the recording shows."""
-        columns = np.stack([self._of(name) for name in ('iw', 'ii', 'one')], axis=1)
         power = self._power[0][self._blocks.ravel()]
+        if len(self._blocks) < _FEWEST or not power.std() > 0.0:
+            return BothSides(self.name, remark=_TOO_SMALL)
+        columns = np.stack([self._of(name) for name in ('iw', 'ii', 'one')], axis=1)
         slope = float(np.linalg.lstsq(columns, power, rcond=None)[0][0])
         if abs(slope) * self._of('iw').std() < _SHOWN * power.std():
             return self._at_standstill()
@@ -201,7 +210,8 @@ class _Drive:
                 'its readings are noisy, or it makes more than torque (field weakening)'
             )
             return replace(found, remark=remark)
-        if constant.interval[0] <= 0.0:
+        wide = np.ptp(constant.interval) > _SHARP * constant.value
+        if constant.value <= 0.0 or wide or self._alone('iw', losses) < _ALONE:
             remark = 'load and speed vary together: the power does not tell Kt'
             return replace(found, remark=remark)
         return replace(
@@ -235,10 +245,15 @@ class _Drive:
         sides, _ = self._fits(('tw', *drag), self._all['iw'])
         found: dict[str, Any] = {'ratio': _value(constants * sides[:, 0])}
         found['drag'] = tuple(float(f'{constants[0] * drag:.4g}') for drag in sides[0, 1:3])
+        if found['ratio'].value <= 0.0:
+            return {'remark': _NOT_APART}
         driving = shaft > 0.0
         found['loss_w'] = float((motor - shaft)[driving].mean()) if driving.any() else 0.0
         driven = float((shaft < -_DRIVEN * np.quantile(np.abs(shaft), 0.95)).mean())
         if min(driven, float(driving.mean())) < _DRIVEN:
+            if found['ratio'].value < 1.0 - _AGREE:  # no gear gains
+                scale = _value(1.0 / (constants * sides[:, 0]))
+                return {**found, 'scale': scale, 'verdict': 'torque scale'}
             agree = abs(found['ratio'].value - 1.0) < _AGREE
             return {**found, 'verdict': 'agree' if agree else 'torque scale or gear loss'}
         # Kt·i·w = (torque·w + c·|torque·w|)/scale + drag, and |x| = x − 2·min(x, 0).
@@ -248,7 +263,7 @@ class _Drive:
         scale = found['scale'] = _value(1.0 / (ahead - turned))
         loss = found['gear_loss'] = _value(turned / (ahead - turned))
         if min(found['ratio'].value, scale.value) <= 0.0 or loss.value < -_AGREE:
-            return {'remark': 'load and friction do not separate in this motion'}
+            return {'remark': _NOT_APART}
         off = abs(scale.value - 1.0) > _AGREE and not scale.interval[0] <= 1.0 <= scale.interval[1]
         lost = loss.value > _AGREE and loss.interval[0] > 0.0
         verdicts = {(1, 1): 'both', (1, 0): 'torque scale', (0, 1): 'gear loss', (0, 0): 'agree'}
@@ -275,6 +290,13 @@ class _Drive:
     def _of(self, name: str) -> Floats:
         """Values of the rows that count."""
         return self._all[name][self._blocks.ravel()]
+
+    def _alone(self, name: str, others: Sequence[str]) -> float:
+        """Share of the spread of a column that no linear combination of others has."""
+        own, table = self._of(name), np.stack([self._of(other) for other in others], axis=1)
+        table = table / np.maximum(np.abs(table).max(axis=0), 1e-12)
+        left = own - table @ np.linalg.lstsq(table, own, rcond=None)[0]
+        return float(left.var() / own.var())
 
     def _fits(self, names: Sequence[str], target: Floats | None = None) -> tuple[Floats, float]:
         """

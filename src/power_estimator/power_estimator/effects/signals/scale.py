@@ -141,7 +141,7 @@ def _factors(torque: Floats, velocity: Floats, voltage: Floats, power: Floats) -
     for_speed = top / SPEED if top > _ALIKE * SPEED else 1.0
     for_torque = load / TORQUE if load > _ALIKE * TORQUE else 1.0
     copper = _copper(torque, velocity, power)
-    if load < TORQUE and copper > max(_MOST_COPPER, _VISIBLE * size / load**2):
+    if 0.0 < load < TORQUE and copper > max(_MOST_COPPER, _VISIBLE * size / load**2):
         for_torque = load / TORQUE
     for_power = for_torque * for_speed
     if size > _ALIKE * for_power * TORQUE * SPEED:
