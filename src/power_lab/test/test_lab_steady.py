@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from power_estimator.commands.arguments import benchmark
-from power_lab.commands.arguments import add, compare, fit
+from power_lab.commands.arguments import add, budget, compare, fit
 from table_log import csv, run
 
 MAP = """
@@ -53,3 +53,15 @@ def test_a_benchmark_of_a_table_has_no_energies(table, capsys):
     assert benchmark([str(table), '--models', 'mechanical_power', 'plain']) == 0
     told = capsys.readouterr().out
     assert '120 operating points held out' in told
+
+
+def test_a_budget_of_a_table_adds_up_at_its_mean_point(table, tmp_path, capsys):
+    model, result = tmp_path / 'm.yaml', tmp_path / 'b.json'
+    fit([str(table), '--effects', 'shaft,copper_loss,iron_loss,idle', '-o', str(model)])
+    assert budget([str(table), '--model', str(model), '--json', str(result)]) == 0
+    rows = json.loads(result.read_text())['rows']
+    watts = {row['effect']: row['mean_w'] for row in rows if row['phase'] == 'all'}
+    tau, w = np.meshgrid(np.linspace(2, 40, 12), np.linspace(1, 10, 10))
+    assert watts['shaft'] == pytest.approx((tau * w).mean(), rel=0.01)
+    assert watts['copper_loss'] == pytest.approx(0.05 * (tau**2).mean(), rel=0.05)
+    assert watts['idle'] == pytest.approx(20.0, rel=0.05)

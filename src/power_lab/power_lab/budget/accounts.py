@@ -95,7 +95,7 @@ class Accounts:
     def metered(self) -> Floats:
         """Power of the meters with their delays taken out, W [N, M]."""
         if self.judge.refits(self.model):
-            return self.prepared.power_at(self.members[0].measurement['time_offset'].value)
+            return self.prepared.power_at(self.members[0].delay)
         out = self.prepared.power_at(0.0)
         for index, delay in enumerate(self.judge.score(self.model).delays):
             rows = self.prepared.recording == index
@@ -196,8 +196,9 @@ class Accounts:
 
     @cached_property
     def _blocks(self) -> list[tuple[NDArray[np.intp], Floats]]:
-        """Of each recording: the second of each row [N], and how often each is drawn [R, B]."""
-        numbers = blocks_of(self.prepared.reducer.stretches(), round(REDUCED_RATE))
+        """Of each recording: second or point of each row [N]; how often each is drawn [R, B]."""
+        length = 1 if self.prepared.steady else round(REDUCED_RATE)
+        numbers = blocks_of(self.prepared.reducer.stretches(), length)
         found = []
         for index in range(len(self.prepared.recordings)):
             rows = self.prepared.recording == index
@@ -206,7 +207,8 @@ class Accounts:
         return found
 
     def _often(self, count: int, index: int) -> Floats:
-        return drawn_blocks(count, DRAWS, FitSettings.drawn_together, self.seed + 1 + index)
+        together = 1 if self.prepared.steady else FitSettings.drawn_together
+        return drawn_blocks(count, DRAWS, together, self.seed + 1 + index)
 
     def _add_groups(self, tallies: dict[str, Tally], whole: list[Tally], index: int) -> None:
         """Types of drives, and the robot with its electronics."""

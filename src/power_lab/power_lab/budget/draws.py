@@ -84,9 +84,8 @@ def coefficient_draws(judge: Judge, model: EffectModel, count: int, seed: int = 
     by_meter = members[:1] if prepared.whole else members
     measured = np.array([[g.measurement[term.name].value for term in terms] for g in by_meter])
     whole = np.concatenate([point, measured], axis=1)
-    delay = known['time_offset'].value
     made = _Refits(judge.catalogue, material.at_most(_SECONDS), structure.plus(*terms), whole)
-    fits = made.drawn(delay, count, random)
+    fits = made.drawn(members[0].delay, count, random)
     coefficients = np.stack(
         [
             fits[:, 0 if prepared.whole else drive][:, columns] * shares

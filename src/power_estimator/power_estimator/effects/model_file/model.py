@@ -47,6 +47,12 @@ class DriveGroup:
     scale: tuple[float, ...] = REFERENCE  # factors of DriveScale
     torque_constant: float | None = None  # N·m/A, for drives that have a current for torque
 
+    @property
+    def delay(self) -> float:
+        """Delay of the power against the joint signals, s; 0 of operating points."""
+        found = self.measurement.get('time_offset')
+        return 0.0 if found is None else found.value
+
 
 @dataclass(frozen=True)
 class EffectModel:
