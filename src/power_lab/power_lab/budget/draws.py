@@ -175,10 +175,15 @@ class _Refits:
             guess = guess * random.standard_normal((count, len(spread)))
             there = ~outside | (random.random((count, len(outside))) < _OFTEN)
             ends = design.lower[own].mean(axis=0), design.upper[own].mean(axis=0)
-            limits = [np.where(there, end, 0.0) for end in ends]
+            low, high = (np.where(there, end, 0.0) for end in ends)
             near = np.tile(begin[own[0]], (count, 1))
             solved = bounded_solve(
-                np.asarray(gram), moment + ridge * guess, *limits, np.tile(ridge, (count, 1)), near
+                np.asarray(gram),
+                moment + ridge * guess,
+                low,
+                high,
+                np.tile(ridge, (count, 1)),
+                near,
             )
             out[:, own] = solved[:, None]
         return self._with_departures(out)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 from power_estimator.effects.signals.prepared import WHOLE
 from rich import box
@@ -103,7 +104,7 @@ def _side_by_side(
 
 def _hours(accounts: Sequence[Account], battery: float) -> Table:
     table = _table(f'hours from {battery:g} Wh', 'h', '90 % interval')
-    rows = [(phase, hours) for phase, hours in accounts[0].runtime(battery).items()]
+    rows: list[tuple[str, dict[str, Any] | None]] = [*accounts[0].runtime(battery).items()]
     if len(accounts) > 2:
         rows += [(one.name, one.runtime(battery).get('all')) for one in accounts[1:]]
     for name, found in rows:

@@ -203,13 +203,13 @@ def gait_cycle(budget: Budget) -> Figure | None:
         if family in sums:
             label, looks = words, _looks(colour)
             for sign, begin in ends.items():
-                part = np.where(np.sign(sums[family]) == sign, sums[family], 0.0)
-                if np.abs(part).max() > 0.05:
+                band = np.where(np.sign(sums[family]) == sign, sums[family], 0.0)
+                if np.abs(band).max() > 0.05:
                     axes.fill_between(
-                        x, begin, begin + part, facecolor=colour, lw=0, label=label, **looks
+                        x, begin, begin + band, facecolor=colour, lw=0, label=label, **looks
                     )
                     label = '_nolegend_'
-                    begin += part
+                    begin += band
     axes.plot(x, metered, color='black', lw=2.0, label='metered')
     stance = 100.0 * float(np.mean(duty))
     axes.axvspan(0.0, stance, ymax=0.03, color='black', lw=0)
