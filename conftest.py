@@ -23,8 +23,8 @@ settings.load_profile('same')
 os.environ['WATTWALK_INDEX'] = ''
 
 DAEMON_PORT = 11511
-SLOW_FILES = re.compile('test_(lab|workbench|fleet|training|interrupts|truths|docs_site|whole)')
-"""Files of tests that fit, simulate or start processes for most of their time."""
+SLOW_FILES = {*(Path(__file__).parent / 'tests' / 'slow_files.txt').read_text().split()}
+"""Files whose tests took 2 s of CPU and more together, `make test-fast` leaves them out."""
 ENDED_BY_INTERRUPT = (0, 130, -signal.SIGINT)
 IS_EMBEDDED = find_spec('rosidl_embedded') is not None
 
@@ -35,9 +35,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def is_fast(item: pytest.Item) -> bool:
-    """Tell whether a test starts no process and is in no file whose tests take minutes."""
+    """Tell whether a test starts no node and is in no file that takes long."""
     started = {'node_process', 'ros_domain'} & {*getattr(item, 'fixturenames', ())}
-    return not (started or item.get_closest_marker('alone') or SLOW_FILES.search(item.path.name))
+    return not (started or item.get_closest_marker('alone') or item.path.name in SLOW_FILES)
 
 
 @pytest.hookimpl(tryfirst=True)
