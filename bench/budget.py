@@ -88,7 +88,7 @@ def main() -> None:
     """Judge all families and print shares by part."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
     parser.add_argument('--count', type=int, default=2, help='recordings of a family and motion')
-    parser.add_argument('--held-out', action='store_true', help='families held out, too')
+    parser.add_argument('--held-out', action='store_true', help='families held out alone')
     parser.add_argument('--seconds', type=float, default=90.0)
     parser.add_argument('--json', type=Path)
     options = parser.parse_args()
@@ -97,7 +97,7 @@ def main() -> None:
         'chosen': defaultdict(list),
     }
     for name, family in FAMILIES.items():
-        if not family.developed and not options.held_out:
+        if family.developed is options.held_out:
             continue
         for motion in family.motions:
             for seed in range(options.count):

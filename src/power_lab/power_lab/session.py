@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from power_estimator.effects import Catalogue, load_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
@@ -19,7 +20,7 @@ from power_recordings.reading.bag_folder import check_recordings
 from wattwalk_core.errors import InputError
 
 from power_lab.budget.budget import Budget, budget
-from power_lab.budget.choice import chosen_effects
+from power_lab.budget.choice import chosen_effects, judge_of_pieces
 from power_lab.compare.comparison import Comparison, comparison
 from power_lab.compare.fitting import extended, fitted, named_effects, refitted
 from power_lab.discover.outcome import DiscoveryOutcome, discover
@@ -133,8 +134,11 @@ class Session:
         """
         how: dict[str, Any] = {'changes': changes, 'battery': battery, 'seed': seed}
         if self.given is None:
-            model = self.fit(chosen_effects(self.judge), name='chosen', seed=seed).effects
-            return budget(self.judge, model, chosen=True, **how)
+            some = Session(judge_of_pieces(self.judge))
+            model = some.fit(chosen_effects(some.judge), name='chosen', seed=seed).effects
+            error = float(np.sqrt(np.mean(np.square([*model.history[-1]['rmse_w'].values()]))))
+            del some  # what it keeps of the signals is large
+            return budget(self.judge, model, chosen=True, error_w=error, **how)
         if not self.effects.fitted:
             return self.fit(self.effects.effects, name=self.effects.name).budget(**how)
         return budget(self.judge, self.effects, **how)

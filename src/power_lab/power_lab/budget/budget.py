@@ -12,6 +12,7 @@ from power_estimator.judge.judge import Judge
 
 from power_lab.budget.account import Account, BudgetDifference
 from power_lab.budget.accounts import Accounts, PartsOverTime
+from power_lab.budget.choice import judge_of_pieces
 from power_lab.budget.levers import Lever, saved
 from power_lab.budget.steady import Steady
 from power_lab.budget.tables import headline, tables
@@ -99,6 +100,7 @@ def budget(
     model: EffectModel,
     *,
     chosen: bool = False,
+    error_w: float | None = None,
     changes: Mapping[str, float] | None = None,
     battery: float | None = None,
     seed: int = 0,
@@ -106,12 +108,15 @@ def budget(
     """
     Account for the power of recordings by a fitted model.
 
-    chosen: whether the model was; changes: factors by lever, in place of 10 % of each;
-    battery: Wh.
+    chosen: whether the model was; error_w: held out, where it is known; changes: factors by
+    lever, in place of 10 % of each; battery: Wh.
     """
     accounts = Accounts(judge, model, seed)
     rows, tallies = accounts.tallies()
-    phases, error = tuple(rows.masks), judge.score(model).rms_w
+    if error_w is None:
+        remembers = any(active.effect.remembers for active in model.structure.actives)
+        error_w = (judge if remembers else judge_of_pieces(judge)).score(model).rms_w
+    phases = tuple(rows.masks)
     of_recordings = tuple(
         Account(known['name'], own, phases)
         for known, own in zip(judge.recordings.identities, tallies, strict=True)
@@ -121,7 +126,7 @@ def budget(
         for member in tallies[0]
         if all(member in own and own[member].rows == tallies[0][member].rows for own in tallies)
     }
-    misfit = error / float(np.sqrt(np.nanmean(np.square(rows.metered))))
+    misfit = error_w / float(np.sqrt(np.nanmean(np.square(rows.metered))))
     levers, refused = saved(accounts, changes or {}, misfit)
     kinds = assign(rows.names, infer_types(rows.names))
     steady = {
@@ -131,5 +136,5 @@ def budget(
     }
     return Budget(
         *(model, chosen, of_recordings, Account('all', joined, phases), rows),
-        *(tuple(levers), tuple(refused), steady, battery, error),
+        *(tuple(levers), tuple(refused), steady, battery, error_w),
     )

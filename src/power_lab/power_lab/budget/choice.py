@@ -1,7 +1,9 @@
 """Choice of a model for a recording that comes without one."""
 
+from dataclasses import replace
 from typing import Final
 
+import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.design import Active
@@ -15,7 +17,9 @@ _MAYBE: Final = (
     *('coulomb_friction', 'viscous_friction', 'load_friction', 'rotor_inertia', 'iron_loss'),
     *('inverter_loss', 'spring', 'line_resistance', 'regeneration_efficiency'),
 )
-_SECONDS: Final = 120.0  # that effects are chosen on
+_DRIVE_SECONDS: Final = 1200.0  # that a model is chosen, fitted and judged on
+_FEWEST: Final = 8  # pieces: two strides or more of each fold
+_PIECE: Final = 12.0  # s
 _LEAST: Final = 0.02  # by which an effect lowers the log of the held-out squared error: 1 % rms
 
 
@@ -26,7 +30,7 @@ def chosen_effects(judge: Judge) -> list[str]:
     Shaft, copper loss and idle are taken as they are; each other one is added while it lowers the
     held-out error by 1 % or more, the best first.
     """
-    material, known = judge.material().at_most(_SECONDS), judge.catalogue
+    material, known = judge.material(), judge.catalogue
     effects = list(_SURE)
     if material.prepared.whole:
         return effects
@@ -42,6 +46,22 @@ def chosen_effects(judge: Judge) -> list[str]:
         found.append(left[at])
         left = [active for active in left if active.name != left[at].name]
     return [*effects, *(active.name for active in found)]
+
+
+def judge_of_pieces(judge: Judge) -> Judge:
+    """The judge of pieces of 12 s, spread over recordings that are long for their drives."""
+    loaded = judge.recordings
+    data = loaded.data
+    length = round(_PIECE * data.rate)
+    count = max(_FEWEST, int(_DRIVE_SECONDS / _PIECE / len(data.names)))
+    if loaded.window or data.steady or len(data.time) <= count * length:
+        return judge
+    starts = np.linspace(0, len(data.time) - length, count).astype(np.intp)
+    rows = (starts[:, None] + np.arange(length)).ravel()
+    marks = np.stack([data.segment[rows], np.repeat(np.arange(count), length)])
+    _, segment = np.unique(marks, axis=1, return_inverse=True)
+    pieces = replace(data.rows(rows), segment=segment.reshape(-1).astype(np.int32))
+    return Judge(replace(loaded, data=pieces), judge.catalogue, judge.settings)
 
 
 def _screener(material: Material, known: Catalogue) -> CandidateScreener:

@@ -21,7 +21,7 @@ from power_estimator.judge.judge import Judge
 
 Floats = NDArray[np.float64]
 
-_SECONDS: Final = 200.0  # that coefficients are drawn from: longer recordings in pieces
+_SECONDS: Final = 120.0  # that coefficients are drawn from: longer recordings in pieces
 _HIDDEN: Final = 0.1  # of the power's spread, that an effect outside the model may have
 _STEADY: Final = 0.1  # of its size, that the mean of an effect has at least
 _OFTEN: Final = 0.25  # chance of each effect outside the model to be there

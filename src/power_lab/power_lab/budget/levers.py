@@ -12,14 +12,16 @@ from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.pieces import pieces
 from wattwalk_core.errors import InputError
 
-from power_lab.budget.accounts import Accounts
+from power_lab.budget.accounts import DRAWS, Accounts
 from power_lab.budget.parts import split
 from power_lab.budget.tally import interval
 
 Floats = NDArray[np.float64]
 
-_SECONDS: Final = 60.0  # that a change is computed on, in pieces spread over the recordings
+_SECONDS: Final = 40.0  # that a change is computed on, in pieces spread over the recordings
+_SCALING: Final = 0.05  # of a change, by which drives scale otherwise: less than formulas depart
 _SMALL: Final = 0.1  # change of each lever in the table
+_EITHER: Final = ('gear_ratio', 'supply_voltage')  # may save in either direction
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def saved(
 
     Without changes, what 10 % of each lever saves, the largest first; of levers that the model
     cannot carry over, why. misfit: share of the power that the model leaves unexplained, by which
-    intervals are widened. InputError for a change that the model cannot carry over.
+    intervals are wider. InputError for a change that the model cannot carry over.
     """
     trial = _Trial(accounts, misfit)
     if changes:
@@ -68,7 +70,8 @@ def saved(
     found, refused = [], []
     for name in LEVERS:
         try:
-            both = [trial.lever({name: factor}) for factor in (1.0 - _SMALL, 1.0 + _SMALL)]
+            factors = [1.0 - _SMALL, 1.0 + _SMALL] if name in _EITHER else [1.0 - _SMALL]
+            both = [trial.lever({name: factor}) for factor in factors]
         except InputError as error:
             refused.append(str(error))
         else:
@@ -87,6 +90,7 @@ class _Trial:
         self._signals = accounts.signals
         if part is not None:
             self._signals = accounts.signals.rows(part.samples, prepared.signals.segment)
+        self._normal = np.random.default_rng([accounts.seed, 2]).standard_normal(DRAWS)
         self._before = self._mean(self._signals, accounts.coefficients)
 
     def lever(self, changes: Mapping[str, float]) -> Lever:
@@ -105,6 +109,7 @@ class _Trial:
         change = after[0] - self._before[0]
         drawn = change + ((after[1] * factors - self._before[1]) * moved).sum(axis=(1, 2))
         drawn = change + (1.0 + self._misfit) * (drawn - change)
+        drawn = drawn + change * np.hypot(self._misfit, _SCALING) * self._normal
         low, high = interval(np.concatenate([[change], drawn])).tolist()
         text = ','.join(f'{name}={factor:g}' for name, factor in changes.items())
         return Lever(text, float(change), (low, high))

@@ -212,7 +212,7 @@ def gait_cycle(budget: Budget) -> Figure | None:
                     begin += band
     axes.plot(x, metered, color='black', lw=2.0, label='metered')
     stance = 100.0 * float(np.mean(duty))
-    axes.axvspan(0.0, stance, ymax=0.03, color='black', lw=0)
+    axes.axvspan(0.0, stance, ymax=0.03, color='#1a1a1a', lw=0)
     place = axes.get_xaxis_transform()
     axes.text(stance + 1.0, 0.005, 'foot on the ground until here', transform=place, fontsize=9)
     axes.set_xlim(0.0, 100.0)

@@ -33,7 +33,7 @@ def write_budget(path: Path, budget: Budget) -> None:
     page.facts(facts)
     page.text(
         'The parts add up to what was metered; what no effect of the model explains is a part of '
-        'its own. Intervals hold the truth in nine of ten rows: they allow for how well the '
+        'its own. Intervals are meant to hold nine of ten: they allow for how well the '
         'recording tells the coefficients, for departures from the formulas, and for what changes '
         'from second to second.',
         faint=True,
