@@ -75,7 +75,7 @@ lint: setup
 # mypy does not follow editable installs: without the path, other packages are Any. The folder
 # launch/ of the bring-up would hide ROS 2's package of that name.
 	export MYPYPATH=$$(echo $(filter-out src/wattwalk_bringup,$(wildcard src/*)) | tr ' ' :); \
-	for package in $(PACKAGES); do $(BIN)/mypy src/$$package/$$package || exit 1; done
+	for package in $(PACKAGES); do $(BIN)/mypy -p $$package || exit 1; done
 	$(BIN)/mypy embedded/rclpy
 
 # sdists, and the wheels that they make, of the distribution `wattwalk` and its packages.
