@@ -143,10 +143,44 @@ def _account(bag: Path, output: str) -> str:
 
 def feed() -> int:
     """Publish supplies of twelve drives at 1 kHz and joint states at 400 Hz until a signal."""
-    from real_runtime import LoadSource  # imports rclpy, which the turns do without
+    from rclpy.node import Node
+    from sensor_msgs.msg import JointState
+    from wattwalk_core.anymal import JOINT_NAMES
     from wattwalk_core.nodes.running import run_node
 
-    return run_node(LoadSource, [])
+    from drive_power_msgs.msg import DriveSupply
+
+    class Feeder(Node):
+        """Catches up with the samples that are due, however late it is called."""
+
+        def __init__(self) -> None:
+            super().__init__('feeder')
+            self.supply = self.create_publisher(DriveSupply, 'drive_supply', 1000)
+            self.joints = self.create_publisher(JointState, 'joint_states', 1000)
+            self.begun, self.sent = time.monotonic(), 0
+            some = [0.0] * len(JOINT_NAMES)
+            self.electrical = DriveSupply(name=list(JOINT_NAMES), voltage=some, current=some)
+            self.electrical.status = [0] * len(JOINT_NAMES)
+            self.mechanical = JointState(name=list(JOINT_NAMES), position=some, velocity=some)
+            self.mechanical.effort = some
+            self.create_timer(0.001, self.speak)
+
+        def speak(self) -> None:
+            while self.sent < 1000 * (time.monotonic() - self.begun):
+                now = self.get_clock().now()
+                stamp = now.to_msg()
+                self.electrical.header.stamp = stamp
+                self.electrical.sequence, self.electrical.device_time = (
+                    self.sent,
+                    [now.nanoseconds],
+                )
+                self.supply.publish(self.electrical)
+                if self.sent % 5 in (0, 2):
+                    self.mechanical.header.stamp = stamp
+                    self.joints.publish(self.mechanical)
+                self.sent += 1
+
+    return run_node(Feeder, [])
 
 
 def main() -> int:

@@ -276,13 +276,6 @@ def test_constant_signals_are_refused_by_recording_and_field(drives, name, field
         validation.trainer(validation.jobs[0])
 
 
-def test_units_that_cannot_be_si_are_refused_by_recording_drive_and_field(drives):
-    data = drives(40.0)
-    degrees = replace(data, velocity=np.rad2deg(data.velocity))
-    with pytest.raises(InputError, match=r'synthetic: velocity of LF_H.. reaches .* rad/s'):
-        cross_validation(degrees)
-
-
 @pytest.mark.parametrize('bad', [{'epochs': 0}, {'chunk': 5}, {'reset_probability': 1.5}])
 def test_a_training_configuration_out_of_range_is_refused(bad):
     ((name, value),) = bad.items()
