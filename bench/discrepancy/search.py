@@ -1,192 +1,323 @@
-"""Search of the sets of effects that a robot's power may miss, and their probabilities."""
+"""Search of the sets of effects that a model may miss, and their probabilities."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from judgements import LEVELS, Interval, Judgement, Statement
-from power_estimator.effects.fit.design import Active
-from power_estimator.effects.signals.prepared import Prepared, prepare
-from power_recordings.alignment.dataset import AlignedDataset
-from scipy.special import log_ndtr, logsumexp, ndtri
+from numpy.typing import NDArray
+from power_estimator.effects.fit.design import Active, BasePower
+from power_estimator.effects.signals.prepared import Prepared
+from scipy.special import logsumexp
 
-from discrepancy.drive import DriveProblem, Point
-from discrepancy.linear import Columns, Normal, bounded, solved
-from discrepancy.priors import ALIKE, KNOWN_SIZE, MISSING, NAMED, SIZES, STEPS, TRIED, WORTH
+from discrepancy.gaussian import Bools, NormalEquations, Solution, by_delay, solved
+from discrepancy.meter import EffectColumns, MeterProblem, Point
+from discrepancy.priors import (
+    ALIKE,
+    DEPARTING,
+    DISCREPANCY,
+    KNOWN_SIZE,
+    MIMICS,
+    MISSING,
+    OF_USERS,
+    SIZES,
+    STEPS,
+    TRIED,
+    WORTH,
+)
+
+Floats = NDArray[np.float64]
+Chosen = tuple[int, ...]
+_ITERATIONS = 4
+_SETTLED = 1.0  # nats
+_NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
+_SIZES = len(DISCREPANCY) * len(DEPARTING)
+_CELLS = _SIZES * len(SIZES)
 
 
 @dataclass(frozen=True)
-class Posterior:
-    """One drive with one set of effects, at that set's own point."""
+class Cell:
+    """A set at one size of the discrepancy and of new effects."""
 
-    evidence: float
+    normal: NormalEquations
+    sizes: Floats  # [n + z]
+    solution: Solution
+
+
+@dataclass(frozen=True)
+class FittedSet:
+    """A set of effects on one meter, at the set's own point."""
+
+    evidence: float  # nats
     point: Point
-    quantities: Mapping[str, tuple[float, float]]  # mean and spread
+    delay: float  # s
+    place: int  # of the delay
 
 
-def posterior(
-    drive: DriveProblem,
-    actives: Sequence[Active],
-    known: Sequence[str],
-    start: Point,
-    iterations: int,
-) -> Posterior:
-    """Fit a set of effects, each time linearised about the last."""
-    point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
-    signed = np.array([term.lower >= 0 for a in actives for term in a.effect.terms])
-    flat = np.array([a.name in known for a in actives for _ in a.effect.terms])
-    for _ in range(iterations):
-        columns = drive.columns(actives, point)
-        count = columns.effects.shape[1]
-        ones = np.ones(columns.nuisance.shape[1])
-        cells = []
-        for normal in drive.normals(columns):
-            for size in SIZES if not flat.all() else SIZES[:1]:
-                spread = np.concatenate([np.where(flat, KNOWN_SIZE, size), ones])
-                log, mean, covariance = bounded(normal, spread, signed)
-                shown = mean[:count] / np.sqrt(np.diag(covariance)[:count])
-                log += float((log_ndtr(shown) + np.log(2.0))[signed].sum())  # no loss is negative
-                cells.append((log, mean, covariance))
-        _, mean, covariance = max(cells, key=lambda cell: cell[0])
-        values = mean[:count] * columns.watts
-        values = np.where(signed, np.maximum(values, 0.0), values)
-        place, point = 0, {}
+def signs(actives: Sequence[Active]) -> Bools:
+    """Mark coefficients that may not be negative [n]."""
+    return np.array([term.lower >= 0 for a in actives for term in a.effect.terms], dtype=bool)
+
+
+def cells(
+    meter: MeterProblem, columns: EffectColumns, known: Sequence[str]
+) -> tuple[list[Cell], int]:
+    """Solve a linearised set at all sizes, at the best delay."""
+    actives = columns.actives
+    signed = signs(actives)
+    flat = np.array([a.name in known for a in actives for _ in a.effect.terms], dtype=bool)
+    ones = np.ones(columns.nuisance.shape[1])
+    normals = meter.normals(columns)
+    middle = np.concatenate([np.where(flat, KNOWN_SIZE, 0.3), ones])
+    logs = np.array([by_delay(normal, middle) for normal in normals])
+    place = int(np.argmax(logs.max(axis=0)))
+    out = []
+    for normal, log in zip(normals, logs[:, place], strict=True):
+        if log < logs[:, place].max() - _NEGLIGIBLE:
+            continue
+        for size in SIZES if not flat.all() else SIZES[:1]:
+            spread = np.concatenate([np.where(flat, KNOWN_SIZE, size), ones])
+            out.append(Cell(normal, spread, solved(normal, place, spread, signed)))
+    return out, place
+
+
+def fit_set(
+    meter: MeterProblem, actives: Sequence[Active], known: Sequence[str], start: Point
+) -> FittedSet:
+    """
+    Fit a set of effects, each time linearised about the last, until its evidence stands still.
+
+    A step after which there is less evidence than before is halved.
+    """
+    signed = signs(actives)
+    point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
+    before, values = np.zeros(len(signed)), np.zeros(len(signed))
+    found: FittedSet | None = None
+    for _ in range(_ITERATIONS):
+        columns = meter.columns(actives, point)
+        solutions, place = cells(meter, columns, known)
+        logs = np.array([cell.solution.evidence for cell in solutions])
+        evidence = float(
+            logsumexp(logs) - np.log(_CELLS if not known_all(actives, known) else _SIZES)
+        )
+        if found is not None and evidence < found.evidence:
+            values = 0.5 * (before + values)
+            point = {active.name: (active, values[columns.places(active)]) for active in actives}
+            continue
+        settled = found is not None and evidence < found.evidence + _SETTLED
+        if len(point) == len(actives):  # before that, departures of some are not there yet
+            found = FittedSet(evidence, point, float(meter.prepared.shifts[place]), place)
+        if settled:
+            break
+        best = solutions[int(np.argmax(logs))].solution
+        before = np.zeros(len(signed))
         for active in actives:
-            point[active.name] = (active, values[place : place + len(active.effect.terms)])
-            place += len(active.effect.terms)
-    quantities = {
-        name: (float(w @ mean), float(np.sqrt(w @ covariance @ w)))
-        for name, w in columns.at_one.items()
-    }
-    logs = np.array([cell[0] for cell in cells])
-    return Posterior(float(logsumexp(logs) - np.log(len(logs))), point, quantities)
+            if active.name in point:
+                before[columns.places(active)] = point[active.name][1]
+        values = best.mean[: len(signed)] * columns.watts
+        values = np.where(signed, np.maximum(values, 0.0), values)
+        point = {active.name: (active, values[columns.places(active)]) for active in actives}
+    assert found is not None
+    return found
 
 
-class Search:
+def known_all(actives: Sequence[Active], known: Sequence[str]) -> bool:
+    """Return whether a set has no new effect, so that there is one size of such."""
+    return all(active.name in known for active in actives)
+
+
+class EffectSearch:
     """Sets of effects of one robot, from the model's own on, one effect more at a time."""
 
-    def __init__(self, prepared: Prepared, known: Sequence[str]) -> None:
-        several = len(prepared.names) > 1
-        count = range(len(prepared.names))
-        self.drives = [DriveProblem(prepared.drive(d) if several else prepared) for d in count]
-        self.known = tuple(name for name in known if name in MISSING)
-        self.candidates = self.drives[0].candidates
-        self.points: list[Point] = [{} for _ in self.drives]
-        self.judged: dict[tuple[int, ...], list[Posterior]] = {}
-        self.pooled = 1.0 / (1.0 + (len(self.drives) - 1) * ALIKE)
-
-    def run(self) -> tuple[dict[str, float], list[Posterior]]:
-        """Probability of each effect that the model lacks, and the drives with the best set."""
-        self._begin(delay=True)
-        names = [active.name for active in self.candidates]
-        chosen = tuple(sorted(names.index(name) for name in self.known if name in names))
-        for step in range(STEPS):
-            self.points = [one.point for one in self._at(chosen, 3)]
-            screened = self._begin(delay=step == 0)
-            here = self.score(chosen)
-            nearest = self._nearest(chosen, screened)
-            less = [
-                tuple(i for i in chosen if i != j) for j in chosen if names[j] not in self.known
-            ]
-            score, best = max(
-                (self.score(each), each) for each in (*nearest[:TRIED], *less, chosen)
+    def __init__(
+        self,
+        prepared: Prepared,
+        known: Sequence[Active],
+        candidates: Sequence[Active],
+        base: BasePower | None = None,
+        show: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        """known: effects of the model; candidates: shapes of effects that it may lack."""
+        count = len(prepared.names)
+        alone = count == 1
+        fixed = [active for active in known if active.effect.fixed is not None]
+        free = [active for active in known if active.effect.fixed is None]
+        self.meters = [
+            MeterProblem(
+                prepared if alone else prepared.drive(d),
+                fixed,
+                base if base is None or alone else base.drive(d),
             )
+            for d in range(count)
+        ]
+        self.known = tuple(active.name for active in free)
+        self.actives = (*free, *candidates)
+        self.names = [active.name for active in self.actives]
+        self.shapes = {name: self.names.count(name) for name in self.names}
+        self.base: Chosen = tuple(range(len(free)))
+        self.points: list[Point] = [{} for _ in self.meters]
+        self.judged: dict[Chosen, list[FittedSet]] = {}
+        self.pooled = 1.0 / (1.0 + (count - 1) * ALIKE)
+        self.show = show
+        self.screened: dict[str, tuple[float, Chosen]] = {}
+        self.needed: dict[str, float] = {}  # log odds of effects of the set, as linearised
+        self.made: list[EffectColumns] = []
+        self.normals: list[list[NormalEquations]] = []
+
+    def run(self) -> tuple[Mapping[str, float], Chosen]:
+        """Log odds of each effect that the model lacks, and the best set."""
+        chosen = self.base
+        self._begin()
+        for step in range(STEPS):
+            self._move(chosen)
+            nearest = self._nearest(chosen)
+            here = self.score(chosen)
+            tried = (*nearest[:TRIED], chosen)
+            self.show(f'diagnosing: step {step + 1}, {len(tried)} sets of effects')
+            score, best = max((self.score(each), each) for each in tried)
             if score < here + WORTH:
                 break
             chosen = best
+        else:
+            self._move(chosen)
+            self._nearest(chosen)
+        return self._odds(chosen), chosen
+
+    def tempered(self, name: str, odds: float, ratio: float) -> float:
+        """
+        Log odds of an effect of the best set beside a discrepancy.
+
+        ratio: of what the effect explains by itself to the discrepancy, W rms over W rms. With
+        little of it, the evidence says no more than what was known before.
+        """
+        chance = MISSING.get(name.partition('@')[0], OF_USERS)
+        before = float(np.log(chance / (1.0 - chance)))
+        counts = ratio**2 / (ratio**2 + MIMICS**2)
+        return before + counts * (odds - before) if odds > before else odds
+
+    def _odds(self, chosen: Chosen) -> Mapping[str, float]:
         scores = {each: self.score(each) for each in self.judged}
-        total = logsumexp(list(scores.values()))
-        found: dict[str, float] = defaultdict(float)
+        with_: dict[str, list[float]] = defaultdict(list)
+        without: dict[str, list[float]] = defaultdict(list)
+        lacking = [n for n in dict.fromkeys(self.names) if n not in self.known]
         for each, score in scores.items():
-            for name in {names[i] for i in each} - set(self.known):
-                found[name] += float(np.exp(score - total))
-        return dict(found), self.judged[chosen]
+            own = {self.names[i] for i in each}
+            for name in lacking:
+                (with_ if name in own else without)[name].append(score)
+        here = scores[chosen]
+        least = min(s - here for s in scores.values())
+        out = {}
+        for name in lacking:
+            if name in with_ and name in without:
+                out[name] = float(logsumexp(with_[name]) - logsumexp(without[name]))
+            elif name in with_:
+                out[name] = self.needed.get(name, 0.0)
+            elif name in self.screened:
+                out[name] = float(min(self.screened[name][0] - here, least, -1.0))
+            else:
+                out[name] = -20.0
+        return out
 
-    def score(self, chosen: tuple[int, ...]) -> float:
+    def score(self, chosen: Chosen) -> float:
         """Log posterior of a set."""
-        evidence = self.pooled * sum(one.evidence for one in self._at(chosen, 2))
-        return evidence + self._prior({self.candidates[i].name for i in chosen})
+        return self.pooled * sum(one.evidence for one in self.at(chosen)) + self._prior(chosen)
 
-    def _prior(self, names: set[str]) -> float:
-        offered = {active.name for active in self.candidates} - set(self.known)
-        return float(sum(np.log(MISSING[n] if n in names else 1 - MISSING[n]) for n in offered))
+    def _prior(self, chosen: Chosen) -> float:
+        own = {self.names[i] for i in chosen}
+        total = 0.0
+        for name in set(self.names) - set(self.known):
+            chance = MISSING.get(name.partition('@')[0], OF_USERS)
+            total += float(
+                np.log(chance / self.shapes[name]) if name in own else np.log(1.0 - chance)
+            )
+        return total
 
-    def _at(self, chosen: tuple[int, ...], iterations: int) -> list[Posterior]:
+    def at(self, chosen: Chosen) -> list[FittedSet]:
+        """Return a set fitted to each meter."""
         key = tuple(sorted(chosen))
         if key not in self.judged:
-            actives = [self.candidates[i] for i in key]
+            own = [self.actives[i] for i in key]
             self.judged[key] = [
-                posterior(drive, actives, self.known, point, iterations)
-                for drive, point in zip(self.drives, self.points, strict=True)
+                fit_set(meter, own, self.known, point)
+                for meter, point in zip(self.meters, self.points, strict=True)
             ]
         return self.judged[key]
 
-    def _begin(self, *, delay: bool) -> list[Columns]:
-        """Linearise all candidates about the current points; learn delay and noise there."""
-        self.judged = {}
-        for drive in self.drives:
-            drive.absent = {}
-        made = [
-            d.columns(self.candidates, p) for d, p in zip(self.drives, self.points, strict=True)
-        ]
-        if delay:
-            for drive, columns in zip(self.drives, made, strict=True):
-                drive.find_delay(columns)
-            common = float(np.median([drive.delay for drive in self.drives]))
-            for drive in self.drives:
-                drive.delay = common
-        for drive, columns in zip(self.drives, made, strict=True):
-            drive.learn_noise(columns, self.known)
-        return made
+    def _move(self, chosen: Chosen) -> None:
+        """Go to a set's own point; learn the noise there."""
+        found = self.at(chosen)
+        self.points = [one.point for one in found]
+        for meter, one in zip(self.meters, found, strict=True):
+            meter.delay = one.delay
+        self._begin()
 
-    def _nearest(self, chosen: tuple[int, ...], made: Sequence[Columns]) -> list[tuple[int, ...]]:
-        """Sets of one effect more, or of another shape, best first as linearised here."""
-        names = [active.name for active in self.candidates]
-        have = {names[i] for i in chosen}
-        more = [tuple(sorted((*chosen, i))) for i, name in enumerate(names) if name not in have]
+    def _begin(self) -> None:
+        """Linearise all effects about the current points."""
+        self.judged, self.made, self.normals = {}, [], []
+        for meter, point in zip(self.meters, self.points, strict=True):
+            meter.absent = {}
+            columns = meter.columns(self.actives, point)
+            meter.learn_noise(columns, self.known)
+            self.made.append(columns)
+            self.normals.append(meter.normals(columns))
+
+    def _nearest(self, chosen: Chosen) -> list[Chosen]:
+        """Sets of one effect more, less, in place of another or of another shape, best first."""
+        have = {self.names[i] for i in chosen}
+        more = [
+            tuple(sorted((*chosen, i))) for i, name in enumerate(self.names) if name not in have
+        ]
         other = [
             tuple(sorted(i if k == j else k for k in chosen))
             for j in chosen
-            for i, name in enumerate(names)
-            if name == names[j] and i != j
+            for i, name in enumerate(self.names)
+            if name == self.names[j] and i != j
         ]
-        places = np.cumsum([0, *(len(active.effect.terms) for active in self.candidates)])
-        totals = dict.fromkeys((*more, *other), 0.0)
-        for drive, columns in zip(self.drives, made, strict=True):
+        less = [tuple(i for i in chosen if i != j) for j in chosen if j not in self.base]
+        swaps = [
+            tuple(sorted((*fewer, i)))
+            for fewer in less
+            for i, name in enumerate(self.names)
+            if name not in have
+        ]
+        totals = dict.fromkeys((*more, *other, *less, *swaps, chosen), 0.0)
+        for meter, columns, normals in zip(self.meters, self.made, self.normals, strict=True):
             count = columns.effects.shape[1]
-            normals = drive.normals(columns)
+            place = int(np.argmin(np.abs(meter.prepared.shifts - meter.delay)))
+            slices = [columns.places(active) for active in self.actives]
             for each in totals:
-                own = [c for i in each for c in range(places[i], places[i + 1])]
+                own = [c for i in each for c in range(slices[i].start, slices[i].stop)]
                 kept = np.array([*own, *range(count, count + columns.nuisance.shape[1])])
                 spread = np.ones(len(kept))
                 spread[: len(own)] = 0.3
                 totals[each] += max(
-                    solved(Normal(n.gram[np.ix_(kept, kept)], n.moment[kept], n.constant), spread)[
-                        0
-                    ]
-                    for n in normals
+                    float(by_delay_at(normal.taken(kept), place, spread)) for normal in normals
                 )
-        best: dict[tuple[str, bool], tuple[float, tuple[int, ...]]] = {}
+        here = self.pooled * totals.pop(chosen) + self._prior(chosen)
+        best: dict[tuple[str, bool | Chosen | None], tuple[float, Chosen]] = {}
         for each, evidence in totals.items():
-            new = next((names[i] for i in each if i not in chosen), '')
-            key = (new, new in have)
-            score = self.pooled * evidence + self._prior({names[i] for i in each})
+            new = next((self.names[i] for i in each if i not in chosen), '')
+            grown = len(each) > len(chosen)
+            key = (new, new in have if grown or new in have else each if not new else None)
+            score = self.pooled * evidence + self._prior(each)
             best[key] = max(best.get(key, (-np.inf, each)), (score, each))
+        self.needed = {
+            self.names[next(i for i in chosen if i not in each)]: here - score
+            for (name, _), (score, each) in best.items()
+            if not name
+        }
+        at = self.score(chosen)
+        self.screened = {
+            name: (score - here + at, each)
+            for (name, old), (score, each) in best.items()
+            if old is False
+        }
         return [each for _, each in sorted(best.values(), reverse=True)]
 
 
-def judged(data: AlignedDataset, known: Sequence[str]) -> Judgement:
-    """Judge a recording: probabilities of missing effects, and intervals of coefficients."""
-    prepared = prepare(data)
-    found, drives = Search(prepared, known).run()
-    intervals = [
-        Interval(name, quantity, level, mean - spread * reach, mean + spread * reach)
-        for name, one in zip(prepared.names, drives, strict=True)
-        for quantity, (mean, spread) in one.quantities.items()
-        for level in LEVELS
-        for reach in (float(ndtri(0.5 + level / 2)),)
-    ]
-    named = sorted(name for name, probability in found.items() if probability >= NAMED)
-    statements = tuple(Statement(name, probability) for name, probability in found.items())
-    return Judgement(statements, tuple(intervals), ' '.join(named) or 'nothing named')
+def by_delay_at(normal: NormalEquations, place: int, sizes: Floats) -> float:
+    """Log evidence at one delay, at prior spreads [n + z]."""
+    factor = np.linalg.cholesky(normal.gram + np.diag(sizes**-2.0))
+    half = np.log(np.diag(factor)).sum() + np.log(sizes).sum()
+    found = np.linalg.solve(factor, normal.moments[:, place])
+    return float(normal.constants[place] + 0.5 * found @ found - half)

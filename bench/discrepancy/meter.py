@@ -1,0 +1,345 @@
+"""Columns, noise and normal equations of one meter."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Signals
+from power_estimator.effects.fit.design import Active, BasePower, Structure, weighted
+from power_estimator.effects.fit.design_builder import DesignBuilder
+from power_estimator.effects.fit.whole_robot import WholeBuilder
+from power_estimator.effects.signals.prepared import Prepared
+
+from discrepancy.gaussian import NormalEquations, marginalised
+from discrepancy.priors import (
+    BLOCK,
+    DEPARTING,
+    DEPARTURES,
+    DISCREPANCY,
+    FORMS,
+    KINDS,
+    SPIKE,
+)
+from discrepancy.sensors import SENSORS, sensor_columns
+
+Floats = NDArray[np.float64]
+Point = Mapping[str, tuple[Active, Floats]]
+"""Coefficients in SI by name of the effect."""
+FRICTIONS: Final = ('viscous_friction', 'coulomb_friction', 'stribeck_friction')
+"""Effects that the friction at 1 rad/s consists of, without load."""
+_TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
+_LOW: Final = 0.15  # of the rms speed, below which friction is another
+_TURNS: Final = 4 * np.pi  # rad, of a drive that turns on
+
+
+@dataclass(frozen=True)
+class EffectColumns:
+    """Linearised problem of one meter: watts per unit of prior spread at N rows."""
+
+    actives: tuple[Active, ...]
+    effects: Floats  # [N, n], scaled to the rms power
+    watts: Floats  # [n], coefficient in SI for one unit of effects
+    nuisance: Floats  # [N, z], prior spread 1: sensors and departures
+    smooth: Floats  # [N, a], prior spreads of DISCREPANCY, DEPARTING, and 1 for absent effects
+    absent: int  # columns of absent effects at the end of smooth
+    constant: Floats  # W [N]
+    friction: Floats  # [n + z], weights of the friction at 1 rad/s
+
+    def places(self, active: Active) -> slice:
+        """Columns of an effect."""
+        start = 0
+        for one in self.actives:
+            stop = start + len(one.effect.terms)
+            if one is active:
+                return slice(start, stop)
+            start = stop
+        raise KeyError(active.name)
+
+    def places_of(self, names: Sequence[str]) -> NDArray[np.intp]:
+        """Columns of effects by name."""
+        owners = [active.name for active in self.actives for _ in active.effect.terms]
+        return np.flatnonzero(np.isin(owners, list(names)))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Spread of the errors, weights of rows, and how many of them count as one."""
+
+    variance: float  # W²
+    weights: Floats  # [N]
+    tempering: float
+
+
+class MeterProblem:
+    """Rows, columns and noise of one meter: of a drive, or of a whole robot."""
+
+    def __init__(
+        self, prepared: Prepared, fixed: Sequence[Active], base: BasePower | None
+    ) -> None:
+        """fixed: effects of the model without coefficients; base: a model underneath."""
+        self.prepared, self.signals = prepared, prepared.signals
+        self.fixed = tuple(fixed)
+        self.builder = (WholeBuilder if prepared.whole else DesignBuilder)(prepared, base)
+        self.delay = 0.0
+        self.noise: Noise | None = None
+        self.absent: dict[str, Floats] = {}
+        self.used = prepared.measured[:, 0] & prepared.resolved[:, 0]
+        shown = self.power()[self.used]
+        self.rms = float(np.sqrt(np.mean(np.square(shown)))) if shown.size else 1.0
+
+    def power(self) -> Floats:
+        """Metered watts with the delay taken out [N]."""
+        return self.prepared.power_at(self.delay)[:, 0]
+
+    def summed(self, watts: Floats) -> Floats:
+        """Reduce W [T, D, …] to what the meter sees [N, …]."""
+        return np.asarray(self.prepared.reduced(watts).sum(axis=1))
+
+    @cached_property
+    def causes(self) -> Mapping[str, Floats]:
+        """Causes of departures, at the input rate [T, D]."""
+        s = self.signals
+        fast, strong = (np.sqrt(np.mean(x**2, axis=0)) + 1e-9 for x in (s.velocity, s.torque))
+        direction = np.tanh(s.velocity / (_TOWARDS_ZERO * fast))
+        load = np.arcsinh(np.abs(s.torque) / strong)
+        span = max(float(np.ptp(s.time)), 1e-9)
+        time = 2 * (s.time - s.time.mean()) / span
+        return {
+            'speed': np.log(np.abs(s.velocity) / fast + _TOWARDS_ZERO),
+            'load': load - load.mean(axis=0),
+            'direction': direction,
+            'quadrant': direction * np.tanh(s.torque / (2 * _TOWARDS_ZERO * strong)),
+            'time': np.broadcast_to(time[:, None], load.shape),
+            'low': np.exp(-np.square(s.velocity / (_LOW * fast))),
+        }
+
+    @cached_property
+    def _bends(self) -> Floats:
+        """Random Fourier features of how an effect's power may depart smoothly [N, D, b]."""
+        c = self.causes
+        raw = np.stack([c['speed'], c['load'], 0.7 * c['direction'], 0.5 * c['quadrant']], axis=2)
+        random = np.random.default_rng(5)
+        inputs = self.prepared.reduced(raw)
+        return np.stack(
+            [_fourier(random, inputs[:, d], 8, 1.2) for d in range(inputs.shape[1])], axis=1
+        )
+
+    @cached_property
+    def general(self) -> Mapping[str, Floats]:
+        """The discrepancy's features by what they are functions of [N, a]."""
+        s, random, reduced = self.signals, np.random.default_rng(0), self.prepared.reduced
+        parts: dict[str, list[Floats]] = defaultdict(list)
+        few = 1.0 if s.torque.shape[1] == 1 else 0.5
+        for d in range(s.torque.shape[1]):
+            own = {
+                name: reduced(values[:, d : d + 1])
+                for name, values in (
+                    ('torque', s.torque),
+                    ('speed', s.velocity),
+                    ('acceleration', s.acceleration),
+                    ('torque rate', s.torque_rate),
+                )
+            }
+            own = {n: np.clip(x / (np.sqrt(np.mean(x**2)) + 1e-12), -6, 6) for n, x in own.items()}
+            at = s.position[:, d]
+            if np.isfinite(at).all() and np.ptp(at) < _TURNS:
+                centred = (at - at.mean()) / (at.std() + 1e-9)
+                own['position'] = reduced(centred[:, None])
+            for name in ('torque', 'speed', 'position'):
+                if name in own:
+                    parts[name].append(_fourier(random, own[name], 5, 0.7))
+            pair = np.concatenate([own['torque'], own['speed']], axis=1)
+            parts['torque and speed'].append(_fourier(random, pair, round(12 * few), 1.0))
+            every = np.concatenate(list(own.values()), axis=1)
+            parts['the motion'].append(_fourier(random, every, round(20 * few), 1.6))
+        time = self.prepared.time - self.prepared.time[0]
+        waves = np.arange(1, int(np.clip(time[-1] / 15, 1, 20)) + 1)
+        parts['time'].append(np.cos(np.pi * waves * time[:, None] / time[-1]) / waves)
+        return {name: np.concatenate(found, axis=1) for name, found in parts.items()}
+
+    def columns(self, actives: Sequence[Active], point: Point) -> EffectColumns:
+        """Linearise effects about a point, which has coefficients in SI by name."""
+        chosen = [active for active, _ in point.values()]
+        structure = Structure((*self.fixed, *chosen))
+        values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
+        at = self.builder.point(structure, values[None])
+        raw = [self.builder.columns(active, at)[:, 0] for active in actives]
+        joined = np.concatenate([np.empty((len(self.used), 0)), *raw], axis=1)
+        size = np.maximum(np.sqrt(np.mean(joined[self.used] ** 2, axis=0)), 1e-12)
+        linear = np.zeros(len(joined))
+        for active, own in point.values():
+            linear += self.builder.columns(active, at)[:, 0] @ own
+        s = at.signals
+        slope = s.motor_velocity + s.torque_cost
+        power = self.summed(at.power[..., None])[:, 0]
+        sensors = sensor_columns(self.summed, at.power, s, slope)
+        powers = self._by_kind(point, s, slope)
+        departures, at_one = self._departures(powers)
+        names = {active.name for active in actives}
+        absent = [own for name, own in self.absent.items() if name not in names]
+        smooth = [self.rms * own for own in self.general.values()]
+        for kind in ('friction', 'copper', 'shaft'):
+            if kind in powers:
+                share = 0.1 if kind == 'shaft' else 1.0
+                watts = self.prepared.reduced(powers[kind])
+                bent = (watts[..., None] * self._bends).sum(axis=1)
+                smooth.append(share * bent)
+        smooth += absent
+        nuisance = np.concatenate([sensors, departures], axis=1)
+        scaled = self.rms / size
+        return EffectColumns(
+            tuple(actives),
+            joined * scaled,
+            scaled,
+            nuisance,
+            np.concatenate(smooth, axis=1),
+            sum(own.shape[1] for own in absent),
+            power - linear,
+            _friction_at_one(actives, scaled, nuisance.shape[1], at_one, point),
+        )
+
+    def parts(self, columns: EffectColumns) -> Mapping[str, slice]:
+        """Parts of the smooth features by what they are functions of."""
+        out, start = {}, 0
+        for name, own in self.general.items():
+            out[name] = slice(start, start + own.shape[1])
+            start += own.shape[1]
+        out["the effects' formulas"] = slice(start, columns.smooth.shape[1] - columns.absent)
+        return out
+
+    def _by_kind(self, point: Point, s: Signals, slope: Floats) -> Mapping[str, Floats]:
+        """Power of the shaft and of each kind of effect at a point, W [T, D]."""
+        out = {'shaft': s.torque * s.velocity}
+        drives = s.torque.shape[1]
+        for active, own in point.values():
+            kind = KINDS.get(active.name.partition('@')[0], 'other')
+            by_torque = active.effect.acts_on == 'torque'
+            by_speed = active.effect.acts_on == 'speed'
+            acts: Floats | float = slope if by_torque else s.torque if by_speed else 1.0
+            coefficients = np.repeat(own[None], drives, axis=0)
+            out[kind] = out.get(kind, 0.0) + weighted(active.columns(s), coefficients) * acts
+        return out
+
+    def _departures(self, powers: Mapping[str, Floats]) -> tuple[Floats, Mapping[int, float]]:
+        """Departures of DEPARTURES [N, k], and those of friction at 1 rad/s by column."""
+        c, at_one = self.causes, {}
+        columns: list[Floats] = []
+        fast = float(np.sqrt(np.mean(self.signals.velocity**2))) + 1e-9
+        one = dict.fromkeys(FORMS, 0.0)
+        one['speed'] = float(np.log(1.0 / fast + _TOWARDS_ZERO))
+        one['time'], one['low'] = 1.0, float(np.exp(-np.square(1.0 / (_LOW * fast))))
+        for kind, watts in powers.items():
+            for form, spread in zip(FORMS, DEPARTURES[kind], strict=True):
+                if spread:
+                    if kind == 'friction':
+                        at_one[len(columns)] = spread * one[form]
+                    columns.append(spread * self.summed((watts * c[form])[..., None])[:, 0])
+        return np.stack(columns, axis=1), at_one
+
+    def learn_noise(self, columns: EffectColumns, known: Sequence[str]) -> None:
+        """Noise, weights and tempering by a fit of all effects; what absent ones may explain."""
+        rows = np.flatnonzero(self.used)
+        a = np.concatenate([columns.effects, columns.nuisance, columns.smooth], axis=1)[rows]
+        y = (self.power() - columns.constant)[rows]
+        spread = np.ones(a.shape[1])
+        count = columns.effects.shape[1]
+        spread[:count] = 0.1
+        spread[-columns.smooth.shape[1] :] = 0.01
+        rate = len(self.used) / max(float(np.ptp(self.prepared.time)), 1e-9)
+        blocks = np.array_split(np.arange(len(rows)), max(4, round(len(rows) / (rate * BLOCK))))
+        blocks = [block for block in blocks if len(block)]
+        share, variance = np.ones(len(blocks)), 1e-3 * float(y @ y) / len(y)
+        for _ in range(3):
+            weights = np.concatenate(
+                [np.full(len(b), w) for b, w in zip(blocks, share, strict=True)]
+            )
+            gram, moment = a.T @ (a * weights[:, None]), a.T @ (weights * y)
+            for _ in range(3):
+                x = np.linalg.solve(gram / variance + np.diag(spread**-2), moment / variance)
+                left = y - a @ x
+                variance = max(float(weights @ left**2 / len(y)), 1e-12 * self.rms**2)
+            errors = np.array([np.mean(left[b] ** 2) for b in blocks])
+            share = 5.0 / (4.0 + errors / np.median(errors))  # Student's t with 4 degrees
+            share /= share.max()
+        scores = np.stack([(weights[b] * left[b]) @ a[b] for b in blocks]) / variance
+        inverse = np.linalg.inv(gram / variance + np.diag(spread**-2))
+        meat = np.einsum('ij,ji->i', inverse, scores.T @ scores)[:count].sum()
+        bread = np.einsum('ij,ji->i', inverse, gram / variance)[:count].sum()
+        everywhere = np.zeros(len(self.used))
+        everywhere[rows] = weights
+        self.noise = Noise(variance, everywhere, max(1.0, float(meat / max(bread, 1e-12))))
+        self.absent = {}
+        own = defaultdict(list)
+        for active in columns.actives:
+            if active.name not in known:
+                own[active.name].append(columns.effects[:, columns.places(active)])
+        for name, parts in own.items():
+            joined = np.concatenate(parts, axis=1)
+            self.absent[name] = joined * SPIKE / np.sqrt(joined.shape[1])
+
+    def normals(self, columns: EffectColumns) -> list[NormalEquations]:
+        """Normal equations at each size of the discrepancy, for all delays of the power."""
+        assert self.noise is not None
+        weights = self.noise.weights / (self.noise.variance * self.noise.tempering)
+        rows = np.flatnonzero(weights)
+        a = np.concatenate([columns.effects, columns.nuisance, columns.smooth], axis=1)[rows]
+        w = weights[rows]
+        y = self.prepared.power[:, rows, 0].T.astype(np.float64) - columns.constant[rows, None]
+        heavy = a * w[:, None]
+        gram, moments, squares = a.T @ heavy, heavy.T @ y, w @ np.square(y)
+        general = sum(own.shape[1] for own in self.general.values())
+        out = []
+        for size in DISCREPANCY:
+            for bent in DEPARTING:
+                spread = np.full(columns.smooth.shape[1], bent)
+                spread[:general] = size
+                spread[columns.smooth.shape[1] - columns.absent :] = 1.0
+                out.append(marginalised(gram, moments, squares, spread))
+        return out
+
+
+def apart(
+    columns: EffectColumns, used: NDArray[np.bool_], places: slice, known: Sequence[str]
+) -> Floats:
+    """Columns less what known effects and the meter's scale can take over [N, n]."""
+    taken = columns.places_of(known)
+    taken = taken[(taken < places.start) | (taken >= places.stop)]
+    base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, :1]], axis=1)
+    base = base / np.maximum(np.sqrt(np.mean(base[used] ** 2, axis=0)), 1e-12)
+    own = columns.effects[:, places]
+    weights, *_ = np.linalg.lstsq(base[used], own[used], rcond=None)
+    return np.asarray(own - base @ weights)
+
+
+def _friction_at_one(
+    actives: Sequence[Active],
+    scaled: Floats,
+    nuisances: int,
+    at_one: Mapping[int, float],
+    point: Point,
+) -> Floats:
+    """Weights of effects and nuisances in the friction at 1 rad/s, N·m [n + z]."""
+    weights, place, size = np.zeros(len(scaled) + nuisances), 0, 0.0
+    for active in actives:
+        share = 0.0
+        if active.name in ('viscous_friction', 'coulomb_friction'):
+            share = 1.0
+        elif active.name == 'stribeck_friction':
+            share = float(np.exp(-(active.parameters['speed'] ** -2)))
+        weights[place] = share * scaled[place]
+        if active.name in point:
+            size += share * float(point[active.name][1][0])
+        place += len(active.effect.terms)
+    for column, value in at_one.items():
+        weights[len(scaled) + len(SENSORS) + column] = size * value
+    return weights
+
+
+def _fourier(random: np.random.Generator, inputs: Floats, count: int, length: float) -> Floats:
+    """Random Fourier features of a smooth function of inputs [N, k] → [N, 2·count]."""
+    phase = inputs @ random.normal(0.0, 1.0 / length, (inputs.shape[1], count))
+    return np.concatenate([np.cos(phase), np.sin(phase)], axis=1) / np.sqrt(count)

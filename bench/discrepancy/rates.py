@@ -1,0 +1,68 @@
+"""Rates of sampled signals without the noise of their sensors."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Signals
+from scipy.signal import welch
+
+Floats = NDArray[np.float64]
+_TAPS: Final = 64
+
+
+def with_quiet_rates(signals: Signals) -> Signals:
+    """
+    Signals whose rates are those of the signals through a Wiener filter.
+
+    Through a spring, noise of the torque comes into the motor's torque with its second rate.
+    """
+    acceleration = _rate(_denoised(signals.velocity, signals), signals)
+    return replace(
+        signals,
+        acceleration=acceleration,
+        motor_acceleration=acceleration,
+        torque_rate=_rate(_denoised(signals.torque, signals), signals),
+    )
+
+
+def _rate(values: Floats, signals: Signals) -> Floats:
+    """
+    Time derivative [T, D] by central differences over five samples.
+
+    An antisymmetric stencil keeps energy: the sum of w·dw telescopes. Three samples lose a tenth
+    of the rate at an eighth of the sampling rate, five lose a hundredth.
+    """
+    out = np.zeros_like(values)
+    for part in signals.stretches():
+        if part.stop - part.start > 2:
+            own = values[part]
+            out[part] = np.gradient(own, 1.0 / signals.rate, axis=0)
+            if len(own) > 4:
+                near, far = own[3:-1] - own[1:-3], own[4:] - own[:-4]
+                out[part][2:-2] = (8.0 * near - far) * (signals.rate / 12.0)
+    return out
+
+
+def _denoised(values: Floats, signals: Signals) -> Floats:
+    """Wiener filter of each signal [T, D]; the spectrum's end gives the level of white noise."""
+    parts = [part for part in signals.stretches() if part.stop - part.start >= 4 * _TAPS]
+    if not parts:
+        return values
+    out = values.copy()
+    for drive in range(values.shape[1]):
+        spectra = [welch(values[part, drive], nperseg=2 * _TAPS)[1] for part in parts]
+        power = np.average(spectra, axis=0, weights=[part.stop - part.start for part in parts])
+        noise = float(np.median(power[-_TAPS // 6 :]))
+        keep = np.maximum(power - noise, 0.0) / np.maximum(power, 1e-300)
+        keep = np.maximum.accumulate(keep[::-1])[::-1]
+        taps = np.roll(np.fft.irfft(keep), _TAPS)[_TAPS // 2 : _TAPS + _TAPS // 2 + 1]
+        taps = taps * np.hanning(len(taps) + 2)[1:-1]
+        taps /= taps.sum()
+        half = len(taps) // 2
+        for part in parts:
+            own = values[part, drive]
+            ends = 2 * own[0] - own[half:0:-1], 2 * own[-1] - own[-2 : -half - 2 : -1]
+            out[part, drive] = np.convolve(np.concatenate([ends[0], own, ends[1]]), taps, 'valid')
+    return out

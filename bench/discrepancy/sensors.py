@@ -1,0 +1,104 @@
+"""Errors of the measurement as columns, scaled to what such sensors are known for."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects import Signals
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One error: its unit, its spread in units of the reference drive, and what it scales with."""
+
+    unit: str
+    spread: float
+    scale: str = ''  # 'A' or 'N·m' of the drive, '' for none
+
+
+SENSORS: Final[Mapping[str, Sensor]] = {
+    'power_gain': Sensor('1', 0.06),
+    'torque_scale': Sensor('1', 0.1),
+    'current_offset': Sensor('A', 0.01, 'A'),
+    'offset_drift': Sensor('A/min', 0.003, 'A'),
+    'torque_bias': Sensor('N·m', 0.25, 'N·m'),
+    'torque_hysteresis': Sensor('N·m', 0.5, 'N·m'),
+    'torque_slip': Sensor('N·m', 0.5, 'N·m'),
+    'velocity_lag': Sensor('s', 0.0015),
+    'torque_lag': Sensor('s', 0.0015),
+    'time_offset': Sensor('s', 0.001),
+}
+AT_MOTOR: Final = 0.2
+"""Torque by a current and a constant is off by a fifth, a torque sensor by a tenth."""
+_SLIP: Final = 0.05  # of the rms torque, over which a sensor's hysteresis turns round
+
+
+def spreads(signals: Signals) -> Mapping[str, float]:
+    """Prior spread of each error for these drives, in its unit."""
+    ampere = float(signals.scale.factor('A').max())
+    newton = float(signals.scale.torque.max())
+    out = {}
+    for name, one in SENSORS.items():
+        out[name] = one.spread * {'A': ampere, 'N·m': newton}.get(one.scale, 1.0)
+    if signals.at_motor.all():
+        out['torque_scale'] = AT_MOTOR
+    # A rate of few samples a second moves lags by a part of its period.
+    out['velocity_lag'] = out['torque_lag'] = max(out['torque_lag'], 0.3 / signals.rate)
+    return out
+
+
+def sensor_columns(
+    summed: Callable[[Floats], Floats], power: Floats, s: Signals, slope: Floats
+) -> Floats:
+    """
+    Watts of one spread of each error, in the order of SENSORS [N, z].
+
+    summed: what a meter sees of watts [T, D, …].
+    """
+    minutes = (s.time - s.time.mean())[:, None] / 60.0
+    fast = np.sqrt(np.mean(s.torque_rate**2, axis=0)) + 1e-9
+    rate = np.gradient(power, 1.0 / s.rate, axis=0)
+    given: Mapping[str, Callable[[], Floats]] = {
+        'power_gain': lambda: power,
+        'torque_scale': lambda: s.torque * slope,
+        'current_offset': lambda: s.voltage / s.voltage.shape[1],
+        'offset_drift': lambda: s.voltage / s.voltage.shape[1] * minutes,
+        'torque_bias': lambda: slope,
+        'torque_hysteresis': lambda: slope * np.tanh(3.0 * s.torque_rate / fast),
+        'torque_slip': lambda: slope * slip(s.torque),
+        'velocity_lag': lambda: s.torque * s.acceleration,
+        'torque_lag': lambda: slope * s.torque_rate,
+        'time_offset': lambda: -rate,
+    }
+    known = spreads(s)
+    return np.stack(
+        [known[name] * summed(given[name]()[..., None])[:, 0] for name in SENSORS], axis=1
+    )
+
+
+def slip(torque: Floats) -> Floats:
+    """
+    Play of a sensor's hysteresis, −1 to 1 [T, D]: it follows the torque between its ends.
+
+    s[t] = clip(s[t − 1] + d torque / reach, −1, 1). Such steps compose to steps of their kind, so
+    that all are found by doubling.
+    """
+    reach = _SLIP * (np.sqrt(np.mean(torque**2, axis=0)) + 1e-12)
+    add = np.diff(torque, axis=0, prepend=torque[:1]) / reach
+    low, high = np.full_like(add, -1.0), np.full_like(add, 1.0)
+    ahead = 1
+    while ahead < len(add):
+        first = add[:-ahead], low[:-ahead], high[:-ahead]
+        then = add[ahead:], low[ahead:], high[ahead:]
+        ends = [np.clip(end + then[0], then[1], then[2]) for end in first[1:]]
+        total = first[0] + then[0]
+        add, low, high = (
+            np.concatenate([old[:ahead], new])
+            for old, new in zip((add, low, high), (total, *ends), strict=True)
+        )
+        ahead *= 2
+    return np.asarray(np.clip(add, low, high))

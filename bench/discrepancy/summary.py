@@ -1,0 +1,138 @@
+"""Draws of a set of effects on one meter: coefficients, errors of sensors, and what is left."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from power_estimator.effects.fit.design import Active
+from scipy.special import logsumexp
+
+from discrepancy.gaussian import draws
+from discrepancy.meter import FRICTIONS, EffectColumns, MeterProblem, Point, apart
+from discrepancy.priors import MISFIT
+from discrepancy.search import cells, signs
+from discrepancy.sensors import SENSORS, spreads
+
+Floats = NDArray[np.float64]
+_MOST_MISFIT = 20.0  # times; an effect that others take over has no size of its own
+_TAILS = 4.0  # degrees of freedom: a misfit is seldom normal
+_LEAST = 0.01  # of the posterior, at a size that is drawn from
+FORMULA = 0.03
+"""Part of a coefficient by which the textbook's formula is not that of the drive."""
+
+
+@dataclass(frozen=True)
+class MeterSummary:
+    """
+    Draws [s] from the posterior of one meter, and the power of its parts.
+
+    left: W rms of the discrepancy by what it is a function of; noise: of the errors beside it.
+    """
+
+    coefficients: Mapping[str, Floats]  # SI [s, n] by effect
+    friction_at_1: Floats | None  # N·m [s]
+    explains: Mapping[str, Floats]  # W rms that known effects cannot take over [s] by effect
+    sensors: Mapping[str, Floats]  # in their units [s]
+    costs: Mapping[str, float]  # W rms of each error of a sensor
+    delay: float  # s
+    left: Mapping[str, float]
+    discrepancy: Floats  # W [N]
+    noise: float  # W rms
+
+
+def summarised(
+    meter: MeterProblem,
+    actives: Sequence[Active],
+    known: Sequence[str],
+    point: Point,
+    seed: int = 0,
+) -> MeterSummary:
+    """Draw from the posterior of a set of effects at its point."""
+    assert meter.noise is not None
+    random = np.random.default_rng(seed)
+    columns = meter.columns(actives, point)
+    found, place = cells(meter, columns, known)
+    logs = np.array([cell.solution.evidence for cell in found])
+    weights = np.exp(logs - logsumexp(logs))
+    signed = signs(actives)
+    taken = []
+    for cell, weight in zip(found, weights, strict=True):
+        if weight >= _LEAST:
+            begun = cell.solution.mean
+            own = draws(cell.normal, place, cell.sizes, begun, signed, random)
+            taken.append(own[: max(1, round(weight * len(own)))])
+    drawn = np.concatenate(taken)
+    best = found[int(np.argmax(weights))]
+    count = len(signed)
+    formula = 1.0 + FORMULA * random.normal(size=(len(drawn), count))
+    values = drawn[:, :count] * columns.watts * formula
+    explains = _explains(columns, meter, drawn[:, :count], known)
+    units = spreads(meter.signals)
+    nuisance = drawn[:, count:]
+    mean = best.solution.mean
+    smooth = best.normal.smooth(mean, place)
+    parts = {
+        name: columns.smooth[:, own] @ smooth[own] for name, own in meter.parts(columns).items()
+    }
+    forms = columns.nuisance[:, len(SENSORS) :] @ mean[count + len(SENSORS) :]
+    rest = parts.pop("the effects' formulas", np.zeros(len(forms)))
+    used = meter.used
+    left = {name: _rms(own[used]) for name, own in parts.items()}
+    left["the effects' formulas"] = _rms((rest + forms)[used])
+    sensors = {name: nuisance[:, i] * units[name] for i, name in enumerate(SENSORS)}
+    # A sensor that reads low makes the power high for its torque.
+    sensors['torque_scale'] = 1.0 / np.maximum(1.0 + sensors['torque_scale'], 0.1) - 1.0
+    delay = float(meter.prepared.shifts[place])
+    sensors['time_offset'] = sensors['time_offset'] + delay
+    costs = {
+        name: _rms(columns.nuisance[used, i]) * abs(float(nuisance[:, i].mean()))
+        for i, name in enumerate(SENSORS)
+    }
+    discrepancy = sum(parts.values(), rest + forms)
+    size = _rms(discrepancy[used])
+
+    def misfit(own_w: float) -> Floats:
+        """Factors [s, 1] by which what no formula explains may move a coefficient."""
+        ratio = min(size / max(own_w, 1e-12), _MOST_MISFIT)
+        return 1.0 + MISFIT * ratio * random.standard_t(_TAILS, size=(len(drawn), 1))
+
+    coefficients = {}
+    for active in actives:
+        own = values[:, columns.places(active)]
+        own = own * misfit(float(np.median(explains[active.name])))
+        lower = np.array([term.lower for term in active.effect.terms])
+        coefficients[active.name] = np.where(lower >= 0, np.maximum(own, 0.0), own)
+    friction = None
+    if columns.friction[:count].any():
+        together = [float(np.median(v)) for name, v in explains.items() if name in FRICTIONS]
+        friction = (drawn @ columns.friction) * misfit(float(np.hypot.reduce(together)))[:, 0]
+    return MeterSummary(
+        coefficients,
+        friction,
+        explains,
+        sensors,
+        costs,
+        delay,
+        left,
+        discrepancy,
+        float(np.sqrt(meter.noise.variance)),
+    )
+
+
+def _explains(
+    columns: EffectColumns, meter: MeterProblem, drawn: Floats, known: Sequence[str]
+) -> Mapping[str, Floats]:
+    """W rms [s] of each effect that known effects and a meter's scale cannot take over."""
+    out = {}
+    for active in columns.actives:
+        places = columns.places(active)
+        own = apart(columns, meter.used, places, known)[meter.used]
+        gram = own.T @ own / len(own)
+        weights = drawn[:, places]
+        out[active.name] = np.sqrt(np.maximum(np.einsum('si,ij,sj->s', weights, gram, weights), 0))
+    return out
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0

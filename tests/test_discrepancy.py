@@ -1,0 +1,145 @@
+"""Figures of the judge with a discrepancy that can be checked by hand."""
+
+import numpy as np
+import pytest
+from discrepancy.gaussian import NormalEquations, by_delay, draws, marginalised, solved
+from discrepancy.sensors import slip
+
+COLUMN = np.array([1.0, 2.0, 2.0])
+TARGET = np.array([1.0, 1.0, 3.0])
+
+
+def of_columns(columns, targets, smooth=None, spread=()):
+    """Normal equations of unit noise: columns [N, n], targets [N, S], features [N, a]."""
+    every = columns if smooth is None else np.concatenate([columns, smooth], axis=1)
+    squares = np.square(targets).sum(axis=0)
+    return marginalised(every.T @ every, every.T @ targets, squares, np.asarray(spread))
+
+
+def log_density(target, covariance):
+    """Log of a Gaussian's density at a target [N], less its factor of 2π."""
+    return (
+        -0.5 * target @ np.linalg.solve(covariance, target)
+        - 0.5 * np.linalg.slogdet(covariance)[1]
+    )
+
+
+def test_the_evidence_of_one_column_is_its_closed_form():
+    normal = of_columns(COLUMN[:, None], TARGET[:, None])
+    found = solved(normal, 0, np.array([2.0]), np.array([False]))
+    # y ~ N(0, I + 4 x xᵀ), x·x = 9, x·y = 9, y·y = 11: −½(11 − 81·4/37) − ½ ln 37.
+    assert found.evidence == pytest.approx(-0.5 * (11 - 324 / 37) - 0.5 * np.log(37.0))
+    assert found.mean[0] == pytest.approx(9 / 9.25)
+    assert found.covariance[0, 0] == pytest.approx(1 / 9.25)
+    assert by_delay(normal, np.array([2.0]))[0] == pytest.approx(found.evidence)
+
+
+def test_each_delay_has_its_own_evidence():
+    targets = np.stack([TARGET, COLUMN], axis=1)
+    found = by_delay(of_columns(COLUMN[:, None], targets), np.array([2.0]))
+    covariance = np.eye(3) + 4 * np.outer(COLUMN, COLUMN)
+    expected = [log_density(target, covariance) for target in targets.T]
+    assert found == pytest.approx(expected)
+
+
+def test_a_smooth_part_that_is_marginalised_is_one_that_is_solved_jointly():
+    random = np.random.default_rng(1)
+    columns, smooth = random.normal(size=(30, 2)), random.normal(size=(30, 3))
+    target, spread = random.normal(size=(30, 1)), np.array([0.5, 1.0, 2.0])
+    sizes, free = np.array([3.0, 3.0]), np.zeros(2, dtype=bool)
+    apart = of_columns(columns, target, smooth, spread)
+    found = solved(apart, 0, sizes, free)
+    both = np.concatenate([columns, smooth], axis=1)
+    joint = of_columns(both, target)
+    together = solved(joint, 0, np.concatenate([sizes, spread]), np.zeros(5, dtype=bool))
+    assert found.mean == pytest.approx(together.mean[:2])
+    assert found.covariance == pytest.approx(together.covariance[:2, :2])
+    assert found.evidence == pytest.approx(together.evidence)
+    assert apart.smooth(found.mean, 0) == pytest.approx(together.mean[2:])
+
+
+def test_columns_that_are_taken_are_those_of_a_smaller_problem():
+    random = np.random.default_rng(2)
+    columns, smooth = random.normal(size=(20, 3)), random.normal(size=(20, 2))
+    target, spread = random.normal(size=(20, 1)), np.ones(2)
+    taken = of_columns(columns, target, smooth, spread).taken(np.array([0, 2]))
+    own = of_columns(columns[:, [0, 2]], target, smooth, spread)
+    sizes = np.ones(2)
+    assert by_delay(taken, sizes) == pytest.approx(by_delay(own, sizes))
+
+
+def test_a_signed_coefficient_that_would_be_negative_is_held_at_zero():
+    columns = np.array([[1.0, 0.0], [0.0, 1.0]])
+    normal = of_columns(columns, np.array([[3.0], [-3.0]]))
+    found = solved(normal, 0, np.array([10.0, 10.0]), np.array([True, True]))
+    assert found.mean == pytest.approx([3.0 / 1.01, 0.0], abs=1e-6)
+    free = solved(normal, 0, np.array([10.0, 10.0]), np.array([True, False]))
+    assert free.mean[1] == pytest.approx(-3.0 / 1.01)
+
+
+def test_half_of_a_coefficients_evidence_lies_on_either_side_of_zero():
+    normal = of_columns(COLUMN[:, None], np.zeros((3, 1)))
+    free, signed = (
+        solved(normal, 0, np.ones(1), np.array([own])).evidence for own in (False, True)
+    )
+    assert signed == pytest.approx(free)  # twice the prior's density on half of the posterior
+
+
+@pytest.mark.parametrize('target', [-3.0, 0.0, 3.0])
+def test_signed_coefficients_are_never_negative_in_draws(target):
+    normal = of_columns(np.eye(2), np.array([[target], [target]]))
+    sizes, signed = np.array([10.0, 10.0]), np.array([True, False])
+    random = np.random.default_rng(0)
+    drawn = draws(normal, 0, sizes, np.array([target, target]), signed, random)
+    assert drawn.shape[1] == 2
+    assert (drawn[:, 0] >= 0.0).all()
+    assert drawn[:, 1].mean() == pytest.approx(target / 1.01, abs=0.3)
+    assert drawn[:, 1].std() == pytest.approx(1.0, rel=0.2)
+
+
+def test_draws_of_a_half_normal_have_its_mean():
+    normal = of_columns(np.eye(1), np.zeros((1, 1)))
+    drawn = draws(
+        normal, 0, np.array([1e3]), np.zeros(1), np.array([True]), np.random.default_rng(3)
+    )
+    assert drawn.mean() == pytest.approx(np.sqrt(2 / np.pi), abs=0.15)  # of unit spread
+
+
+def test_nuisances_are_drawn_with_the_effects_that_they_stand_beside():
+    columns = np.array([[1.0, 1.0], [0.0, 0.1]])
+    normal = of_columns(columns, np.array([[2.0], [0.0]]))
+    drawn = draws(
+        normal, 0, np.array([10.0, 10.0]), np.ones(2), np.array([False]), np.random.default_rng(4)
+    )
+    precision = normal.gram + 0.01 * np.eye(2)
+    expected = np.linalg.inv(precision)
+    correlation = expected[0, 1] / np.sqrt(expected[0, 0] * expected[1, 1])
+    assert correlation < -0.9  # their sum alone is known
+    assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(correlation, abs=0.05)
+
+
+def test_normals_without_smooth_features_are_the_plain_problem():
+    normal = of_columns(COLUMN[:, None], TARGET[:, None])
+    assert isinstance(normal, NormalEquations)
+    assert normal.gram == pytest.approx(np.array([[9.0]]))
+    assert normal.constants == pytest.approx([-5.5])  # −½·y·y
+
+
+def test_slip_follows_the_torque_between_its_ends():
+    torque = np.array([0.0, 1.0, 2.0, 1.5, -4.0])[:, None]
+    rms = np.sqrt(np.mean(torque**2))
+    reach = 0.05 * rms  # N·m; each step here is longer than both ways of it but the first two
+    assert reach < 0.25
+    assert slip(torque)[:, 0] == pytest.approx([0.0, 1.0, 1.0, -1.0, -1.0])
+
+
+def test_slip_of_small_steps_adds_them_up_and_turns_round_where_the_torque_does():
+    steps = np.array([0.0, 0.5, 1.0, -0.5, -1.0, -1.0])  # of the reach
+    load = 20.0 / np.sqrt(1 - 0.05**2)
+    torque = load + np.cumsum(steps)
+    reach = 0.05 * np.sqrt(np.mean(torque**2))
+    found, expected = slip(torque[:, None])[:, 0], [0.0]
+    for step in steps[1:] / reach:
+        expected.append(float(np.clip(expected[-1] + step, -1.0, 1.0)))
+    assert found == pytest.approx(expected)
+    assert min(found) == -1.0 < max(found)
