@@ -31,6 +31,7 @@ UNITS = {
     'velocity_lag': 's',
     'torque_bend': '1',
     'offset_drift': 'A/min',
+    'torque_scale': '1',
 }
 _DRAWS = 40
 _UNKNOWN_OFFSET = np.array([-0.03, 0.03])  # A, where the idle draw takes up any offset

@@ -15,12 +15,14 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.together import together
 from power_estimator.model import PowerModel
+from power_estimator.posterior.judged import JudgedEffects
 
 from power_lab.diagnose.diagnosis import Diagnoser
 from power_lab.diagnose.findings import Candidate, Diagnosis
 from power_lab.diagnose.judged_steps import JudgedSteps, judged_steps
 from power_lab.diagnose.measurement_check import MeasurementTerm, check_measurement
 from power_lab.diagnose.next_recording import Motion, separating_motion
+from power_lab.diagnose.probable import probable, torque_scale, with_names
 from power_lab.diagnose.verdict import noise_w, remainder, sentence
 from power_lab.structure.candidates import CONSTANT_TORQUE
 from power_lab.structure.words import in_words
@@ -90,6 +92,7 @@ class Outcome:
     measurement: dict[str, MeasurementTerm]
     judged: JudgedSteps
     motion: Motion
+    probable: JudgedEffects | None
     seconds: float  # of the recordings, of which the diagnosis may have judged on pieces
 
     @property
@@ -124,7 +127,7 @@ class Outcome:
             'certain': [name for name in d.effects if name in d.certain],
             'active': list(self.model.effects),
             'measurement': {name: term.json() for name, term in self.measurement.items()},
-            'candidates': [row.json() for row in self.rows],
+            'candidates': [{**row.json(), **self._probability(row.name)} for row in self.rows],
             'leftover': {
                 'r2': _short(d.unexplained.r2),
                 'worst': worst,
@@ -159,6 +162,18 @@ class Outcome:
                 }
                 for step in d.steps
             ],
+        }
+
+    def _probability(self, name: str) -> dict[str, Any]:
+        """What the posterior says of an effect, where it judged."""
+        if self.probable is None or name not in self.probable.probability:
+            return {}
+        low, middle, high = self.probable.explains(name).tolist()
+        return {
+            'probability': round(self.probable.probability[name], 4),
+            'explains_w': _short(middle),
+            'explains_interval': [_short(low), _short(high)],
+            'share': _short(self.probable.share(name)),
         }
 
     def _residual(self) -> dict[str, Any] | None:
@@ -207,21 +222,28 @@ def diagnose(
     fitter = own.fitter(per_drive=True)
     diagnoser = Diagnoser(fitter, structure.plus(*terms), catalogue, seed)
     diagnosis = diagnoser.run()
+    found = probable(own, structure.actives, catalogue, loaded.window)
+    if found is not None:
+        diagnosis = with_names(diagnosis, found, diagnoser)
     known = {entry.get('sha256') for entry in model.fitted_on}
     other = not seen and not any(entry['sha256'] in known for entry in loaded.identities)
     beside = diagnosis.beside or diagnosis
     rows = _rows(beside, diagnoser)
+    measurement = check_measurement(
+        beside, fitter, model, other_recording=other, delays=delays, seed=seed
+    )
+    if found is not None:
+        measurement['torque_scale'] = torque_scale(found, own.prepared.names)
     return Outcome(
         model=model,
         loaded=loaded,
         diagnoser=diagnoser,
         diagnosis=diagnosis,
         rows=rows,
-        measurement=check_measurement(
-            beside, fitter, model, other_recording=other, delays=delays, seed=seed
-        ),
+        measurement=measurement,
         judged=judged_steps(Judge(loaded, catalogue), given, model, diagnosis, spec),
         motion=_motion(diagnosis, rows, catalogue, own.prepared.signals),
+        probable=found,
         seconds=seconds,
     )
 

@@ -5,8 +5,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects import Signals
 from scipy.signal import welch
+
+from power_estimator.effects import Signals
 
 Floats = NDArray[np.float64]
 _TAPS: Final = 64

@@ -1,8 +1,4 @@
 """
-A judge with a learned discrepancy, beside today's lab in the benchmark of reliability.
-
-    python bench/reliability.py --judge discrepancy:judged --families … --out FILE.jsonl
-
 Posterior of a power model's effects: what is missing, how sure that is, and coefficients.
 
 A linear Gaussian model by meter (Kennedy and O'Hagan 2001): effects with broad priors, errors of
@@ -13,7 +9,3 @@ whose size the marginal likelihood gives. Scores of blocks of 2 s temper the lik
 A set of effects is judged at its own point: linearised about another set's coefficients, friction
 that is twice as large costs hundreds of nats, as the copper loss of its torque is quadratic.
 """
-
-from discrepancy.judge import judged
-
-__all__ = ['judged']

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects.fit.design import Active
 from scipy.special import logsumexp
 
-from discrepancy.gaussian import draws
-from discrepancy.meter import FRICTIONS, EffectColumns, MeterProblem, Point, apart
-from discrepancy.priors import MISFIT
-from discrepancy.search import cells, signs
-from discrepancy.sensors import SENSORS, spreads
+from power_estimator.effects.fit.design import Active
+from power_estimator.posterior.gaussian import draws
+from power_estimator.posterior.meter import FRICTIONS, EffectColumns, MeterProblem, Point, apart
+from power_estimator.posterior.priors import MISFIT
+from power_estimator.posterior.search import cells, signs
+from power_estimator.posterior.sensors import SENSORS, spreads
 
 Floats = NDArray[np.float64]
 _MOST_MISFIT = 20.0  # times; an effect that others take over has no size of its own

@@ -8,14 +8,14 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import Active, BasePower, Structure, weighted
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
-
-from discrepancy.gaussian import NormalEquations, marginalised
-from discrepancy.priors import (
+from power_estimator.posterior.gaussian import NormalEquations, marginalised
+from power_estimator.posterior.priors import (
     BLOCK,
     DEPARTING,
     DEPARTURES,
@@ -24,7 +24,7 @@ from discrepancy.priors import (
     KINDS,
     SPIKE,
 )
-from discrepancy.sensors import SENSORS, sensor_columns
+from power_estimator.posterior.sensors import SENSORS, sensor_columns
 
 Floats = NDArray[np.float64]
 Point = Mapping[str, tuple[Active, Floats]]

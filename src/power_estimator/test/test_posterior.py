@@ -1,9 +1,15 @@
-"""Figures of the judge with a discrepancy that can be checked by hand."""
+"""Figures of the posterior that can be checked by hand."""
 
 import numpy as np
 import pytest
-from discrepancy.gaussian import NormalEquations, by_delay, draws, marginalised, solved
-from discrepancy.sensors import slip
+from power_estimator.posterior.gaussian import (
+    NormalEquations,
+    by_delay,
+    draws,
+    marginalised,
+    solved,
+)
+from power_estimator.posterior.sensors import slip
 
 COLUMN = np.array([1.0, 2.0, 2.0])
 TARGET = np.array([1.0, 1.0, 3.0])

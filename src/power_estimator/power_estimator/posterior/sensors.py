@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
 from power_estimator.effects import Signals
 
 Floats = NDArray[np.float64]

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects.fit.design import Active, BasePower
-from power_estimator.effects.signals.prepared import Prepared
 from scipy.special import logsumexp
 
-from discrepancy.gaussian import Bools, NormalEquations, Solution, by_delay, solved
-from discrepancy.meter import EffectColumns, MeterProblem, Point
-from discrepancy.priors import (
+from power_estimator.effects.fit.design import Active, BasePower
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution, by_delay, solved
+from power_estimator.posterior.meter import EffectColumns, MeterProblem, Point
+from power_estimator.posterior.priors import (
     ALIKE,
     DEPARTING,
     DISCREPANCY,
