@@ -1,4 +1,4 @@
-"""What the posterior says of prepared signals: probabilities, scales, and what is left."""
+"""Judgement of prepared signals by the posterior: probabilities, scales, and what is left."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
