@@ -54,12 +54,13 @@ def test_every_module_that_a_page_names_exists():
                 assert module_file(package + rest), f'{path}: {package}{rest}'
 
 
-def test_the_page_of_migration_names_present_modules():
-    text = (ROOT / 'docs' / 'reference' / 'migration.md').read_text(encoding='utf-8')
-    rows = re.findall(r'^\| `[\w.]+` \| `([\w.]+)` \| (`.*`) \|$', text, re.MULTILINE)
-    assert len(rows) > 50
-    for package, names in rows:
-        for name in re.findall(r'`(?:\w+ → )?(\w+)`', names):
-            found = module_file(f'{package}.{name}')
-            assert found is not None, f'{package}.{name}'
-            assert found.stem == name
+def test_the_list_of_former_modules_names_present_ones():
+    text = (ROOT / 'docs' / 'reference' / 'former_modules.csv').read_text(encoding='utf-8')
+    head, *rows = (row.split(',') for row in text.splitlines())
+    assert head == ['former', 'now']
+    assert len(rows) > 300
+    assert len({former for former, _ in rows}) == len(rows)
+    for _, name in rows:
+        found = module_file(name)
+        assert found is not None, name
+        assert found.stem == name.split('.')[-1]
