@@ -5,10 +5,9 @@ python bench/reliability.py --judge discrepancy:judged --families … --out FILE
 """
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
-from judgements import LEVELS, Interval, Judgement, Statement
+from judgements import COEFFICIENTS, LEVELS, Interval, Judgement, Statement
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.whole_robot import expanded
@@ -16,23 +15,15 @@ from power_estimator.effects.signals.pieces import pieces
 from power_estimator.effects.signals.prepared import prepare
 from power_estimator.posterior.judged import judged_effects
 from power_estimator.posterior.summary import MeterSummary
+from power_lab.diagnose.outcome import MOST_SECONDS
 from power_recordings.alignment.dataset import AlignedDataset
-
-COEFFICIENTS: Final = {
-    'copper_loss': 'k',
-    'rotor_inertia': 'inertia',
-    'idle': 'idle',
-    'spring': 'spring',
-    'load_friction': 'load_friction',
-}
-_MOST_SECONDS: Final = 150.0
 
 
 def judged(data: AlignedDataset, known: Sequence[str]) -> Judgement:
     """Judge a recording: probabilities of missing effects, and intervals of coefficients."""
     catalogue, prepared = builtin_catalogue(), prepare(data)
-    if prepared.seconds > _MOST_SECONDS:
-        prepared = pieces(prepared, _MOST_SECONDS)
+    if prepared.seconds > MOST_SECONDS:
+        prepared = pieces(prepared, MOST_SECONDS)
     effects = [catalogue[name] for name in known]
     actives: Sequence[Active] = [
         Active.of(effect) for effect in effects if effect.usable(prepared.signals)

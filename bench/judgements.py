@@ -63,13 +63,18 @@ def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Judgement:
     from power_estimator.effects.fit.fitter import measurement_terms
     from power_estimator.effects.training import fit_model, material
     from power_lab.diagnose.diagnosis import Diagnoser
+    from power_lab.diagnose.probable import probable, with_names
 
     catalogue = builtin_catalogue()
     given = material(data, per='drive')
     actives = [Active.of(catalogue[name]) for name in known]
     actives = [active for active in actives if active.effect.usable(given.prepared.signals)]
-    structure = given.structure(actives).plus(*measurement_terms(catalogue, shaft=True))
-    found = Diagnoser(given.fitter(per_drive=True), structure, catalogue).run()
+    structure = given.structure(actives)
+    terms = measurement_terms(catalogue, shaft=True, steady=given.prepared.steady)
+    diagnoser = Diagnoser(given.fitter(per_drive=True), structure.plus(*terms), catalogue)
+    found, posterior = diagnoser.run(), probable(given, structure.actives, catalogue, 0.0)
+    if posterior is not None:
+        found = with_names(found, posterior, diagnoser)
     named = found.effects if found.verdict == 'named' else ()
     model, _ = fit_model('trial', given, actives, catalogue)
     intervals = [one for group in model.groups for one in _intervals(group)]
@@ -77,7 +82,7 @@ def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Judgement:
     return Judgement(tuple(Statement(name, 0.97) for name in named), tuple(intervals), words)
 
 
-_COEFFICIENTS = {
+COEFFICIENTS = {
     'copper_loss': 'k',
     'rotor_inertia': 'inertia',
     'idle': 'idle',
@@ -91,7 +96,7 @@ def _intervals(group: Any) -> list[Interval]:
     drive = group.type.name
     out = [
         Interval(drive, name, 0.95, *value.interval)
-        for effect, name in _COEFFICIENTS.items()
+        for effect, name in COEFFICIENTS.items()
         for value in group.coefficients.get(effect, ())[:1]
     ]
     parts = [

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from power_estimator.posterior.gaussian import (
     NormalEquations,
+    Weighed,
     by_delay,
     draws,
     marginalised,
@@ -15,11 +16,17 @@ COLUMN = np.array([1.0, 2.0, 2.0])
 TARGET = np.array([1.0, 1.0, 3.0])
 
 
-def of_columns(columns, targets, smooth=None, spread=()):
-    """Normal equations of unit noise: columns [N, n], targets [N, S], features [N, a]."""
+def of_columns(columns, targets, smooth=None, spread=(1.0, 1.0)):
+    """Normal equations of unit noise: columns [N, n], targets [N, S], features [N, 3]."""
     every = columns if smooth is None else np.concatenate([columns, smooth], axis=1)
-    squares = np.square(targets).sum(axis=0)
-    return marginalised(every.T @ every, every.T @ targets, squares, np.asarray(spread))
+    groups = (0, 0, 0) if smooth is None else (1, 1, 1)
+    (only,) = marginalised(weighed(every, targets), groups, ((spread[0],), (spread[1],)))
+    return only
+
+
+def weighed(every, targets):
+    """Products of columns [N, m] and targets [N, S]."""
+    return Weighed(every.T @ every, every.T @ targets, np.square(targets).sum(axis=0))
 
 
 def log_density(target, covariance):
@@ -51,7 +58,7 @@ def test_each_delay_has_its_own_evidence():
 def test_a_smooth_part_that_is_marginalised_is_one_that_is_solved_jointly():
     random = np.random.default_rng(1)
     columns, smooth = random.normal(size=(30, 2)), random.normal(size=(30, 3))
-    target, spread = random.normal(size=(30, 1)), np.array([0.5, 1.0, 2.0])
+    target, spread = random.normal(size=(30, 1)), np.array([0.5, 2.0, 1.0])
     sizes, free = np.array([3.0, 3.0]), np.zeros(2, dtype=bool)
     apart = of_columns(columns, target, smooth, spread)
     found = solved(apart, 0, sizes, free)
@@ -61,15 +68,16 @@ def test_a_smooth_part_that_is_marginalised_is_one_that_is_solved_jointly():
     assert found.mean == pytest.approx(together.mean[:2])
     assert found.covariance == pytest.approx(together.covariance[:2, :2])
     assert found.evidence == pytest.approx(together.evidence)
-    assert apart.smooth(found.mean, 0) == pytest.approx(together.mean[2:])
+    rest = weighed(both, target)
+    assert rest.smooth(apart, found.mean, 0) == pytest.approx(together.mean[2:])
 
 
 def test_columns_that_are_taken_are_those_of_a_smaller_problem():
     random = np.random.default_rng(2)
-    columns, smooth = random.normal(size=(20, 3)), random.normal(size=(20, 2))
-    target, spread = random.normal(size=(20, 1)), np.ones(2)
-    taken = of_columns(columns, target, smooth, spread).taken(np.array([0, 2]))
-    own = of_columns(columns[:, [0, 2]], target, smooth, spread)
+    columns, smooth = random.normal(size=(20, 3)), random.normal(size=(20, 3))
+    target = random.normal(size=(20, 1))
+    taken = of_columns(columns, target, smooth).taken(np.array([0, 2]), 0)
+    own = of_columns(columns[:, [0, 2]], target, smooth)
     sizes = np.ones(2)
     assert by_delay(taken, sizes) == pytest.approx(by_delay(own, sizes))
 

@@ -70,8 +70,9 @@ def hopped(tmp_path_factory):
     }
 
 
-def test_the_page_says_honestly_that_no_known_effect_explains_the_hopper(hopped):
-    assert 'none of the known effects' in hopped['verdict']
+def test_the_page_names_the_loss_of_the_hoppers_inverters_beside_what_nothing_explains(hopped):
+    assert 'inverter loss is missing' in hopped['verdict'].lower()
+    assert 'no known effect explains' in hopped['verdict']
     assert 'rms inside against' in hopped['box']
     assert hopped['complaints'] == []
 

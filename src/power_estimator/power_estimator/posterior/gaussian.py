@@ -1,5 +1,6 @@
 """Linear Gaussian problems with the discrepancy marginalised: evidence, means and draws."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,31 +20,19 @@ class NormalEquations:
     """
     Normal equations at one size of the discrepancy, for S delays of the power.
 
-    n effects and z nuisances are left; a smooth features are marginalised.
+    n effects and z nuisances are left; the smooth features are marginalised.
     """
 
+    spread: Floats  # [a] of the smooth features
     gram: Floats  # [n + z, n + z]
     moments: Floats  # [n + z, S]
     constants: Floats  # nats [S]
-    factor: Floats  # lower Cholesky factor of the smooth features' precision [a, a]
-    left: Floats  # [a, n + z]
-    right: Floats  # [a, S]
 
-    def smooth(self, mean: Floats, place: int) -> Floats:
-        """Mean of the smooth features' weights [a] beside effects and nuisances [n + z]."""
-        rest = self.right[:, place] - self.left @ mean
-        return np.asarray(solve_triangular(self.factor, rest, lower=True, trans='T'))
-
-    def taken(self, kept: NDArray[np.intp]) -> 'NormalEquations':
-        """Return the problem of some of the columns alone."""
-        return NormalEquations(
-            self.gram[np.ix_(kept, kept)],
-            self.moments[kept],
-            self.constants,
-            self.factor,
-            self.left[:, kept],
-            self.right,
-        )
+    def taken(self, kept: NDArray[np.intp], place: int) -> 'NormalEquations':
+        """Return the problem of some of the columns alone, at one delay."""
+        own = slice(place, place + 1)
+        gram = self.gram[np.ix_(kept, kept)]
+        return NormalEquations(self.spread, gram, self.moments[kept, own], self.constants[own])
 
 
 @dataclass(frozen=True)
@@ -55,24 +44,75 @@ class Solution:
     covariance: Floats  # [n + z, n + z]
 
 
+@dataclass(frozen=True)
+class Weighed:
+    """Weighted products of columns [m] with one another and with the power at S delays."""
+
+    gram: Floats  # [m, m]
+    moments: Floats  # [m, S]
+    squares: Floats  # of the power [S]
+
+    def without(self, own: slice, size: float) -> tuple['Weighed', float]:
+        """Marginalise columns of one prior spread, with the nats that this costs."""
+        inner = self.gram[own, own] + np.eye(own.stop - own.start) / size**2
+        factor = np.linalg.cholesky(inner)
+        rest = np.r_[0 : own.start, own.stop : len(self.gram)]
+        joined = np.concatenate([self.gram[own, rest], self.moments[own]], axis=1)
+        solved = solve_triangular(factor, joined, lower=True)
+        left, right = solved[:, : len(rest)], solved[:, len(rest) :]
+        return Weighed(
+            self.gram[np.ix_(rest, rest)] - left.T @ left,
+            self.moments[rest] - left.T @ right,
+            self.squares - np.square(right).sum(axis=0),
+        ), float(np.log(np.diag(factor)).sum() + len(inner) * np.log(size))
+
+    def at_sizes(self, count: int, sizes: Sequence[float]) -> Iterator['tuple[Weighed, float]']:
+        """Marginalise all columns but the first count, at each of some prior spreads."""
+        values, turned = np.linalg.eigh(self.gram[count:, count:])
+        values = np.maximum(values, 0.0)
+        left, right = turned.T @ self.gram[count:, :count], turned.T @ self.moments[count:]
+        for size in sizes:
+            scale = 1.0 / (values + size**-2.0)
+            heavy = left.T * scale
+            yield (
+                Weighed(
+                    self.gram[:count, :count] - heavy @ left,
+                    self.moments[:count] - heavy @ right,
+                    self.squares - scale @ np.square(right),
+                ),
+                float(0.5 * np.log1p(values * size**2).sum()),
+            )
+
+    def smooth(self, normal: NormalEquations, mean: Floats, place: int) -> Floats:
+        """Mean of the smooth features' weights [a] beside effects and nuisances [n + z]."""
+        count = len(mean)
+        inner = self.gram[count:, count:] + np.diag(normal.spread**-2.0)
+        rest = self.moments[count:, place] - self.gram[count:, :count] @ mean
+        return np.asarray(np.linalg.solve(inner, rest))
+
+
 def marginalised(
-    gram: Floats, moments: Floats, squares: Floats, spread: Floats
-) -> NormalEquations:
-    """Marginalise the last a columns at prior spreads [a]; squares: of the weighted target [S]."""
-    count = len(gram) - len(spread)
-    factor = np.asarray(np.linalg.cholesky(gram[count:, count:] + np.diag(spread**-2.0)), float)
-    left = solve_triangular(factor, gram[count:, :count], lower=True)
-    right = solve_triangular(factor, moments[count:], lower=True)
-    half = float(np.log(np.diag(factor)).sum() + np.log(spread).sum())
-    constants = np.asarray(0.5 * np.square(right).sum(axis=0) - 0.5 * squares - half)
-    return NormalEquations(
-        np.asarray(gram[:count, :count] - left.T @ left),
-        moments[:count] - left.T @ right,
-        constants,
-        factor,
-        left,
-        right,
-    )
+    weighed: Weighed, groups: tuple[int, int, int], sizes: Sequence[Sequence[float]]
+) -> list[NormalEquations]:
+    """
+    Marginalise smooth features, the last columns, in three groups of so many.
+
+    sizes: prior spreads of the first and of the second group, all of which are tried; the third
+    group's is 1.
+    """
+    general, bent, absent = groups
+    kept = len(weighed.gram) - sum(groups)
+    end = len(weighed.gram)
+    there, nats = weighed.without(slice(end - absent, end), 1.0)
+    out = []
+    for second in sizes[1]:
+        own = slice(kept + general, kept + general + bent)
+        inner, more = there.without(own, second)
+        for first, (left, most) in zip(sizes[0], inner.at_sizes(kept, sizes[0]), strict=True):
+            spread = np.repeat([first, second, 1.0], groups)
+            constants = np.asarray(-0.5 * left.squares - nats - more - most)
+            out.append(NormalEquations(spread, left.gram, left.moments, constants))
+    return out
 
 
 def by_delay(normal: NormalEquations, sizes: Floats) -> Floats:
@@ -105,7 +145,7 @@ def solved(normal: NormalEquations, place: int, sizes: Floats, signed: Bools) ->
     log = float(normal.constants[place] + 0.5 * moment @ mean - half)
     shown = mean[:count] / np.sqrt(np.diag(covariance)[:count])
     log += float((log_ndtr(shown) + np.log(2.0))[signed].sum())
-    return Solution(log, mean, np.asarray(covariance, dtype=np.float64))
+    return Solution(log, mean, covariance)
 
 
 def draws(

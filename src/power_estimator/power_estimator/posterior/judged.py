@@ -12,11 +12,11 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
-from power_estimator.posterior.priors import MIMICS, NAMED, OFF
+from power_estimator.posterior.priors import NAMED, OFF
 from power_estimator.posterior.rates import with_quiet_rates
-from power_estimator.posterior.search import EffectSearch
+from power_estimator.posterior.search import EffectSearch, tempered
 from power_estimator.posterior.sensors import spreads
-from power_estimator.posterior.summary import MeterSummary, summarised
+from power_estimator.posterior.summary import MeterSummary, rms, summarised
 
 Floats = NDArray[np.float64]
 SCALES: Final = ('power_gain', 'torque_scale')
@@ -76,12 +76,12 @@ def judged_effects(
         summarised(meter, taken, search.known, point)
         for meter, point in zip(search.meters, search.points, strict=True)
     )
-    left = _rms(np.array([_rms(one.discrepancy) for one in meters]))
+    left = rms(np.array([one.discrepancy_w for one in meters]))
     probability = {}
     for name, value in odds.items():
         if all(name in one.explains for one in meters):
             watts = [float(np.median(one.explains[name])) for one in meters]
-            value = search.tempered(name, value, _rms(np.array(watts)) / max(left, 1e-12))
+            value = search.tempered(name, value, rms(np.array(watts)) / max(left, 1e-12))
         probability[name] = float(expit(value))
     usual = spreads(signals)
     scales = {name: max(_scale(name, one, usual) for one in meters) for name in SCALES}
@@ -102,10 +102,5 @@ def _scale(name: str, one: MeterSummary, usual: Mapping[str, float]) -> float:
     cost = sum(one.costs[each] for each in SCALES) if name == larger else one.costs[name]
     before = float(logit(2.0 * ndtr(-OFF / usual[name])))
     after = float(logit(np.clip(np.mean(np.abs(values) > OFF), _RESOLVED, 1.0 - _RESOLVED)))
-    ratio = cost / max(_rms(one.discrepancy), 1e-12)
-    counts = ratio**2 / (ratio**2 + MIMICS**2)
-    return float(expit(before + counts * (after - before) if after > before else after))
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+    ratio = cost / max(one.discrepancy_w, 1e-12)
+    return float(expit(tempered(before, after, ratio)))

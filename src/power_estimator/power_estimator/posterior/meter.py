@@ -14,7 +14,7 @@ from power_estimator.effects.fit.design import Active, BasePower, Structure, wei
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
-from power_estimator.posterior.gaussian import NormalEquations, marginalised
+from power_estimator.posterior.gaussian import NormalEquations, Weighed, marginalised
 from power_estimator.posterior.priors import (
     BLOCK,
     DEPARTING,
@@ -84,7 +84,7 @@ class MeterProblem:
         self.prepared, self.signals = prepared, prepared.signals
         self.fixed = tuple(fixed)
         self.builder = (WholeBuilder if prepared.whole else DesignBuilder)(prepared, base)
-        self.delay = 0.0
+        self.place = int(np.argmin(np.abs(prepared.shifts)))  # of the delay of the power
         self.noise: Noise | None = None
         self.absent: dict[str, Floats] = {}
         self.used = prepared.measured[:, 0] & prepared.resolved[:, 0]
@@ -93,7 +93,7 @@ class MeterProblem:
 
     def power(self) -> Floats:
         """Metered watts with the delay taken out [N]."""
-        return self.prepared.power_at(self.delay)[:, 0]
+        return np.asarray(self.prepared.power[self.place, :, 0], dtype=np.float64)
 
     def summed(self, watts: Floats) -> Floats:
         """Reduce W [T, D, …] to what the meter sees [N, …]."""
@@ -129,10 +129,10 @@ class MeterProblem:
         )
 
     @cached_property
-    def general(self) -> Mapping[str, Floats]:
-        """The discrepancy's features by what they are functions of [N, a]."""
+    def general(self) -> Floats:
+        """The discrepancy's features: sums of functions of one, two and all causes [N, a]."""
         s, random, reduced = self.signals, np.random.default_rng(0), self.prepared.reduced
-        parts: dict[str, list[Floats]] = defaultdict(list)
+        parts: list[Floats] = []
         few = 1.0 if s.torque.shape[1] == 1 else 0.5
         for d in range(s.torque.shape[1]):
             own = {
@@ -149,17 +149,16 @@ class MeterProblem:
             if np.isfinite(at).all() and np.ptp(at) < _TURNS:
                 centred = (at - at.mean()) / (at.std() + 1e-9)
                 own['position'] = reduced(centred[:, None])
-            for name in ('torque', 'speed', 'position'):
-                if name in own:
-                    parts[name].append(_fourier(random, own[name], 5, 0.7))
+            single = [own[name] for name in ('torque', 'speed', 'position') if name in own]
+            parts += [_fourier(random, values, 5, 0.7) for values in single]
             pair = np.concatenate([own['torque'], own['speed']], axis=1)
-            parts['torque and speed'].append(_fourier(random, pair, round(12 * few), 1.0))
+            parts.append(_fourier(random, pair, round(12 * few), 1.0))
             every = np.concatenate(list(own.values()), axis=1)
-            parts['the motion'].append(_fourier(random, every, round(20 * few), 1.6))
+            parts.append(_fourier(random, every, round(20 * few), 1.6))
         time = self.prepared.time - self.prepared.time[0]
         waves = np.arange(1, int(np.clip(time[-1] / 15, 1, 20)) + 1)
-        parts['time'].append(np.cos(np.pi * waves * time[:, None] / time[-1]) / waves)
-        return {name: np.concatenate(found, axis=1) for name, found in parts.items()}
+        parts.append(np.cos(np.pi * waves * time[:, None] / time[-1]) / waves)
+        return np.concatenate(parts, axis=1)
 
     def columns(self, actives: Sequence[Active], point: Point) -> EffectColumns:
         """Linearise effects about a point, which has coefficients in SI by name."""
@@ -181,7 +180,7 @@ class MeterProblem:
         departures, at_one = self._departures(powers)
         names = {active.name for active in actives}
         absent = [own for name, own in self.absent.items() if name not in names]
-        smooth = [self.rms * own for own in self.general.values()]
+        smooth = [self.rms * self.general]
         for kind in ('friction', 'copper', 'shaft'):
             if kind in powers:
                 share = 0.1 if kind == 'shaft' else 1.0
@@ -201,15 +200,6 @@ class MeterProblem:
             power - linear,
             _friction_at_one(actives, scaled, nuisance.shape[1], at_one, point),
         )
-
-    def parts(self, columns: EffectColumns) -> Mapping[str, slice]:
-        """Parts of the smooth features by what they are functions of."""
-        out, start = {}, 0
-        for name, own in self.general.items():
-            out[name] = slice(start, start + own.shape[1])
-            start += own.shape[1]
-        out["the effects' formulas"] = slice(start, columns.smooth.shape[1] - columns.absent)
-        return out
 
     def _by_kind(self, point: Point, s: Signals, slope: Floats) -> Mapping[str, Floats]:
         """Power of the shaft and of each kind of effect at a point, W [T, D]."""
@@ -281,25 +271,23 @@ class MeterProblem:
             joined = np.concatenate(parts, axis=1)
             self.absent[name] = joined * SPIKE / np.sqrt(joined.shape[1])
 
-    def normals(self, columns: EffectColumns) -> list[NormalEquations]:
-        """Normal equations at each size of the discrepancy, for all delays of the power."""
+    def weighed(self, columns: EffectColumns) -> Weighed:
+        """Weighted products of all columns with one another and with the power."""
         assert self.noise is not None
         weights = self.noise.weights / (self.noise.variance * self.noise.tempering)
         rows = np.flatnonzero(weights)
         a = np.concatenate([columns.effects, columns.nuisance, columns.smooth], axis=1)[rows]
-        w = weights[rows]
+        root = np.sqrt(weights[rows])[:, None]
+        a *= root
         y = self.prepared.power[:, rows, 0].T.astype(np.float64) - columns.constant[rows, None]
-        heavy = a * w[:, None]
-        gram, moments, squares = a.T @ heavy, heavy.T @ y, w @ np.square(y)
-        general = sum(own.shape[1] for own in self.general.values())
-        out = []
-        for size in DISCREPANCY:
-            for bent in DEPARTING:
-                spread = np.full(columns.smooth.shape[1], bent)
-                spread[:general] = size
-                spread[columns.smooth.shape[1] - columns.absent :] = 1.0
-                out.append(marginalised(gram, moments, squares, spread))
-        return out
+        y *= root
+        return Weighed(a.T @ a, a.T @ y, np.square(y).sum(axis=0))
+
+    def normals(self, columns: EffectColumns) -> list[NormalEquations]:
+        """Normal equations at each size of the discrepancy, for all delays of the power."""
+        general, absent = self.general.shape[1], columns.absent
+        groups = general, columns.smooth.shape[1] - general - absent, absent
+        return marginalised(self.weighed(columns), groups, (DISCREPANCY, DEPARTING))
 
 
 def apart(

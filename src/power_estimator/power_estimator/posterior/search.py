@@ -1,7 +1,7 @@
 """Search of the sets of effects that a model may miss, and their probabilities."""
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,8 +50,7 @@ class FittedSet:
 
     evidence: float  # nats
     point: Point
-    delay: float  # s
-    place: int  # of the delay
+    place: int  # of the delay among the shifts
 
 
 def signs(actives: Sequence[Active]) -> Bools:
@@ -106,7 +105,7 @@ def fit_set(
             continue
         settled = found is not None and evidence < found.evidence + _SETTLED
         if len(point) == len(actives):  # before that, departures of some are not there yet
-            found = FittedSet(evidence, point, float(meter.prepared.shifts[place]), place)
+            found = FittedSet(evidence, point, place)
         if settled:
             break
         best = solutions[int(np.argmax(logs))].solution
@@ -135,7 +134,6 @@ class EffectSearch:
         known: Sequence[Active],
         candidates: Sequence[Active],
         base: BasePower | None = None,
-        show: Callable[[str], None] = lambda text: None,
     ) -> None:
         """known: effects of the model; candidates: shapes of effects that it may lack."""
         count = len(prepared.names)
@@ -158,22 +156,19 @@ class EffectSearch:
         self.points: list[Point] = [{} for _ in self.meters]
         self.judged: dict[Chosen, list[FittedSet]] = {}
         self.pooled = 1.0 / (1.0 + (count - 1) * ALIKE)
-        self.show = show
         self.screened: dict[str, tuple[float, Chosen]] = {}
         self.needed: dict[str, float] = {}  # log odds of effects of the set, as linearised
         self.made: list[EffectColumns] = []
-        self.normals: list[list[NormalEquations]] = []
 
     def run(self) -> tuple[Mapping[str, float], Chosen]:
         """Log odds of each effect that the model lacks, and the best set."""
         chosen = self.base
         self._begin()
-        for step in range(STEPS):
+        for _ in range(STEPS):
             self._move(chosen)
             nearest = self._nearest(chosen)
             here = self.score(chosen)
             tried = (*nearest[:TRIED], chosen)
-            self.show(f'diagnosing: step {step + 1}, {len(tried)} sets of effects')
             score, best = max((self.score(each), each) for each in tried)
             if score < here + WORTH:
                 break
@@ -192,8 +187,7 @@ class EffectSearch:
         """
         chance = MISSING.get(name.partition('@')[0], OF_USERS)
         before = float(np.log(chance / (1.0 - chance)))
-        counts = ratio**2 / (ratio**2 + MIMICS**2)
-        return before + counts * (odds - before) if odds > before else odds
+        return tempered(before, odds, ratio)
 
     def _odds(self, chosen: Chosen) -> Mapping[str, float]:
         scores = {each: self.score(each) for each in self.judged}
@@ -248,18 +242,17 @@ class EffectSearch:
         found = self.at(chosen)
         self.points = [one.point for one in found]
         for meter, one in zip(self.meters, found, strict=True):
-            meter.delay = one.delay
+            meter.place = one.place
         self._begin()
 
     def _begin(self) -> None:
         """Linearise all effects about the current points."""
-        self.judged, self.made, self.normals = {}, [], []
+        self.judged, self.made = {}, []
         for meter, point in zip(self.meters, self.points, strict=True):
             meter.absent = {}
             columns = meter.columns(self.actives, point)
             meter.learn_noise(columns, self.known)
             self.made.append(columns)
-            self.normals.append(meter.normals(columns))
 
     def _nearest(self, chosen: Chosen) -> list[Chosen]:
         """Sets of one effect more, less, in place of another or of another shape, best first."""
@@ -281,9 +274,8 @@ class EffectSearch:
             if name not in have
         ]
         totals = dict.fromkeys((*more, *other, *less, *swaps, chosen), 0.0)
-        for meter, columns, normals in zip(self.meters, self.made, self.normals, strict=True):
-            count = columns.effects.shape[1]
-            place = int(np.argmin(np.abs(meter.prepared.shifts - meter.delay)))
+        for meter, columns in zip(self.meters, self.made, strict=True):
+            count, normals = columns.effects.shape[1], meter.normals(columns)
             slices = [columns.places(active) for active in self.actives]
             for each in totals:
                 own = [c for i in each for c in range(slices[i].start, slices[i].stop)]
@@ -291,7 +283,8 @@ class EffectSearch:
                 spread = np.ones(len(kept))
                 spread[: len(own)] = 0.3
                 totals[each] += max(
-                    float(by_delay_at(normal.taken(kept), place, spread)) for normal in normals
+                    float(by_delay(normal.taken(kept, meter.place), spread)[0])
+                    for normal in normals
                 )
         here = self.pooled * totals.pop(chosen) + self._prior(chosen)
         best: dict[tuple[str, bool | Chosen | None], tuple[float, Chosen]] = {}
@@ -315,9 +308,11 @@ class EffectSearch:
         return [each for _, each in sorted(best.values(), reverse=True)]
 
 
-def by_delay_at(normal: NormalEquations, place: int, sizes: Floats) -> float:
-    """Log evidence at one delay, at prior spreads [n + z]."""
-    factor = np.linalg.cholesky(normal.gram + np.diag(sizes**-2.0))
-    half = np.log(np.diag(factor)).sum() + np.log(sizes).sum()
-    found = np.linalg.solve(factor, normal.moments[:, place])
-    return float(normal.constants[place] + 0.5 * found @ found - half)
+def tempered(before: float, after: float, ratio: float) -> float:
+    """
+    Log odds between those before and after the evidence, by a ratio to the discrepancy.
+
+    Evidence against counts whole.
+    """
+    counts = ratio**2 / (ratio**2 + MIMICS**2)
+    return before + counts * (after - before) if after > before else after

@@ -14,21 +14,20 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sensor:
-    """One error: its unit, its spread in units of the reference drive, and what it scales with."""
+    """One error: its unit, and its spread for the reference drive."""
 
     unit: str
     spread: float
-    scale: str = ''  # 'A' or 'N·m' of the drive, '' for none
 
 
 SENSORS: Final[Mapping[str, Sensor]] = {
     'power_gain': Sensor('1', 0.06),
     'torque_scale': Sensor('1', 0.1),
-    'current_offset': Sensor('A', 0.01, 'A'),
-    'offset_drift': Sensor('A/min', 0.003, 'A'),
-    'torque_bias': Sensor('N·m', 0.25, 'N·m'),
-    'torque_hysteresis': Sensor('N·m', 0.5, 'N·m'),
-    'torque_slip': Sensor('N·m', 0.5, 'N·m'),
+    'current_offset': Sensor('A', 0.01),
+    'offset_drift': Sensor('A/min', 0.003),
+    'torque_bias': Sensor('N·m', 0.25),
+    'torque_hysteresis': Sensor('N·m', 0.5),
+    'torque_slip': Sensor('N·m', 0.5),
     'velocity_lag': Sensor('s', 0.0015),
     'torque_lag': Sensor('s', 0.0015),
     'time_offset': Sensor('s', 0.001),
@@ -40,11 +39,10 @@ _SLIP: Final = 0.05  # of the rms torque, over which a sensor's hysteresis turns
 
 def spreads(signals: Signals) -> Mapping[str, float]:
     """Prior spread of each error for these drives, in its unit."""
-    ampere = float(signals.scale.factor('A').max())
-    newton = float(signals.scale.torque.max())
-    out = {}
-    for name, one in SENSORS.items():
-        out[name] = one.spread * {'A': ampere, 'N·m': newton}.get(one.scale, 1.0)
+    out = {
+        name: one.spread * float(signals.scale.factor(one.unit, of_sensor=True).max())
+        for name, one in SENSORS.items()
+    }
     if signals.at_motor.all():
         out['torque_scale'] = AT_MOTOR
     # A rate of few samples a second moves lags by a part of its period.

@@ -24,21 +24,14 @@ FORMULA = 0.03
 
 @dataclass(frozen=True)
 class MeterSummary:
-    """
-    Draws [s] from the posterior of one meter, and the power of its parts.
-
-    left: W rms of the discrepancy by what it is a function of; noise: of the errors beside it.
-    """
+    """Draws [s] from the posterior of one meter, and the size of the discrepancy beside them."""
 
     coefficients: Mapping[str, Floats]  # SI [s, n] by effect
     friction_at_1: Floats | None  # N·m [s]
     explains: Mapping[str, Floats]  # W rms that known effects cannot take over [s] by effect
     sensors: Mapping[str, Floats]  # in their units [s]
     costs: Mapping[str, float]  # W rms of each error of a sensor
-    delay: float  # s
-    left: Mapping[str, float]
-    discrepancy: Floats  # W [N]
-    noise: float  # W rms
+    discrepancy_w: float  # rms
 
 
 def summarised(
@@ -49,7 +42,6 @@ def summarised(
     seed: int = 0,
 ) -> MeterSummary:
     """Draw from the posterior of a set of effects at its point."""
-    assert meter.noise is not None
     random = np.random.default_rng(seed)
     columns = meter.columns(actives, point)
     found, place = cells(meter, columns, known)
@@ -71,26 +63,20 @@ def summarised(
     units = spreads(meter.signals)
     nuisance = drawn[:, count:]
     mean = best.solution.mean
-    smooth = best.normal.smooth(mean, place)
-    parts = {
-        name: columns.smooth[:, own] @ smooth[own] for name, own in meter.parts(columns).items()
-    }
-    forms = columns.nuisance[:, len(SENSORS) :] @ mean[count + len(SENSORS) :]
-    rest = parts.pop("the effects' formulas", np.zeros(len(forms)))
-    used = meter.used
-    left = {name: _rms(own[used]) for name, own in parts.items()}
-    left["the effects' formulas"] = _rms((rest + forms)[used])
+    there = columns.smooth.shape[1] - columns.absent
+    smooth = meter.weighed(columns).smooth(best.normal, mean, place)
+    discrepancy = columns.smooth[:, :there] @ smooth[:there]
+    departures = slice(len(SENSORS), None)
+    discrepancy += columns.nuisance[:, departures] @ mean[count:][departures]
+    size = rms(discrepancy[meter.used])
     sensors = {name: nuisance[:, i] * units[name] for i, name in enumerate(SENSORS)}
     # A sensor that reads low makes the power high for its torque.
     sensors['torque_scale'] = 1.0 / np.maximum(1.0 + sensors['torque_scale'], 0.1) - 1.0
-    delay = float(meter.prepared.shifts[place])
-    sensors['time_offset'] = sensors['time_offset'] + delay
+    sensors['time_offset'] = sensors['time_offset'] + float(meter.prepared.shifts[place])
     costs = {
-        name: _rms(columns.nuisance[used, i]) * abs(float(nuisance[:, i].mean()))
+        name: rms(columns.nuisance[meter.used, i]) * abs(float(nuisance[:, i].mean()))
         for i, name in enumerate(SENSORS)
     }
-    discrepancy = sum(parts.values(), rest + forms)
-    size = _rms(discrepancy[used])
 
     def misfit(own_w: float) -> Floats:
         """Factors [s, 1] by which what no formula explains may move a coefficient."""
@@ -113,10 +99,7 @@ def summarised(
         explains,
         sensors,
         costs,
-        delay,
-        left,
-        discrepancy,
-        float(np.sqrt(meter.noise.variance)),
+        rms(discrepancy),
     )
 
 
@@ -134,5 +117,6 @@ def _explains(
     return out
 
 
-def _rms(values: Floats) -> float:
+def rms(values: Floats) -> float:
+    """Root of the mean square, 0 of nothing."""
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0
