@@ -141,13 +141,18 @@ def judged(bags: list[Path], log: DriveLog) -> list[str]:
         lab = lab.fit(' '.join(log.known))
         scores = [f'{score.r2:.3f}' for score in lab.score.drives.values()]
     except InputError as error:
-        return ['–', regression, f'refused: {_inline(str(error))}']
+        return ['–', regression, _refused(error)]
     found = [', '.join(scores) + slow, regression]
     try:
         outcome = lab.diagnose()
     except InputError as error:
-        return [*found, f'refused: {_inline(str(error))}']
-    return [*found, f'`{outcome.verdict}`: {_inline(outcome.sentence)}']
+        return [*found, _refused(error)]
+    names = outcome.diagnosis.effects or outcome.diagnosis.chosen
+    return [*found, f'`{outcome.verdict}` {", ".join(names)}'.strip()]
+
+
+def _refused(error: InputError) -> str:
+    return f'refused: {_inline(str(error)).partition(";")[0]}'
 
 
 def _inline(text: str) -> str:
