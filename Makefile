@@ -72,6 +72,7 @@ test-ros: build-ros
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest -q tests/test_words_in_docs.py
 # mypy does not follow editable installs: without the path, other packages are Any. The folder
 # launch/ of the bring-up would hide ROS 2's package of that name.
 	export MYPYPATH=$$(echo $(filter-out src/wattwalk_bringup,$(wildcard src/*)) | tr ' ' :); \
