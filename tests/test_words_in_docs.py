@@ -7,8 +7,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*ROOT.glob('*.md'), *ROOT.glob('docs/**/*.md'), *ROOT.glob('bags/*.md')]
-UNMENDED = ('explanation', 'results')  # until these are halved
-PAGES = [page for page in PAGES if page.parent.name not in UNMENDED]
+UNMENDED = ('diagnosis.md', 'reliability.md')  # until these are rewritten
+PAGES = [page for page in PAGES if page.name not in UNMENDED]
 LONGEST = 30
 PRIVATE = re.compile(
     r'\b(told|leftovers?|strangers?|idlers?|underlay|likeness|hurry|hurried|haste|pacing|slew'
