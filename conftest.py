@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-import domains
 import pytest
+import runtimes
 from hypothesis import settings
 from synthetic_walk import Walk
 from wattwalk_core.processes import PATIENCE, ChildProcess, ProcessError, find_program
@@ -54,7 +54,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Reserve a ROS domain for one test and set it in the environment."""
-    with domains.reserved() as domain:
+    with runtimes.reserved() as domain:
         monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
         monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         yield domain

@@ -15,21 +15,20 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-import domains
 import numpy as np
 import runtimes
-from numpy.typing import NDArray
 from power_recordings.reading.reader import Recording
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+from wattwalk_core.arrays import Floats
 from wattwalk_core.processes import ChildProcess, find_program
 
 Runtime = Callable[..., list[str]]
 Figures = dict[str, str]
 
 
-def stamp_error_ms(recording: Recording) -> NDArray[np.float64]:
+def stamp_error_ms(recording: Recording) -> Floats:
     """
     Stamps of joint states minus the plant's own time of the same steps, ms.
 
@@ -48,7 +47,7 @@ def walk(ros2: Runtime, seconds: float, policy: Sequence[str], model: str | None
     """Run the live system on a runtime, alone in a ROS domain; return a text for each figure."""
     with (
         tempfile.TemporaryDirectory(prefix='wattwalk') as name,
-        domains.reserved() as domain,
+        runtimes.reserved() as domain,
         ExitStack() as running,
     ):
         bus = ('--ros-args', '-p', 'interface:=unixsocket', '-p', f'channel:={name}/bus')

@@ -13,7 +13,6 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_lab.budget.accounts import Accounts
@@ -24,8 +23,8 @@ from power_recordings.alignment.filters import windowed_sinc
 from truths import FAMILIES, Case, record
 from truths.recorded import START_NS, Recorded
 from truths.steps import PARTS
+from wattwalk_core.arrays import Bools, Floats
 
-Floats = NDArray[np.float64]
 _FIRST = 9  # parts at the shaft, which the torque of a motor has in it
 _WITHIN = {'copper_loss': ('winding_heating', 'saturation')}  # where the model has no such part
 Row = tuple[str, str, float, float, float, float]  # part, phase, truth, estimate, interval
@@ -66,9 +65,7 @@ def _by_part(
     return truth
 
 
-def _compared(
-    tally: Tally, truth: dict[str, Floats], masks: dict[str, NDArray[np.bool_]]
-) -> list[Row]:
+def _compared(tally: Tally, truth: dict[str, Floats], masks: dict[str, Bools]) -> list[Row]:
     out: list[Row] = []
     means, limits = tally.means, interval(tally.means)
     for place, (phase, mask) in enumerate(masks.items()):

@@ -15,7 +15,6 @@ from math import exp, pi
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from power_calibration.analyser.compare import compare_with_analyser
 from power_calibration.analyser.comparison import AnalyserComparison
 from power_calibration.analyser.log import Log
@@ -34,6 +33,7 @@ from sim_bridge.plant.parameters import MeterParameters, Plant
 from sim_bridge.plant.simulation import STEP, PlantBlock
 from sim_bridge.plant.world import stand_world
 from sim_bridge.sensors.meter import DeviceClock, Meter
+from wattwalk_core.arrays import Floats
 
 DRIVE = 'LF_KFE'
 
@@ -125,7 +125,7 @@ def trial(
 
 def _recording(
     plant: Plant,
-    parameters: dict[str, NDArray[np.float64]],
+    parameters: dict[str, Floats],
     clock: DeviceClock,
     blocks: Sequence[PlantBlock],
     random: np.random.Generator,

@@ -14,7 +14,6 @@ from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.align import RATES, load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.importing.convert import import_logs
@@ -23,9 +22,9 @@ from power_recordings.importing.sources import open_source
 from power_recordings.reading.reader import Recording
 from reliability_questions import Sealed
 from truths.families import IN_MOTOR_TORQUE
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
-Floats = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent
 LOGS = Path(os.environ.get('WATTWALK_REAL_DATA') or HERE.parents[1] / 'shared' / 'real_data')
 SIZES = (0.01, 0.02, 0.05, 0.1, 0.2)

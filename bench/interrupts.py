@@ -24,10 +24,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from domains import reserved
 from power_recordings.reading.reader import Recording
 from rich.console import Console
 from rich.table import Table
+from runtimes import reserved
 from soak_bags import told_lost
 from wattwalk_core.errors import InputError
 from wattwalk_core.processes import ChildProcess, ProcessError

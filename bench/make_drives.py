@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from drive_logs import HERE, LOGS
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from power_estimator.effects.fit.design import Structure
 from power_estimator.scores import score
 from power_lab.compare.both_sides import both_sides
@@ -33,7 +32,6 @@ from wattwalk_core.figures import OTHERS, save_figure, style
 from wattwalk_core.files import write_whole
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
-Floats = NDArray[np.float64]
 _SPEEDS = 5  # ranges of speed, of which the highest torque is kept
 _MOST = 2000  # points of a picture
 _LEVELS = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.92, 0.94, 0.96, 1.0)

@@ -86,9 +86,7 @@ def main() -> int:
         variants = [
             Variant('without power', None, config),
             Variant(
-                f'power by LSTM{options.units}, carried',
-                PredictedPower.load(spec, count),
-                config,
+                f'power by LSTM{options.units}, carried', PredictedPower.load(spec, count), config
             ),
             Variant('power by LSTM100, carried', PredictedPower.load(teacher, count), config),
         ]

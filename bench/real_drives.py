@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 from drive_logs import DRIVE_LOGS, HERE, LOGS, DriveLog
-from numpy.typing import NDArray
 from power_lab.session import Session
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.importing.convert import import_logs
@@ -25,11 +24,11 @@ from power_recordings.importing.listing import list_columns
 from power_recordings.importing.map_file import DriveMap, ImportMap, Signal, load_map, parse_map
 from power_recordings.importing.sources import open_source
 from power_recordings.importing.units import conversion
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.yaml_file import read_yaml
 
-Floats = NDArray[np.float64]
 PAGE = HERE.parent / 'docs' / 'results' / 'real_drives.md'
 BEGIN, END = '<!-- bench-real: begin -->', '<!-- bench-real: end -->'
 HEAD = (

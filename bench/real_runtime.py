@@ -19,7 +19,6 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import domains
 import rclpy
 import runtimes
 from rclpy.clock import Clock, ClockType
@@ -227,7 +226,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f'skipped: {reason}')
         return 0
     ways = [(a, b) for a in ('embedded', 'ROS 2') for b in ('embedded', 'ROS 2')]
-    with domains.reserved() as domain:
+    with runtimes.reserved() as domain:
         results = {way: measure(*way, options.seconds, domain) for way in ways}
     table = Table(title=f'1 kHz drive_supply and 400 Hz joint_states, {options.seconds:g} s each')
     table.add_column('')

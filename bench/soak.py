@@ -22,7 +22,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import domains
+import runtimes
 from rich.console import Console
 from rich.progress import Progress
 from soak_account import Account, Check, Counters, account, markdown, supply_account
@@ -145,7 +145,7 @@ class Soak:
 
 def run(seconds: float, folder: Path, output: Path | None, console: Console) -> bool:
     """Run a soak, print and write its account; whether all sums close."""
-    with domains.reserved() as domain, Progress(console=console) as progress:
+    with runtimes.reserved() as domain, Progress(console=console) as progress:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
         task = progress.add_task(f'soak of {seconds:.0f} s', total=seconds)
         soak = Soak(folder, seconds)

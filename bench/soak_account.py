@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 Numbers = NDArray[np.int64]
 _OPEN, _RECORDED, _WITHHELD = 0, 1, 2
@@ -222,7 +223,7 @@ def _common(found: Account, entered: tuple[int, int]) -> list[Check]:
 
 
 def _within(
-    bags: Sequence[BagRows], at_ends: Sequence[Mapping[str, int]], times: NDArray[np.float64]
+    bags: Sequence[BagRows], at_ends: Sequence[Mapping[str, int]], times: Floats
 ) -> list[Check]:
     """For each reason the bag of which most is missing beyond what was measured in so long."""
     worst: dict[str, Check] = {}

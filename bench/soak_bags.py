@@ -22,11 +22,7 @@ _LOST = r'drive_supply lost (\d+) samples'
 
 
 def rows(
-    path: Path,
-    begun: dict[str, int],
-    ended: dict[str, int],
-    how: str,
-    said: str,
+    path: Path, begun: dict[str, int], ended: dict[str, int], how: str, said: str
 ) -> dict[str, BagRows]:
     """
     A bag by stream; a stream that it lacks is empty.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
 from power_daq.bus.unix_socket import UnixSocketBus
 from sim_bridge.instruments.scpi import ScpiInstrument, SupplyState, Terminals
+from wattwalk_core.arrays import Floats, Singles
 
 _MS = 1_000_000
 _DIGITS = 4  # base 100, each in the value of one drive
@@ -20,26 +21,26 @@ _VOLTS, _AMPERES = 2000, 10_000  # counts of 10 mV from 40 V, and of 10 mA
 _CHUNK = 0.05  # s between looks at whether to stop
 
 
-def numbered(number: int, count: int, unit: float) -> NDArray[np.float64]:
+def numbered(number: int, count: int, unit: float) -> Floats:
     """Values of count drives, [count], of which the first four hold a number."""
     values = np.zeros(count)
     values[:_DIGITS] = [number // 100**k % 100 for k in range(_DIGITS)]
     return unit * values
 
 
-def numbers(values: NDArray[np.float32], unit: float) -> NDArray[np.int64]:
+def numbers(values: Singles, unit: float) -> NDArray[np.int64]:
     """The numbers that rows of values hold, [N]; -1 where they hold none."""
     counts = np.rint(np.asarray(values[:, :_DIGITS], np.float64) / unit).astype(np.int64)
     whole = (counts >= 0).all(axis=1) & (counts < 100).all(axis=1)
     return np.where(whole, counts @ (100 ** np.arange(_DIGITS)), -1)
 
 
-def position_numbers(values: NDArray[np.float32]) -> NDArray[np.int64]:
+def position_numbers(values: Singles) -> NDArray[np.int64]:
     """Numbers of joint samples from positions, rad [N, D]."""
     return numbers(values, _POSITION)
 
 
-def current_numbers(values: NDArray[np.float32]) -> NDArray[np.int64]:
+def current_numbers(values: Singles) -> NDArray[np.int64]:
     """Numbers of electrical samples from currents, A [N, D]."""
     return numbers(values, _CURRENT)
 
@@ -208,9 +209,7 @@ class SoakSupply:
         return [(0.0, answer.encode('ascii') + b'\n')]
 
 
-def supply_numbers(
-    voltage: NDArray[np.float32], current: NDArray[np.float32]
-) -> NDArray[np.int64]:
+def supply_numbers(voltage: Singles, current: Singles) -> NDArray[np.int64]:
     """Numbers of the supply's measurements from V and A (negative while drawn from) [N]."""
     volts = np.rint((np.asarray(voltage, np.float64) - 40.0) / 0.01).astype(np.int64)
     amperes = np.rint(-np.asarray(current, np.float64) / 0.01).astype(np.int64)

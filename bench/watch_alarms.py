@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from lab_scenarios import BASES
-from numpy.typing import NDArray
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
@@ -29,8 +28,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from truth_circuit import NAMES, Truth, record
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 _EFFECTS = BASES['core']
 _PIECE = 600.0  # s of a recording

@@ -18,8 +18,7 @@ from power_daq.ethercat.soem import SoemSegment
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sim_bridge.instruments.ethercat.controller import DatagramCommand
-from sim_bridge.instruments.ethercat.terminals import EK1100, EL3102
-from sim_bridge.instruments.ethercat.wire import process
+from sim_bridge.instruments.ethercat.terminals import EK1100, EL3102, process
 
 from drive_power_msgs.msg import DriveSupply
 

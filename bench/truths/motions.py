@@ -8,10 +8,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
+from wattwalk_core.arrays import Floats
 
-Floats = NDArray[np.float64]
 RATE = 200.0  # Hz of the knots
 
 

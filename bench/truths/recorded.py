@@ -9,13 +9,13 @@ from power_recordings.alignment.align import RATES, align
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.messages.samples import DriveSamples, JointSamples
 from power_recordings.reading.reader import Recording
+from wattwalk_core.arrays import Floats, Singles
 
 from truths.families import FAMILIES, TruePlant
 from truths.motions import MOTIONS, Asked
 from truths.parameters import Drive, table
 from truths.steps import KNOT, PART, PARTS, STATE, STEP, run
 
-Floats = NDArray[np.float64]
 _LEG = tuple(
     f'{leg}_{joint}' for leg in ('LF', 'RF', 'LH', 'RH') for joint in ('HAA', 'HFE', 'KFE')
 )
@@ -64,8 +64,8 @@ class Recorded:
     plant: TruePlant
     data: AlignedDataset
     drives: Mapping[str, DriveTruth]
-    power: NDArray[np.float32]
-    parts: NDArray[np.float32]
+    power: Singles
+    parts: Singles
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -128,8 +128,8 @@ class Simulated:
     joints: Floats  # position, velocity, torque, winding temperature [4, D, N]
     meter_time: Floats  # s [M]
     meter: Floats  # voltage, current [2, D, M]
-    power: NDArray[np.float32]  # W at the meter at 50 Hz [P, D]
-    parts: NDArray[np.float32]  # W [P, D, len(PARTS)]
+    power: Singles  # W at the meter at 50 Hz [P, D]
+    parts: Singles  # W [P, D, len(PARTS)]
     state: NDArray[np.void]  # of the drives at the end [D]
 
 
@@ -221,7 +221,7 @@ def aligned(name: str, plant: TruePlant, made: Simulated) -> AlignedDataset:
     return replace(data, motor_torque=frozenset(at_motor))
 
 
-def _coefficients(drive: Drive, own: NDArray[np.float32], state: np.void) -> dict[str, float]:
+def _coefficients(drive: Drive, own: Singles, state: np.void) -> dict[str, float]:
     squared = max(float(state['squared']), 1e-12)
     housing = state['warmth'] / (len(own) * PART)
     thin = float(np.exp(-drive.grease * (housing - 25.0)))

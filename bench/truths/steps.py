@@ -10,9 +10,7 @@ from typing import Final
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
 STEP: Final = 0.00025  # s
 KNOT: Final = 20  # steps between knots of a motion: 200 Hz
 PART: Final = 80  # steps over which parts are averaged: 50 Hz

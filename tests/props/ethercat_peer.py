@@ -5,8 +5,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from sim_bridge.instruments.ethercat.controller import SlaveController
-from sim_bridge.instruments.ethercat.terminals import EK1100, EL3102
-from sim_bridge.instruments.ethercat.wire import EmulatedSegment
+from sim_bridge.instruments.ethercat.terminals import EK1100, EL3102, EmulatedSegment
 
 
 class Peer:

@@ -2,16 +2,12 @@ import math
 
 import numpy as np
 import pytest
-from drive_bench.motion.file import MotionFile
+from drive_bench.motion.file import MOTIONS, Load, MotionFile, find_motion, listing
 from drive_bench.motion.fitting import fitted
 from drive_bench.motion.joint_limits import JointLimits, limits_of
-from drive_bench.motion.library import MOTIONS, find_motion, listing
-from drive_bench.motion.load import Load
-from drive_bench.motion.plan import Plan
+from drive_bench.motion.plan import Plan, SegmentPlayer, WavePath
 from drive_bench.motion.segment_path import Mounting, Ramps
-from drive_bench.motion.segment_player import SegmentPlayer
 from drive_bench.motion.segments import Segment
-from drive_bench.motion.wave_path import WavePath
 from drive_bench.run.drive_names import resolve
 from drive_bench.run.motion_run import MotionRun
 from hypothesis import example, given, settings

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from drive_bench.run import recorder_process as bench_recorder
+from drive_bench.run import recording as bench_recorder
 from drive_bench.run.options import free_name
-from drive_bench.run.recorder_process import RecorderProcess
+from drive_bench.run.recording import RecorderProcess
 from peers import PATIENCE, Peer, wait_until
 from power_recordings.reading.reader import Recording
 from sensor_msgs.msg import JointState

@@ -3,7 +3,7 @@
 from dataclasses import fields
 
 import numpy as np
-from policy_runner.policies import kinematics, leg_steps, stance_torque
+from policy_runner.policies import kinematics, leg_steps
 from policy_runner.policies.trot_gait import Feedback
 from wattwalk_core.anymal import DEFAULT_POSE
 
@@ -19,7 +19,7 @@ def legs(count=20):
     gains = {item.name: np.full(count, getattr(feedback, item.name)) for item in fields(feedback)}
     load = np.clip(random.uniform(-0.5, 1.5, (count, 4)), 0.0, 1.0)
     load[0] = 0.0
-    torque = stance_torque.stance_torque(
+    torque = kinematics.stance_torque(
         gains,
         state,
         load,

@@ -1,4 +1,4 @@
-from policy_runner.supervisor.loop_timing import LoopTiming
+from policy_runner.supervisor.supervisor import LoopTiming
 
 
 def test_steps_on_time_miss_no_period_and_late_ones_those_between():

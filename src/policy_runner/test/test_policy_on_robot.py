@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import policy_folders
 import pytest
-from policy_runner.policies.base_velocity import BaseVelocity
 from policy_runner.policies.by_name import load_policy
+from policy_runner.policies.learned import BaseVelocity
 from policy_runner.policies.trot import TROTS, ScriptedTrot
 from policy_runner.supervisor.safety import FaultKind
 from policy_runner.supervisor.supervisor import State, Supervisor, SupervisorOutput

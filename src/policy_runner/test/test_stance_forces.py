@@ -2,8 +2,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from policy_runner.policies.kinematics import forward
-from policy_runner.policies.stance_torque import stance_torque
+from policy_runner.policies.kinematics import forward, stance_torque
 from policy_runner.policies.trot_gait import Feedback
 from wattwalk_core.anymal import DEFAULT_POSE, FOOT_RADIUS
 

@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from policy_runner.policies.gait_table import GaitTable
 from policy_runner.policies.kinematics import forward, inverse
 from policy_runner.policies.trot import (
     TARGET_LIMITS,
@@ -12,7 +11,7 @@ from policy_runner.policies.trot import (
     ScriptedTrots,
     TrotConfig,
 )
-from policy_runner.policies.trot_gait import GaitCycle
+from policy_runner.policies.trot_gait import GaitCycle, GaitTable
 from wattwalk_core.anymal import DEFAULT_POSE, LIMITS
 from wattwalk_core.errors import InputError
 

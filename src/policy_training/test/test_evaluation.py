@@ -9,7 +9,6 @@ import pytest
 from policy_runner.policies.by_name import load_policy
 from policy_training.commands.arguments import evaluate as main
 from policy_training.evaluation.evaluate import score_walk, verdict
-from policy_training.evaluation.figures import falls_front
 from policy_training.evaluation.gait_cycle import find_steps
 from policy_training.evaluation.measured_walk import (
     RAW_RATE,
@@ -18,6 +17,7 @@ from policy_training.evaluation.measured_walk import (
     measure_walk,
     recorded_walk,
 )
+from policy_training.evaluation.report import falls_front
 from policy_training.evaluation.robustness import RobustnessConfig, _judge
 from policy_training.evaluation.tasks import TASKS, Task, parse_tasks
 from power_estimator.proxies import Proxy

@@ -7,7 +7,7 @@ from policy_runner.policies.trot_gait import TROTS
 from policy_training.commands.arguments import optimise_gait
 from policy_training.config import TrainingConfig, TrialConfig
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.plant_power import PlantPower
+from policy_training.environment.power_term import PlantPower
 from policy_training.environment.robots import Substep
 from policy_training.evaluation.task_trial import TaskTrial, TrialScore
 from policy_training.learning.gait_files import (

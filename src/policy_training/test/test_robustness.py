@@ -1,8 +1,8 @@
 import numpy as np
 import policy_folders
 import pytest
+from policy_runner.policies.blended_network import Perceptron
 from policy_runner.policies.folder import read_folder
-from policy_runner.policies.perceptron import Perceptron
 from policy_training.evaluation.robustness import RobustnessConfig, evaluate_robustness
 from wattwalk_core.errors import InputError
 

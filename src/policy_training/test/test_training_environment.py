@@ -5,8 +5,7 @@ from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.observations import CLOCKED, STANDARD
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.plant_power import PlantPower
-from policy_training.environment.power_term import PredictedPower, power_source
+from policy_training.environment.power_term import PlantPower, PredictedPower, power_source
 from policy_training.environment.vec_env import Mirror, TorchEnvironment
 from policy_training.learning.training import export_policy
 from power_estimator.batch.power import BatchPower

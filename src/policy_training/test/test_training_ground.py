@@ -2,7 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 from mujoco.batch import Batch
-from policy_training.environment.ground import Ground, Relief, add_planes
+from policy_training.environment.robots import Ground, Relief, add_planes
 from sim_bridge.plant.anymal_model import build_spec
 from sim_bridge.plant.terrain import FLAT, Terrain
 from wattwalk_core.anymal import FOOT_NAMES, FOOT_RADIUS

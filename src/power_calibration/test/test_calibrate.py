@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 import yaml
 from power_calibration.analyser.bandwidth import response_of_drive
-from power_calibration.analyser.coarse_alignment import Match, matches
-from power_calibration.analyser.curve import Curve
+from power_calibration.analyser.curve import Curve, Match, matches
 from power_calibration.analyser.reference_fit import Clock, fit_reference
 from power_calibration.commands.arguments import calibrate as main
 from power_recordings.calibration import Calibration, label

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from power_calibration.analyser.comparison import row_kind
 from power_calibration.analyser.curve import Curve
 from power_calibration.analyser.reference_fit import Clock
-from power_calibration.analyser.row_kind import row_kind
 from scipy.signal import lfilter
 
 FINE = 20_000  # Hz

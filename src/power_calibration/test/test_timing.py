@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from power_calibration.commands.arguments import sync as main
 from power_calibration.timing.delay import delay_of
-from power_calibration.timing.stamps import clock_quality, stamp_qualities
 from power_calibration.timing.step_response import step_response
-from power_calibration.timing.summary import summarise
+from power_calibration.timing.summary import clock_quality, stamp_qualities, summarise
 from power_recordings.messages.samples import DriveSamples, JointSamples
 from power_recordings.reading.reader import Recording
 from wattwalk_core.errors import InputError

@@ -14,9 +14,8 @@ from wattwalk_core.nodes.fault_log import LogTarget
 from wattwalk_core.nodes.parameters import DeviceParameters
 from wattwalk_core.quoting import quoted
 
-from power_daq.acquisition.bus_acquisition import Acquisition, SampleQueue
+from power_daq.acquisition.bus_acquisition import Acquisition, QueryRounds, SampleQueue
 from power_daq.acquisition.bus_health import BusHealth
-from power_daq.acquisition.queries import QueryRounds
 from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import READY, BusDescription
@@ -124,11 +123,7 @@ def _nodes(text: str) -> dict[str, int]:
 
 
 def _ethercat(
-    channel: str,
-    path: Path | None,
-    calibration: Path | None,
-    queue: SampleQueue,
-    log: LogTarget,
+    channel: str, path: Path | None, calibration: Path | None, queue: SampleQueue, log: LogTarget
 ) -> MeasuringDevice:
     if path is None:
         raise InputError(

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from power_daq.acquisition.stream_merger import CYCLIC, StreamMerger
-from power_recordings.importing.merge import Merger
+from power_recordings.importing.channel_group import Merger
 
 MS = 1_000_000
 

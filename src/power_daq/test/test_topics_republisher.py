@@ -7,8 +7,7 @@ import pytest
 from power_daq.bus.description import DEVICE_ERROR, STALE
 from power_daq.nodes.topics import TopicsNode
 from power_daq.topics.health import TopicsHealth
-from power_daq.topics.message_fields import MessageField, columns_of
-from power_daq.topics.republisher import Republisher
+from power_daq.topics.republisher import MessageField, Republisher, columns_of
 from power_recordings.importing.convert import import_logs
 from power_recordings.importing.map_file import load_map, parse_map
 from power_recordings.importing.sources.bag import open_file

@@ -4,9 +4,8 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.arrays import Singles
 
 
 @dataclass(frozen=True)
@@ -63,5 +62,5 @@ class PowerModel(Protocol):
     def needs(self) -> Needs:
         """Inputs and memory of the model."""
 
-    def predict(self, data: AlignedDataset) -> NDArray[np.float32]:
+    def predict(self, data: AlignedDataset) -> Singles:
         """Return the electrical power in W [T, D] on the grid of data; NaN where unknown."""

@@ -5,17 +5,15 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.arrays import Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign, infer_types
 from power_estimator.model import Needs
 
-Floats = NDArray[np.float32]
 
-
-def acceleration(data: AlignedDataset) -> Floats:
+def acceleration(data: AlignedDataset) -> Singles:
     """Joint acceleration in rad/s² [T, D]: central differences of speed inside each segment."""
     result = np.full_like(data.velocity, np.nan)
     for run in data.segments():
@@ -25,7 +23,7 @@ def acceleration(data: AlignedDataset) -> Floats:
 
 
 RATE: Final = 200.0  # Hz, as networks that proxies are compared with
-PROXIES: Mapping[str, Callable[[AlignedDataset], Floats]] = {
+PROXIES: Mapping[str, Callable[[AlignedDataset], Singles]] = {
     'torque_squared': lambda data: data.torque**2,
     'torque_abs': lambda data: np.abs(data.torque),
     'mechanical_power': lambda data: np.abs(data.torque * data.velocity),
@@ -74,7 +72,7 @@ class Proxy:
                 factors[name] = float(data.power[:, columns][both].mean(dtype=float) / mean)
         return replace(self, types=types, factors=factors)
 
-    def predict(self, data: AlignedDataset) -> Floats:
+    def predict(self, data: AlignedDataset) -> Singles:
         """
         Return the scaled signal in W [T, D]; NaN for drives without a factor.
 

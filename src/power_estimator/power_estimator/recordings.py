@@ -7,19 +7,70 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.align import load_aligned
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.card import FILE, Card
 from power_recordings.quality.refusal import refuse_wrong_units
 from power_recordings.reading.reader import Recording, open_recordings
+from wattwalk_core.arrays import Singles
 from wattwalk_core.errors import InputError
 
-from power_estimator.input_checks import check_sampling
 from power_estimator.network.checkpoint import TrainingRecording
 from power_estimator.network.features import features
 
-Floats = NDArray[np.float32]
+SLOWEST = 195.0  # Hz of joint states; a network that runs at 200 Hz cannot be fed by fewer
+_ALIKE = 1.2  # ratio of rates that count as one
+
+
+def check_sampling(recordings: Sequence[Recording]) -> None:
+    """
+    Raise InputError for joint states whose rate is too low or changes.
+
+    A filter or a bin of another rate is another feature; models are not trained on a mixture.
+    """
+    first: tuple[Recording, float] | None = None
+    for recording in recordings:
+        steps = np.diff(recording.joint_states().stamp_ns) / 1e9
+        steps = steps[steps > 0]
+        if not len(steps):
+            continue
+        rate = 1 / float(np.median(steps))
+        if rate < SLOWEST:
+            raise InputError(
+                f'{recording.path}: joint_states come at {rate:.0f} Hz; features at 200 Hz need '
+                f'{SLOWEST:.0f} Hz or more'
+            )
+        slow = (steps > 1.6 / rate) & (steps < 0.1)
+        if steps[slow].sum() > 0.2 * steps.sum():
+            raise InputError(
+                f'{recording.path}: joint_states change their rate, from {rate:.0f} to '
+                f'{1 / float(np.median(steps[slow])):.0f} Hz; record at one rate'
+            )
+        if first is None:
+            first = (recording, rate)
+        elif not 1 / _ALIKE < rate / first[1] < _ALIKE:
+            raise InputError(
+                f'{recording.path}: joint_states come at {rate:.0f} Hz, those of '
+                f'{first[0].path} at {first[1]:.0f} Hz; take recordings of one rate'
+            )
+
+
+def check_complete(data: AlignedDataset) -> None:
+    """Raise InputError if a drive's power was measured but one of its signals was not."""
+    for index, where in enumerate(data.recordings):
+        rows = data.recording == index
+        power = np.isfinite(data.power[rows]).any(axis=0)
+        for topic, values in (
+            ('joint_states', data.position + data.velocity + data.torque),
+            ('joint_commands', data.command),
+        ):
+            lacking = power & ~np.isfinite(values[rows]).any(axis=0)
+            if lacking.any():
+                name = data.names[int(np.argmax(lacking))]
+                raise InputError(
+                    f'{where}: {topic} say nothing of {name}, whose power was measured; record '
+                    f'them too or leave the drive out with --drives'
+                )
 
 
 @dataclass(frozen=True)
@@ -27,7 +78,7 @@ class TrainingSet:
     """Aligned recordings and the features of the live node for the same samples."""
 
     data: AlignedDataset
-    live: Floats  # features of the same samples as the live node forms them [T, D, 3]
+    live: Singles  # features of the same samples as the live node forms them [T, D, 3]
     recordings: tuple[TrainingRecording, ...]
     paths: tuple[Path, ...] = ()
     drives: tuple[str, ...] = ()
@@ -81,7 +132,7 @@ def load(recordings: Sequence[Path | Recording], drives: Sequence[str]) -> Align
     )
 
 
-def live_features(recordings: Sequence[Path | Recording], data: AlignedDataset) -> Floats:
+def live_features(recordings: Sequence[Path | Recording], data: AlignedDataset) -> Singles:
     """
     Return features [T, D, 3] of the same samples as the live node forms them: unfiltered, causal.
 

@@ -4,9 +4,8 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-Floats = NDArray[np.float32]
+from numpy.typing import ArrayLike
+from wattwalk_core.arrays import Floats, Singles
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,7 @@ def coverage(found: Score, measured: ArrayLike, low: ArrayLike, high: ArrayLike)
     )
 
 
-def block_means(values: Floats, runs: Iterable[slice], block: int = 4) -> Floats:
+def block_means(values: Singles, runs: Iterable[slice], block: int = 4) -> Singles:
     """
     Return the mean of each block of rows: the paper's 200 Hz → 50 Hz (Section II-A).
 
@@ -106,9 +105,7 @@ def block_means(values: Floats, runs: Iterable[slice], block: int = 4) -> Floats
     return np.concatenate(parts).astype(np.float32, copy=False)
 
 
-def _pairs(
-    measured: ArrayLike, estimated: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _pairs(measured: ArrayLike, estimated: ArrayLike) -> tuple[Floats, Floats]:
     y = np.asarray(measured, np.float64).ravel()
     f = np.asarray(estimated, np.float64).ravel()
     if y.shape != f.shape:

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from power_estimator.effects import Effect, builtin_catalogue
+from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.by_drive import ByDriveBuilder
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder
-from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.pieces import pieces
 from power_estimator.effects.signals.prepared import prepare
 from power_recordings.alignment.dataset import AlignedDataset

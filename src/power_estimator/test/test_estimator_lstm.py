@@ -7,8 +7,8 @@ from power_estimator.network.checkpoint import Checkpoint
 from power_estimator.network.features import Scaling, features
 from power_estimator.network.lstm import LstmBank, Weights
 from power_estimator.network.ppn import PowerPredictionNetwork
-from power_estimator.network.torch_lstm import PowerLstm
 from power_estimator.scores import block_means, r2
+from power_estimator.training.trainer import PowerLstm
 from wattwalk_core.errors import InputError
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from power_estimator.live.reference_file import WatchReference
-from power_estimator.live.sequential_test import ReferenceNoise
+from power_estimator.live.sequential_test import ReferenceNoise, WatchReference
 from power_estimator.network.ppn import PowerPredictionNetwork
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy

@@ -5,8 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from power_estimator.live.change_watch import LIKE, ChangeWatch, WatchConfig
-from power_estimator.live.reference_file import WatchReference
-from power_estimator.live.sequential_test import ReferenceNoise, ShiftDetector, log_e_values
+from power_estimator.live.sequential_test import (
+    ReferenceNoise,
+    ShiftDetector,
+    WatchReference,
+    log_e_values,
+)
 from power_estimator.live.session import SecondMeans
 from wattwalk_core.errors import InputError
 

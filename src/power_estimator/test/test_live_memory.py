@@ -8,8 +8,7 @@ from power_estimator.drive_types import DriveType
 from power_estimator.effects import Effect, Excitation, Term, builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
-from power_estimator.live.estimator import LiveEstimator, Status
-from power_estimator.live.streams import stream_of
+from power_estimator.live.estimator import LiveEstimator, Status, stream_of
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy
 from power_estimator.scores import block_means

@@ -4,8 +4,7 @@ import pytest
 from power_estimator.drive_types import DriveType
 from power_estimator.effects import Effect, Excitation, Term, builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
-from power_estimator.effects.model_file.model import EffectModel
-from power_estimator.effects.needs import needs_of
+from power_estimator.effects.model_file.model import EffectModel, needs_of
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import Proxy
 

@@ -12,8 +12,7 @@ from aligned_bag import write
 from power_fleet.commands.arguments import track as track_command
 from power_fleet.track import reading
 from power_fleet.track.outcome import Request
-from power_recordings.index.stamp import Stamp
-from power_recordings.index.store import RecordingIndex
+from power_recordings.index.store import RecordingIndex, Stamp
 from truth_circuit import Truth, record
 from wattwalk_core.errors import InputError
 from wattwalk_core.processes import ChildProcess, wait_until

@@ -13,8 +13,8 @@ from power_estimator.effects import Term, builtin_catalogue, load_catalogue
 from power_estimator.effects.catalogue import Catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import measurement_terms
-from power_estimator.effects.signals.carried import Carried
 from power_estimator.effects.signals.prepared import signals_of
+from power_estimator.effects.signals.state import Carried
 from power_estimator.effects.training import material
 from power_lab.commands.arguments import add as add_command
 from power_lab.commands.arguments import compare as compare_command

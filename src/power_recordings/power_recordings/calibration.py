@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import advice, write_whole
 from wattwalk_core.schema import Quantity, parse, schema
@@ -37,8 +37,8 @@ class Calibration:
     does not name are not changed.
     """
 
-    gain: NDArray[np.float64]
-    offset: NDArray[np.float64]
+    gain: Floats
+    offset: Floats
 
     @classmethod
     def load(cls, path: Path, drives: Sequence[str]) -> 'Calibration':

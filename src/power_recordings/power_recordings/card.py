@@ -120,10 +120,7 @@ class Card:
 
     @classmethod
     def of_source(
-        cls,
-        torque: Mapping[str, str],
-        torque_unit: Mapping[str, str],
-        derived: Sequence[str] = (),
+        cls, torque: Mapping[str, str], torque_unit: Mapping[str, str], derived: Sequence[str] = ()
     ) -> Self:
         """
         Return what a source knows of its drives.

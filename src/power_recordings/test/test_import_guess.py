@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from power_recordings.commands.arguments import import_logs as main
-from power_recordings.importing.formula import check_energy, recognise
+from power_recordings.importing.origin import check_energy, recognise
 from power_recordings.reading.reader import Recording
 from real_logs import REAL
 from table_log import csv

@@ -2,7 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from power_recordings.importing.derived import PositionRates
+from power_recordings.importing.channel_group import PositionRates
 from power_recordings.importing.map_file import load_map, names, parse_map
 from power_recordings.importing.units import conversion
 from wattwalk_core.errors import InputError

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from power_recordings.commands.arguments import import_logs as main
+from power_recordings.importing.channel_group import Merger
 from power_recordings.importing.map_file import parse_map
-from power_recordings.importing.merge import Merger
 from power_recordings.importing.times import LogClock
 from power_recordings.importing.units import SI, conversion
 from power_recordings.reading.reader import Recording

@@ -13,13 +13,13 @@ from power_recordings.card import Card
 from power_recordings.commands.arguments import index as index_command
 from power_recordings.commands.arguments import info as info
 from power_recordings.index import kept_quality
-from power_recordings.index.stamp import Stamp
 from power_recordings.index.store import (
     VERSION,
     DriveFigure,
     IndexAnswer,
     RecordingFacts,
     RecordingIndex,
+    Stamp,
     usual_path,
 )
 from power_recordings.index.tables import Question, add_cards, listed
@@ -162,7 +162,7 @@ WRITER = """
 import sys
 from pathlib import Path
 from power_recordings.index.store import RecordingFacts, IndexAnswer, RecordingIndex
-from power_recordings.index.stamp import Stamp
+from power_recordings.index.store import Stamp
 from power_recordings.card import Card
 with RecordingIndex(Path(sys.argv[1])) as index:
     for folder in sys.argv[2:]:

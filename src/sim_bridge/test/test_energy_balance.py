@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from energy_balance import BalancedSimulation
 from sim_bridge.plant.drive import JointCommand
-from sim_bridge.plant.effects import Effects
-from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.parameters import Effects, Plant
 from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.plant.world import Stand, stand_world, walking_world
 from wattwalk_core.anymal import DEFAULT_POSE

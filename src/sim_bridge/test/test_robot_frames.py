@@ -36,7 +36,7 @@ def rotated(quaternion, vector):
 
 
 def test_frames_put_each_link_where_the_simulation_has_it(model):
-    from sim_bridge.live.robot_frames import RobotFrames  # needs tf2_msgs
+    from sim_bridge.live.publishing import RobotFrames  # needs tf2_msgs
 
     node, data = FakeNode(), mujoco.MjData(model)
     data.qpos[:7] = 1.0, -2.0, 0.6, 0.5, 0.5, -0.5, 0.5
@@ -61,7 +61,7 @@ def test_frames_put_each_link_where_the_simulation_has_it(model):
 
 
 def test_the_description_has_the_joints_of_the_model(model):
-    from sim_bridge.live.robot_frames import RobotFrames  # needs tf2_msgs
+    from sim_bridge.live.publishing import RobotFrames  # needs tf2_msgs
 
     node = FakeNode()
     RobotFrames(node, model, '')

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-from sim_bridge.plant.effects import Effects
-from sim_bridge.plant.parameters import PLANTS, Plant
+from sim_bridge.plant.parameters import PLANTS, Effects, Plant
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 

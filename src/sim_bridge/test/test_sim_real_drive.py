@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from sim_bridge.plant.circuit import Circuit
 from sim_bridge.plant.drive import JointCommand
-from sim_bridge.plant.effects import Effects
-from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.parameters import Effects, Plant
 from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.plant.supply import Bus
 from sim_bridge.plant.world import Stand, stand_world, walking_world

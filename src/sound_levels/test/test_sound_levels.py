@@ -11,13 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sound_levels.commands.arguments import sound as main
 from sound_levels.commands.sound import entries_of
-from sound_levels.levels.analysis import analyse
-from sound_levels.levels.calibrator import read_tone
-from sound_levels.levels.meter import measure
+from sound_levels.levels.analysis import analyse, read_tone
+from sound_levels.levels.meter import measure, reach, response, sections
 from sound_levels.levels.settings import Entry, Settings
 from sound_levels.levels.sound_file import SoundFile
 from sound_levels.levels.statistics import FIGURES, Stretch, block_length, differences, levels
-from sound_levels.levels.weighting import reach, response, sections
 from wattwalk_core.errors import InputError
 
 # IEC 61672-1, by nominal frequency: A, C in dB.

@@ -39,11 +39,7 @@ class NodeCommand:
         ros = [f'{name}:={_text(value)}' for name, value in self.parameters.items()]
         given = [part for text in ros for part in ('-p', text)]
         given += [part for old, new in self.remappings.items() for part in ('-r', f'{old}:={new}')]
-        return [
-            *self._program(),
-            *self.arguments,
-            *(['--ros-args', *given] if given else []),
-        ]
+        return [*self._program(), *self.arguments, *(['--ros-args', *given] if given else [])]
 
     def _program(self) -> list[str]:
         if self.package == 'ros2':

@@ -46,3 +46,6 @@ BASE_CENTRE: Final = np.array([-0.0178, -0.0002, 0.0085])  # m, centre of mass i
 HIP_CENTRE: Final = np.array([0.0567, 0.0174, -0.0005])  # m, and of the links in their own
 THIGH_CENTRE: Final = np.array([0.0, 0.0308, -0.2457])  # m
 SHANK_CENTRE: Final = np.array([0.0613, 0.0055, -0.0807])  # m
+
+
+GRAVITY: Final = 9.81  # m/s²

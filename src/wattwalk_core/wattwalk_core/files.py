@@ -1,12 +1,15 @@
 """Files read within limits and written whole or not at all; errors of the disk in words."""
 
 import errno
+import hashlib
 import os
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 from wattwalk_core.errors import InputError
@@ -124,3 +127,29 @@ def check_room(path: Path) -> None:
         raise InputError(
             f'only {free / 1e6:.0f} MB are free for {path}: free some space or choose another disk'
         )
+
+
+@cache
+def code_fingerprint(*packages: str) -> str:
+    """Return a hash of the source files of packages or modules, by dotted name."""
+    digest = hashlib.sha256()
+    for name in packages:
+        spec = find_spec(name)
+        origin = Path(spec.origin or '') if spec is not None else Path()
+        files = sorted(origin.parent.rglob('*.py')) if origin.stem == '__init__' else [origin]
+        for file in files:
+            digest.update(f'{name} {file.relative_to(origin.parent)} '.encode())
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def file_fingerprint(paths: Iterable[Path]) -> str:
+    """Return a hash of the bytes of files, and of all files in folders."""
+    digest = hashlib.sha256()
+    for path in paths:
+        for file in sorted(path.rglob('*')) if path.is_dir() else [path]:
+            if file.is_file():
+                digest.update(file.name.encode())
+                with file.open('rb') as stream:
+                    digest.update(hashlib.file_digest(stream, 'sha256').digest())
+    return digest.hexdigest()

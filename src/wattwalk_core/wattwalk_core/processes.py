@@ -144,9 +144,7 @@ class ChildProcess:
         self.send_signal(signal.SIGINT)
 
     def end(
-        self,
-        patience: float = PATIENCE,
-        signals: Sequence[int] = (signal.SIGINT, signal.SIGTERM),
+        self, patience: float = PATIENCE, signals: Sequence[int] = (signal.SIGINT, signal.SIGTERM)
     ) -> int:
         """
         Send signals one after the other, each patience [s] after the one before, then SIGKILL.

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wattwalk_core.arrays import Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import read_bytes
 from wattwalk_core.quoting import printable, quoted
@@ -62,7 +63,7 @@ def read_tensors(path: Path, what: str, limit: int = SIZE) -> TensorFile:
 
 def checked_tensors(
     tensors: Tensors, shapes: Mapping[str, tuple[int, ...]], where: str
-) -> dict[str, NDArray[np.float32]]:
+) -> dict[str, Singles]:
     """
     Return the tensors as float32.
 

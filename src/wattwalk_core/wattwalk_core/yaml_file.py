@@ -123,11 +123,7 @@ def dump_yaml(content: Any, *, short_lists: bool = False) -> str:
     """Return content as plain YAML in the order of its keys; short_lists: on one line each."""
     style = None if short_lists else False
     return yaml.dump(  # type: ignore[no-any-return]
-        content,
-        Dumper=_PlainDumper,
-        sort_keys=False,
-        allow_unicode=True,
-        default_flow_style=style,
+        content, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True, default_flow_style=style
     )
 
 

@@ -11,9 +11,7 @@ from drive_bench.run.options import RunOptions, check_new, parse
 
 
 @entry_point('drive_bench.nodes.motion:run')
-def main(
-    args: Sequence[str] | None = None,
-) -> tuple[RunOptions, MotionFile, Sequence[str]]:
+def main(args: Sequence[str] | None = None) -> tuple[RunOptions, MotionFile, Sequence[str]]:
     """Options, the motion, and the arguments for ROS."""
     options = parse(own_arguments(args))
     motion = options.read_motion()

@@ -1,9 +1,11 @@
 """Motion files: segments of a drive's motion (`format: motion/1`)."""
 
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
+from wattwalk_core.anymal import GRAVITY
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, parse, schema
 from wattwalk_core.yaml_file import read_yaml
@@ -139,3 +141,59 @@ class MotionFile:
             chosen,
             read.loads == 'share',
         )
+
+
+_FOLDER: Final = Path(__file__).parent / 'motions'
+MOTIONS: Final = tuple(sorted(path.stem for path in _FOLDER.glob('*.yaml')))
+"""Names of the shipped motions."""
+
+
+def find_motion(wanted: str, mode: str | None = None) -> MotionFile:
+    """Return a shipped motion or that of a file; InputError for one that is not there."""
+    if wanted in MOTIONS:
+        return MotionFile.load(_FOLDER / f'{wanted}.yaml', mode)
+    path = Path(wanted)
+    if not path.exists():
+        raise InputError(f'no motion {wanted!r}; there are {", ".join(MOTIONS)}, or give a file')
+    return MotionFile.load(path, mode)
+
+
+def listing() -> str:
+    """Return a line for each shipped motion: name, modes, description."""
+    lines = []
+    for name in MOTIONS:
+        content = read_yaml(_FOLDER / f'{name}.yaml', 'motion')
+        modes = ', '.join(content.get('modes', {})) or 'one way'
+        lines.append(f'  {name:10}{modes:28}{content.get("about", "")}')
+    return '\n'.join(lines)
+
+
+_LOAD: Final = re.compile(r'(?P<mass>[\d.]+) ?kg ?@ ?(?P<length>[\d.]+) ?m')
+
+
+@dataclass(frozen=True)
+class Load:
+    """Weight on an arm: mass (kg) at a length (m) from the joint."""
+
+    mass: float
+    length: float
+
+    @property
+    def pull(self) -> float:
+        """Torque of gravity at a right angle, N·m."""
+        return GRAVITY * self.mass * self.length
+
+    def __str__(self) -> str:
+        return f'{self.mass:g}kg@{self.length:g}m'
+
+    @classmethod
+    def of(cls, text: str) -> 'Load':
+        """Parse text such as 4kg@0.3m; InputError for anything else."""
+        found = _LOAD.fullmatch(text.strip())
+        try:
+            load = cls(float(found['mass']), float(found['length'])) if found else None
+        except ValueError:
+            load = None
+        if load is None or not (0.0 < load.mass <= 100.0 and 0.0 < load.length <= 3.0):
+            raise InputError(f'--load is {text!r}; give such as 4kg@0.3m, up to 100 kg and 3 m')
+        return load

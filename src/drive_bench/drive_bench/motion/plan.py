@@ -1,15 +1,129 @@
 """Path of one joint through a motion, and its check against the limits."""
 
+import math
 from bisect import bisect_right
 from dataclasses import replace
 
+import numpy as np
 from wattwalk_core.errors import InputError
 
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import ROUNDING, JointLimits
-from drive_bench.motion.segment_path import JUMPS, Mounting, Ramps, SegmentPath, Target
-from drive_bench.motion.segments import Segment
-from drive_bench.motion.wave_path import WavePath
+from drive_bench.motion.segment_path import (
+    JUMPS,
+    Mounting,
+    Ramps,
+    SegmentPath,
+    Target,
+    half_cosine,
+)
+from drive_bench.motion.segments import LevelSequence, Oscillation, Segment
+
+_STEP = 1e-3  # s, of the integral of speed
+
+
+class WavePath(SegmentPath):
+    """
+    Targets of a segment with a shape; in position mode after the way to its middle.
+
+    Half cosines join levels of position, ramps those of speed and torque; squares of position and
+    torque jump. Under torque commands the position is unknown beforehand.
+    """
+
+    def __init__(self, segment: Segment, start: float, mounting: Mounting, ramps: Ramps) -> None:
+        super().__init__(segment, start, mounting, ramps)
+        if segment.free:
+            self.way_seconds, self.seconds = 0.0, segment.seconds
+        abrupt = math.isinf(ramps.acceleration)
+        self._wave: Oscillation | None = None
+        self._levels: LevelSequence | None = None
+        if segment.shape in ('sine', 'chirp'):
+            lowest = segment.lowest if segment.shape == 'chirp' else 0.0
+            self._wave = Oscillation(segment.frequency, segment.seconds, lowest, abrupt)
+        else:
+            self._levels = LevelSequence(segment.shape, segment.frequency)
+            self.change_seconds = self._change(self._levels.widest)
+        self._travel = np.zeros(1)
+        if segment.mode == 'velocity':
+            times = np.arange(0.0, segment.seconds + 2 * _STEP, _STEP)
+            speeds = np.array([self._value(time) for time in times])
+            self._travel = np.concatenate(
+                ([0.0], np.cumsum(0.5 * _STEP * (speeds[1:] + speeds[:-1])))
+            )
+
+    @property
+    def rung(self) -> float:
+        """Duration of a level, s; infinite for other shapes."""
+        return math.inf if self._levels is None else min(self._levels.rung, self.segment.seconds)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Lowest and highest target, rad; of a torque only where it begins."""
+        if self.segment.free:
+            return (
+                self._start + float(self._travel.min()),
+                self._start + float(self._travel.max()),
+            )
+        swing = abs(self.segment.amplitude)
+        ends = (self._start, self._goal - swing, self._goal + swing)
+        return min(ends), max(ends)
+
+    def at(self, time: float) -> Target:
+        """Return the target at a time, s."""
+        mode = self.segment.mode
+        if mode == 'torque':
+            return Target(self._start, effort=self._value(time), mode=mode)
+        if mode == 'velocity':
+            place = min(max(time, 0.0) / _STEP, len(self._travel) - 1.0)
+            travel = float(np.interp(place, np.arange(len(self._travel)), self._travel))
+            return Target(self._start + travel, self._value(time), mode=mode)
+        if time < self.way_seconds:
+            return self._on_the_way(time)
+        since = time - self.way_seconds
+        if self._wave is not None:
+            return Target(self._goal + self.segment.amplitude * self._wave.at(since))
+        return self._stepping(since)
+
+    def _stepping(self, since: float) -> Target:
+        assert self._levels is not None
+        before, level, within = self._levels.at(since)
+        size = self.segment.amplitude
+        seconds = self._change(abs(level - before))
+        if within >= seconds:
+            return Target(self._goal + size * level)
+        place, speed = half_cosine(within / seconds)
+        change = size * (level - before)
+        return Target(self._goal + size * before + change * place, change * speed / seconds)
+
+    def _value(self, time: float) -> float:
+        """Return speed, rad/s, or torque, N·m, of a drive that is not in position mode."""
+        size = self.segment.amplitude
+        if self._wave is not None:
+            return size * self._wave.at(min(time, self.segment.seconds))
+        assert self._levels is not None
+        before, level, within = self._levels.at(time)
+        seconds = self._change(abs(level - before))
+        share = 1.0 if within >= seconds else within / seconds
+        value = size * (before + share * (level - before))
+        slope = self._slope
+        if math.isinf(slope):
+            return value
+        left = slope * max(self.segment.seconds - time, 0.0)
+        return math.copysign(min(abs(value), left), value)
+
+    @property
+    def _slope(self) -> float:
+        """Slope between levels, rad/s² or N·m/s."""
+        if self.segment.mode == 'velocity':
+            return self._ramps.acceleration
+        return math.inf if self.segment.shape == 'square' else self._ramps.torque
+
+    def _change(self, share: float) -> float:
+        """Return the duration of a change by a share of the amplitude, s."""
+        distance = share * abs(self.segment.amplitude)
+        if self.segment.free:
+            return distance / self._slope
+        return 0.0 if self.segment.shape == 'square' else self._ramps.way_seconds(distance)
 
 
 class Plan:
@@ -134,3 +248,66 @@ def _settled(segment: Segment) -> Segment:
     if segment.mode == 'velocity' and not (segment.turns or segment.shape):
         return replace(segment, mode='torque', torque=segment.load, frequency=0.0)
     return segment
+
+
+class SegmentPlayer:
+    """
+    Player of a motion for a joint that starts at a position, rad.
+
+    After a segment in velocity or torque mode the rest is planned again from the measured
+    position. A segment with until_warmer ends once the winding is that much warmer than at the
+    start.
+    """
+
+    def __init__(self, motion: MotionFile, start: float, mounting: Mounting, ramps: Ramps) -> None:
+        self.plan = Plan(motion, start, mounting, ramps)
+        self.motion = motion
+        self.elapsed = 0.0
+        self._place = 0
+        self._initial: float | None = None
+        self._warmed: int | None = None
+
+    @property
+    def left(self) -> float:
+        """Remaining time, s; an upper bound for segments with until_warmer."""
+        return max(self.plan.seconds - self.elapsed, 0.0)
+
+    @property
+    def place(self) -> int:
+        """Index of the segment; the return at the end counts as one."""
+        return self._place
+
+    @property
+    def segment(self) -> Segment:
+        """The present segment."""
+        return self.plan.paths[self._place].segment
+
+    @property
+    def needs_temperature(self) -> bool:
+        """True if the end of the segment depends on the winding temperature."""
+        return bool(self.segment.until_warmer) and self._warmed != self._place
+
+    def step(self, seconds: float, position: float, temperature: float = math.nan) -> Target:
+        """Advance by some seconds and return the target; measured: rad and °C."""
+        self.elapsed += seconds
+        self._end_when_warm(temperature)
+        place = self.plan.place(self.elapsed)
+        if place != self._place:
+            if self.segment.free:
+                place = self._place + 1
+                self.plan.begin_anew(place, position)
+            self._place = place
+        return self.plan.at(self.elapsed)
+
+    def _end_when_warm(self, temperature: float) -> None:
+        if math.isnan(temperature):
+            return
+        self._initial = temperature if self._initial is None else self._initial
+        wanted, hottest = self.segment.until_warmer, self.segment.hottest
+        if not self.needs_temperature:
+            return
+        if temperature - self._initial >= wanted or temperature >= hottest:
+            leap = self.plan.skip(self.elapsed)
+            self.elapsed += leap
+            if leap:
+                self._warmed = self._place

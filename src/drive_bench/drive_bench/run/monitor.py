@@ -3,14 +3,13 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from policy_runner.policies.inputs import Inputs
 from policy_runner.supervisor.safety import Fault, FaultKind, SafetyConfig, SafetyMonitor
+from wattwalk_core.arrays import Floats
 
 from drive_bench.motion.joint_limits import JointLimits
 from drive_bench.run.motion_policy import MotionPolicy
 
-Floats = NDArray[np.float64]
 _OVER = 1.25  # measured over permitted value at which it is a fault
 _OVER_SATURATED = 1.75  # where a segment saturates the drive, which then runs at its own limit
 _POSITION_ERROR = 1.5  # rad; a drive at its torque limit is 1 rad behind its target

@@ -5,15 +5,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from policy_runner.policies.inputs import Inputs
 from policy_runner.supervisor.safety import Fault, FaultKind
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import JointLimits
+from drive_bench.motion.plan import SegmentPlayer
 from drive_bench.motion.segment_path import Mounting, Ramps
-from drive_bench.motion.segment_player import SegmentPlayer
 
 STALE_AFTER: Final = 2.0  # s
 
@@ -52,7 +52,6 @@ class WindingTemperature:
         return None
 
 
-Floats = NDArray[np.float64]
 _LONGEST_STEP = 0.03  # s; after a stall the motion takes longer instead of jumping
 
 

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from policy_runner.policies.inputs import Inputs
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig, TargetLimiter
 from policy_runner.supervisor.supervisor import State, Supervisor, SupervisorOutput
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from drive_bench.motion.file import MotionFile
@@ -16,8 +16,6 @@ from drive_bench.motion.joint_limits import JointLimits
 from drive_bench.motion.segment_path import Mounting
 from drive_bench.run.monitor import MotionMonitor, present, ranges_of
 from drive_bench.run.motion_policy import MotionPolicy
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

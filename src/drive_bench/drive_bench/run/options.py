@@ -10,9 +10,7 @@ from typing import Any, Final
 from wattwalk_core.command import command_parser
 from wattwalk_core.errors import InputError
 
-from drive_bench.motion.file import MotionFile
-from drive_bench.motion.library import MOTIONS, find_motion, listing
-from drive_bench.motion.load import Load
+from drive_bench.motion.file import MOTIONS, Load, MotionFile, find_motion, listing
 from drive_bench.motion.segment_path import Mounting
 
 PATIENCE: Final = 30.0  # s

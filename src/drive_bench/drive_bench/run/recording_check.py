@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.messages.samples import DriveSamples, JointSamples
 from power_recordings.reading.reader import Recording
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import JointLimits
 from drive_bench.motion.segments import Segment
 
-Floats = NDArray[np.float64]
 _FELL_SHORT = 0.8  # of what was asked
 _AT_LIMIT = 0.98
 _MOST = 99.9  # percentile that counts as reached: single noisy samples do not

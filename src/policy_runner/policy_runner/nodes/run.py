@@ -21,9 +21,8 @@ from wattwalk_core.nodes.services import offer
 from policy_runner.nodes.run_options import Options
 from policy_runner.nodes.topic_inputs import TopicInputs
 from policy_runner.policies.by_name import Policy, load_policy
-from policy_runner.supervisor.loop_timing import LoopTiming
 from policy_runner.supervisor.safety import FaultKind, SafetyConfig
-from policy_runner.supervisor.supervisor import State, Supervisor, SupervisorOutput
+from policy_runner.supervisor.supervisor import LoopTiming, State, Supervisor, SupervisorOutput
 
 _LOOK: Final = 0.005  # s between looks at the inputs: the resolution of their age
 _COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from policy_runner.policies.velocity_commands import RandomCommands, SteadyCommand
@@ -60,7 +59,7 @@ class Options:
             given.flag('trust_code', self.trust_code, ABOUT['trust_code']),
         )
 
-    def source(self) -> Callable[[float], NDArray[np.float64]] | None:
+    def source(self) -> Callable[[float], Floats] | None:
         """Return velocity commands by time since walking began; None for those of cmd_vel."""
         if self.random_commands:
             return RandomCommands(max(self.seed, 0))

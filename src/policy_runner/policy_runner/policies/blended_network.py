@@ -7,21 +7,60 @@ commands that mix axes and when the robot is to stand.
 """
 
 from collections.abc import Callable, Mapping
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Singles
 
 from policy_runner.policies.folder import FALLBACK, SEEN_BY_FALLBACK, Contract, Fallback
 from policy_runner.policies.gait_phase import DEAD_ZONE, capture_point_error, ramp
 from policy_runner.policies.observations import Observation
-from policy_runner.policies.perceptron import Perceptron
 
-Floats = NDArray[np.float32]
-Network = Callable[[Floats], Floats]
+
+def _elu(x: Singles) -> Singles:
+    return np.where(x > 0, x, np.expm1(np.minimum(x, 0)))
+
+
+def _relu(x: Singles) -> Singles:
+    return np.maximum(x, 0)
+
+
+def _tanh(x: Singles) -> Singles:
+    return np.tanh(x)
+
+
+_FUNCTIONS: Final[Mapping[str, Callable[[Singles], Singles]]] = {
+    'elu': _elu,
+    'relu': _relu,
+    'tanh': _tanh,
+}
+
+
+class Perceptron:
+    """Perceptron of the layers `layer0`, `layer1`, … of a policy folder; the last is linear."""
+
+    def __init__(self, tensors: Mapping[str, Singles], activation: str) -> None:
+        count = sum(name.endswith('.weight') for name in tensors)
+        self._layers = [
+            (np.ascontiguousarray(tensors[f'layer{i}.weight'].T), tensors[f'layer{i}.bias'])
+            for i in range(count)
+        ]
+        self._activate = _FUNCTIONS[activation]
+
+    def __call__(self, observation: Singles) -> Singles:
+        """Return actions [..., outputs] for observations [..., inputs]."""
+        x = observation
+        for weight, bias in self._layers[:-1]:
+            x = self._activate(x @ weight + bias)
+        weight, bias = self._layers[-1]
+        return np.asarray(x @ weight + bias)
+
+
+Network = Callable[[Singles], Singles]
 """Observations [..., size] to actions [..., 12]."""
 
 
-def network_of(contract: Contract, tensors: Mapping[str, Floats]) -> Network:
+def network_of(contract: Contract, tensors: Mapping[str, Singles]) -> Network:
     """Return the network of a policy folder, with its fallback if it has one."""
 
     def part(prefix: str) -> Perceptron:
@@ -45,7 +84,7 @@ class FallbackShare:
         parts = [observation.part(name) for name in SEEN_BY_FALLBACK]
         self._parts = [(part, scales[part]) for part in parts]
 
-    def __call__(self, observation: Floats) -> Floats:
+    def __call__(self, observation: Singles) -> Singles:
         """Return the share of observations [..., size], 0..1 [...]."""
         config = self._config
         velocity, gravity, command = (
@@ -69,7 +108,7 @@ class BlendedNetwork:
         self._second = second
         self.share = share
 
-    def __call__(self, observation: Floats) -> Floats:
+    def __call__(self, observation: Singles) -> Singles:
         """Return actions [..., 12] for observations [..., size]."""
         share = self.share(observation)[..., None]
         first, second = self._first(observation), self._second(observation)

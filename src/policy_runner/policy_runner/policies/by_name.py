@@ -4,8 +4,7 @@ import os
 from pathlib import Path
 from typing import Final, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
 
@@ -13,8 +12,6 @@ from policy_runner.policies.folder import CARD
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.learned import LearnedPolicy
 from policy_runner.policies.trot import TROTS, ScriptedTrot
-
-Floats = NDArray[np.float64]
 
 SHIPPED: Final = Path(__file__).parents[1] / 'shipped'
 """Folder of the learned policies that come with this package."""

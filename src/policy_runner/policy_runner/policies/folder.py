@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from safetensors.numpy import save
 from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.schema import Name, Quantity, read, schema
@@ -21,8 +21,6 @@ from wattwalk_core.tensors import Tensors, checked_tensors, read_tensors
 from wattwalk_core.yaml_file import dump_yaml
 
 from policy_runner.policies.observations import Observation
-
-Floats = NDArray[np.float64]
 
 FORMAT: Final = 'wattwalk_policy/1'
 CARD: Final = 'policy.yaml'
@@ -150,7 +148,7 @@ class Contract:
         """Return values by joint in the policy's order [12]."""
         return np.array([values[joint] for joint in self.joints])
 
-    def checked(self, tensors: Tensors) -> dict[str, NDArray[np.float32]]:
+    def checked(self, tensors: Tensors) -> dict[str, Singles]:
         """Return the tensors as float32; InputError for one missing, unknown or unfit."""
         shapes = self.network.shapes(self.observation.size, len(self.joints))
         return checked_tensors(tensors, shapes, WEIGHTS)
@@ -164,7 +162,7 @@ def write_folder(folder: Path, contract: Contract, tensors: Tensors) -> None:
     write_whole(folder / CARD, dump_yaml(contract.content()))
 
 
-def read_folder(folder: Path) -> tuple[Contract, dict[str, NDArray[np.float32]]]:
+def read_folder(folder: Path) -> tuple[Contract, dict[str, Singles]]:
     """Read and check a policy; InputError of one line names the folder and the entry."""
     contract = read(Contract, folder / CARD, 'policy')
     weights = read_tensors(folder / WEIGHTS, 'policy')

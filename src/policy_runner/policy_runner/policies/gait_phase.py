@@ -5,9 +5,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
-
-Floats = NDArray[np.float64]
 
 DEAD_ZONE: Final = 0.1  # m/s, rad/s; norm of a velocity command below which it means standing
 

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import JOINT_NAMES
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 NEVER = -np.inf
 

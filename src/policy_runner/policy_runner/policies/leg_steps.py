@@ -4,10 +4,9 @@ from math import acos, atan2, cos, hypot, pi, sin, sqrt
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.compiled import compiled
 
-Floats = NDArray[np.float64]
 _FOOT_FORCE_LIMIT: Final = 500.0  # N, normal, of one foot
 _PUSH_LIMIT: Final = 120.0  # N, horizontal, of all feet
 

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, schema
 
@@ -15,8 +15,6 @@ from policy_runner.policies.gait_phase import (
     COMMAND_RATE_LIMIT,
     check_cadence_adaptation,
 )
-
-Floats = NDArray[np.float64]
 
 SIZES: Final = MappingProxyType(
     {
@@ -119,7 +117,7 @@ class Observation:
         """Return the factor of each value [size]."""
         return np.concatenate([np.broadcast_to(term.scale, term.size) for term in self.terms])
 
-    def assemble(self, values: Mapping[str, Floats]) -> NDArray[np.float32]:
+    def assemble(self, values: Mapping[str, Floats]) -> Singles:
         """Return an observation [..., size] of terms in SI units, by name [..., size of it]."""
         joined = np.concatenate([values[name] for name in self.names], axis=-1) * self.scales()
         return np.clip(joined, -self.clip, self.clip).astype(np.float32)

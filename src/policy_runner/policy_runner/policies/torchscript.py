@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
+from wattwalk_core.arrays import Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import read_bytes, together, write_whole
 from wattwalk_core.schema import parse
@@ -24,7 +24,7 @@ from policy_runner.policies.observations import Observation
 _ACTIVATIONS: Final = {'elu': nn.ELU, 'relu': nn.ReLU, 'tanh': nn.Tanh}
 
 
-def torch_network(contract: Contract, tensors: Mapping[str, NDArray[np.float32]]) -> nn.Module:
+def torch_network(contract: Contract, tensors: Mapping[str, Singles]) -> nn.Module:
     """Return the network of a policy folder, [N, size] → [N, 12], with its fallback if any."""
     network = _perceptron(contract, tensors, '')
     if contract.network.fallback is not None:
@@ -33,9 +33,7 @@ def torch_network(contract: Contract, tensors: Mapping[str, NDArray[np.float32]]
     return network.requires_grad_(False)
 
 
-def _perceptron(
-    contract: Contract, tensors: Mapping[str, NDArray[np.float32]], prefix: str
-) -> nn.Module:
+def _perceptron(contract: Contract, tensors: Mapping[str, Singles], prefix: str) -> nn.Module:
     layers: list[nn.Module] = []
     for index in range(len(contract.network.hidden) + 1):
         weight, bias = (
@@ -158,7 +156,7 @@ class _TorchNetwork:
             )
         self._module, self._torch = module, torch
 
-    def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+    def __call__(self, observation: Singles) -> Singles:
         torch = self._torch
         with torch.inference_mode():
             action = self._module(torch.from_numpy(observation[None]))

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_RADIUS, FRONT, LEFT, LIMITS
+from wattwalk_core.arrays import Bools, Floats
 
 from policy_runner.policies import kinematics
 from policy_runner.policies.gait_phase import (
@@ -21,14 +22,18 @@ from policy_runner.policies.gait_phase import (
     capture_point_error,
     urgency,
 )
-from policy_runner.policies.gait_table import GaitTable
-from policy_runner.policies.kinematics import clipped
-from policy_runner.policies.stance_torque import stance_torque
-from policy_runner.policies.trot_gait import DEFAULT_TROT, TROTS, Feedback, GaitCycle, TrotConfig
+from policy_runner.policies.kinematics import clipped, stance_torque
+from policy_runner.policies.trot_gait import (
+    DEFAULT_TROT,
+    TROTS,
+    Feedback,
+    GaitCycle,
+    GaitTable,
+    TrotConfig,
+)
 
 __all__ = ['TARGET_LIMITS', 'TROTS', 'Feedback', 'ScriptedTrot', 'ScriptedTrots', 'TrotConfig']
 
-Floats = NDArray[np.float64]
 
 TARGET_LIMITS: Final = LIMITS + np.array([-0.5, 0.5])
 """Lowest and highest target, rad [12, 2]: joint limits with a margin for torque over stiffness."""
@@ -96,7 +101,7 @@ class ScriptedTrots:
         self.reset()
 
     @property
-    def walking(self) -> NDArray[np.bool_]:
+    def walking(self) -> Bools:
         """True for robots that walk, False for those that stand [N]."""
         return self._cycle.walking
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import inf
 from types import MappingProxyType
 from typing import Annotated, Final
@@ -9,11 +10,11 @@ from typing import Annotated, Final
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_RADIUS, FRONT, LEFT
+from wattwalk_core.arrays import Bools, Floats
+from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities
 
 from policy_runner.policies.kinematics import clipped
-
-Floats = NDArray[np.float64]
 
 _OFFSETS: Final = np.array([0.0, 0.5, 0.5, 0.0])
 _SHIFT_WEIGHT: Final = 0.06
@@ -152,13 +153,7 @@ class GaitCycle:
         return np.asarray((self.phase - duty) / (1.0 - duty))
 
     def advance(
-        self,
-        dt: Floats,
-        frequency: Floats,
-        duty: Floats,
-        *,
-        requested: NDArray[np.bool_],
-        settled: NDArray[np.bool_],
+        self, dt: Floats, frequency: Floats, duty: Floats, *, requested: Bools, settled: Bools
     ) -> None:
         """
         Advance by dt s at a stride frequency, Hz, and a duty [N].
@@ -185,3 +180,55 @@ class GaitCycle:
         load = np.where(walking, clipped(border, 0.0, 1.0), 1.0)
         self.load = self.load + np.minimum(1.0, dt / 0.015)[:, None] * (load - self.load)
         self.load[self.swinging] = 0.0
+
+
+BLENDED: Final = ('stance_speed', 'swing_height', 'urgent_swing_height', 'damping')
+"""Entries of `TrotConfig` that follow the command, beside duty, height and footholds."""
+_SIZE: Final = np.array([0.5, 0.4, 0.8])  # m/s, m/s, rad/s that count alike
+_SOFTEST: Final = 0.02  # squared distance below which a gait rules alone
+
+
+@dataclass(frozen=True)
+class GaitTable:
+    """
+    A trot for each of K velocity commands.
+
+    Their frequency is not blended: a policy's gait clock follows one line over speed. Commands
+    mean their mirror images too. InputError for fewer than two.
+    """
+
+    commands: tuple[tuple[float, float, float], ...]  # vx, vy in m/s, yaw rate in rad/s
+    gaits: tuple[TrotConfig, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.commands) < 2 or len(self.commands) != len(self.gaits):
+            raise InputError(
+                f'a table of gaits has {len(self.commands)} commands and {len(self.gaits)} gaits; '
+                'give two or more, and as many of both'
+            )
+
+    def weights(self, command: Floats) -> Floats:
+        """Return the share of each gait [N, K] at commands [N, 3], by inverse distance⁴."""
+        away = (np.abs(command)[:, None] - self._places) / _SIZE
+        near = 1.0 / np.square(np.square(away).sum(axis=2) + _SOFTEST)
+        return np.asarray(near / near.sum(axis=1, keepdims=True))
+
+    @cached_property
+    def _places(self) -> Floats:
+        return np.abs(np.array(self.commands, np.float64))
+
+    @cached_property
+    def values(self) -> dict[str, Floats]:
+        """The blended entries of each gait [K]."""
+        return {
+            name: np.array([getattr(gait, name) for gait in self.gaits], np.float64)
+            for name in BLENDED
+        }
+
+    @cached_property
+    def stances(self) -> tuple[Floats, Floats]:
+        """Duty, height, foot_x and foot_y of each gait [K, 4], calm and at full urgency."""
+        calm, urgent = (
+            np.array([gait.stance(urgency) for gait in self.gaits]) for urgency in (0.0, 1.0)
+        )
+        return calm, urgent

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities
 
@@ -67,7 +67,7 @@ class SteadyCommand:
             raise ValueError(f'velocity is {text!r}; expected VX,VY,YAW such as 0,0,0.8') from None
         return cls(velocity)
 
-    def __call__(self, time: float) -> NDArray[np.float64]:
+    def __call__(self, time: float) -> Floats:
         """Return the command at `time` s after the start: m/s, m/s, rad/s [3]."""
         return self._velocity * min(max(time - 1.0, 0.0), 1.0)
 
@@ -87,7 +87,7 @@ class RandomCommands:
         self._ends = [1.0]
         self._values = [np.zeros(3)]
 
-    def __call__(self, time: float) -> NDArray[np.float64]:
+    def __call__(self, time: float) -> Floats:
         """Return the command at `time` s after the start: m/s, m/s, rad/s [3]."""
         while time >= self._ends[-1]:
             self._append()
@@ -104,7 +104,7 @@ class RandomCommands:
         self._ends.append(start + self._span.period * self._random.uniform(0.6, 1.4))
         self._values.append(self._draw())
 
-    def _draw(self) -> NDArray[np.float64]:
+    def _draw(self) -> Floats:
         span, random = self._span, self._random
         weights = np.asarray(span.weights) / sum(span.weights)
         kind = _KINDS[int(random.choice(len(_KINDS), p=weights))]

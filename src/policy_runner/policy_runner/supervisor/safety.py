@@ -5,14 +5,12 @@ from dataclasses import dataclass, fields
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 from wattwalk_core.anymal import JOINT_NAMES, LIMITS
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.trot import TARGET_LIMITS
-
-Floats = NDArray[np.float64]
 
 
 class FaultKind(Enum):

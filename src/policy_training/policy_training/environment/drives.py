@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sim_bridge.plant.parameters import Plant
 from wattwalk_core.anymal import JOINT_NAMES, POSITION_GAIN, VELOCITY_GAIN
+from wattwalk_core.arrays import Floats
 
 from policy_training.config import RandomConfig
-
-Floats = NDArray[np.float64]
 
 _SETTLING: Final = 0.03  # rad/s below which dry friction acts as a damper
 _ROTOR_STEPS: Final = 3  # in one time step of the rigid bodies

@@ -7,15 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from policy_runner.policies.gait_phase import DEAD_ZONE, CommandRateLimiter, GaitPhase
 from policy_runner.policies.observations import Observation
-from wattwalk_core.anymal import DEFAULT_POSE
-from wattwalk_core.physics import GRAVITY
+from wattwalk_core.anymal import DEFAULT_POSE, GRAVITY
+from wattwalk_core.arrays import Bools, Floats, Singles
 
 from policy_training.config import CommandConfig, TrainingConfig
 from policy_training.environment.power_term import PowerSource
 from policy_training.environment.rewards import FootClock, Rewards, RewardState
 from policy_training.environment.robots import RobotMotion, Robots
-
-Floats = NDArray[np.float64]
 
 
 class VelocityCommands:
@@ -54,12 +52,12 @@ ACTION_CLIP: Final = 100.0
 class StepOutcome:
     """Result of one action of N robots."""
 
-    observation: NDArray[np.float32]  # [N, size]
-    state: NDArray[np.float32]  # [N, size + 11], see `WalkingEnvironment.state`
+    observation: Singles  # [N, size]
+    state: Singles  # [N, size + 11], see `WalkingEnvironment.state`
     reward: Floats  # [N]
-    done: NDArray[np.bool_]  # [N], reset
-    timed_out: NDArray[np.bool_]  # [N], done without a fall
-    disturbed: NDArray[np.bool_]  # [N], not done, with a new command or a push after this step
+    done: Bools  # [N], reset
+    timed_out: Bools  # [N], done without a fall
+    disturbed: Bools  # [N], not done, with a new command or a push after this step
     log: dict[str, float]  # means over the robots
 
 
@@ -113,11 +111,11 @@ class WalkingEnvironment:
         self._sense(config.step_time)
         self.age[:] = self._random.integers(0, self.longest, count)
 
-    def observe(self) -> NDArray[np.float32]:
+    def observe(self) -> Singles:
         """Return noisy observations [N, size]."""
         return self._clean() + self._sensor_noise
 
-    def state(self) -> NDArray[np.float32]:
+    def state(self) -> Singles:
         """
         Return the inputs of a critic [N, size + 11].
 
@@ -129,7 +127,7 @@ class WalkingEnvironment:
             [self._clean(), load, self._feet.air, self.commands.values], axis=1, dtype=np.float32
         )
 
-    def _clean(self) -> NDArray[np.float32]:
+    def _clean(self) -> Singles:
         motion = self.motion
         return self.observation.assemble(
             {
@@ -206,7 +204,7 @@ class WalkingEnvironment:
         weight = self.power_multiplier * power.weight_at(self.steps) * self.config.step_time
         return np.asarray(-weight * self.watts.sum(axis=1) * counted, np.float64)
 
-    def _reset_and_disturb(self, done: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _reset_and_disturb(self, done: Bools) -> Bools:
         over = np.flatnonzero(done)
         if len(over):
             self.motion = self._start(over)

@@ -5,14 +5,12 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from policy_runner.policies.gait_table import GaitTable
 from policy_runner.policies.trot import ScriptedTrots, TrotConfig
+from policy_runner.policies.trot_gait import GaitTable
 from wattwalk_core.anymal import DEFAULT_POSE
+from wattwalk_core.arrays import Bools, Floats
 
 from policy_training.environment.environment import WalkingEnvironment
-
-Floats = NDArray[np.float64]
 
 RAMP: Final = 0.3  # s from the initial pose to standing
 
@@ -52,7 +50,7 @@ class ExpertPolicy:
         )
         return np.asarray((targets - DEFAULT_POSE) / config.action_scale)
 
-    def reset(self, done: NDArray[np.bool_]) -> None:
+    def reset(self, done: Bools) -> None:
         """Reset the trots of robots that were reset [N]."""
         if done.any():
             self._trots.reset(np.flatnonzero(done))

@@ -8,11 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import DEFAULT_POSE
+from wattwalk_core.arrays import Bools, Floats
 
 from policy_training.config import RewardConfig
 from policy_training.environment.robots import RobotMotion
-
-Floats = NDArray[np.float64]
 
 _TOUCHING: Final = 1.0  # N
 _TRACKING: Final = ('tracking_lin_vel', 'tracking_ang_vel')
@@ -24,7 +23,7 @@ class RewardState:
 
     motion: RobotMotion
     command: Floats  # m/s, m/s, rad/s [N, 3]
-    walking: NDArray[np.bool_]  # steps are due, by the command or to catch a fall [N]
+    walking: Bools  # steps are due, by the command or to catch a fall [N]
     action: Floats  # [N, 12]
     last_action: Floats  # [N, 12]
     acceleration: Floats  # rad/s² [N, 12], of the joints

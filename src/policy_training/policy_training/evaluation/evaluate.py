@@ -16,8 +16,7 @@ from power_estimator.model import PowerModel
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from sim_bridge.plant.parameters import Plant
-from wattwalk_core.anymal import JOINT_TYPES
-from wattwalk_core.physics import GRAVITY
+from wattwalk_core.anymal import GRAVITY, JOINT_TYPES
 
 from policy_training.evaluation.gait_cycle import Cycle, cycle_of, fast_share, gait_of
 from policy_training.evaluation.measured_walk import (

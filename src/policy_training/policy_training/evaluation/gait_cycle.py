@@ -7,10 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_NAMES
+from wattwalk_core.arrays import Bools, Floats
 
 from policy_training.evaluation.measured_walk import RAW_RATE, MeasuredWalk
-
-Floats = NDArray[np.float64]
 
 PHASES: Final = 100
 _LOADED, _LIFTED = 40.0, 10.0  # N: a foot touches down above the one and lifts off below the other
@@ -25,7 +24,7 @@ _TINY = 1e-12
 class Steps:
     """Stance and strides of one foot, by index of the raw samples."""
 
-    stance: NDArray[np.bool_]  # [R]
+    stance: Bools  # [R]
     strides: tuple[tuple[int, int, int], ...]  # touch-down, lift-off, next touch-down
 
 
@@ -52,7 +51,7 @@ class Cycle:
     high: dict[str, Floats]
 
 
-def find_steps(force: Floats, steady: NDArray[np.bool_]) -> Steps:
+def find_steps(force: Floats, steady: Bools) -> Steps:
     """Return the strides of one foot from its force, N [R], wholly in steady walking [R]."""
     stance = np.empty(len(force), bool)
     standing = bool(force[0] > _LOADED)

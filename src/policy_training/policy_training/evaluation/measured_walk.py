@@ -19,11 +19,10 @@ from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.plant.terrain import FLAT, rough
 from sim_bridge.plant.world import stand_world, walking_world
 from wattwalk_core.anymal import JOINT_NAMES, ROBOT_MASS
+from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
 
 from policy_training.evaluation.tasks import TASKS, Task
-
-Floats = NDArray[np.float64]
 
 RAW_RATE: Final = 400.0  # Hz
 _SMOOTHING: Final = 1.0  # s, over which velocity is averaged to see whether it is steady
@@ -41,8 +40,8 @@ class MeasuredWalk:
     raw: AlignedDataset  # the same at 400 Hz and not smoothed
     velocity: Floats  # vx, vy m/s, yaw rate rad/s [T, 3], of data
     foot_force: Floats  # N [R, 4], of raw
-    steady: NDArray[np.bool_]  # [T] of data, where the velocity is constant
-    raw_steady: NDArray[np.bool_]  # [R], the same of raw
+    steady: Bools  # [T] of data, where the velocity is constant
+    raw_steady: Bools  # [R], the same of raw
     falls: int
     mass: float  # kg
     recording: Recording
@@ -137,7 +136,7 @@ def _at(time: Floats, seconds: NDArray[np.floating], values: NDArray[np.floating
     return np.column_stack([np.interp(time, seconds, column) for column in values.T])
 
 
-def _held(recording: Recording, time: Floats, task: Task) -> NDArray[np.bool_]:
+def _held(recording: Recording, time: Floats, task: Task) -> Bools:
     """Mark samples at which the task's command has been in force for 1.5 s [T]."""
     commands = recording.cmd_vel()
     seconds = commands.stamp_ns * 1e-9
@@ -151,7 +150,7 @@ def _held(recording: Recording, time: Floats, task: Task) -> NDArray[np.bool_]:
     return np.asarray(given & (time - since > _AFTER))
 
 
-def _steady(data: AlignedDataset, velocity: Floats, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _steady(data: AlignedDataset, velocity: Floats, held: Bools) -> Bools:
     width = max(1, round(_SMOOTHING * data.rate))
     kernel = np.ones(width) / width
     smooth = np.column_stack([np.convolve(v, kernel, mode='same') for v in velocity.T])
@@ -161,7 +160,7 @@ def _steady(data: AlignedDataset, velocity: Floats, held: NDArray[np.bool_]) -> 
     if not usable.any():
         return usable
     middle = np.median(smooth[usable], axis=0)
-    steady: NDArray[np.bool_] = usable & (np.abs(smooth - middle) < _STEADY).all(axis=1)
+    steady: Bools = usable & (np.abs(smooth - middle) < _STEADY).all(axis=1)
     return steady
 
 

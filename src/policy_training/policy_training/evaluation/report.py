@@ -1,14 +1,179 @@
 """Offline HTML page of an evaluation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle as repeat
+from math import hypot
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+from wattwalk_core.anymal import JOINT_TYPES
 from wattwalk_core.pages.page import Page, escape
+from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 
-from policy_training.evaluation import figures
-from policy_training.evaluation.figures import PARTS
 from policy_training.evaluation.gait_cycle import Cycle
+
+PARTS: Final = ('electronics', 'idle', *JOINT_TYPES)
+_PART_COLORS: Final = ('#8a949e', '#bcc4cc', '#56b4e9', '#009e73', '#d55e00')
+_LINES: Final = (COLORS['base'], COLORS['better'], COLORS['third'], '#cc79a7', '#e69f00')
+_SIGNALS: Final = {
+    'torque': 'torque N·m',
+    'velocity': 'speed rad/s',
+    'position_error': 'error rad',
+    'power': 'power W',
+    'foot_force': 'foot force N',
+}
+_CURVES: Final = {
+    'error/velocity': 'velocity error m/s',
+    'error/yaw': 'yaw rate error rad/s',
+    'power/watts': 'predicted W',
+}
+
+
+def power_bars(entries: Sequence[Mapping[str, Any]]) -> Figure:
+    """Measured power by parts, a bar for each policy and task, with the estimates."""
+    shown = [entry for entry in entries if entry['power_w']]
+    axis = [[entry['task'] for entry in shown], [entry['name'] for entry in shown]]
+    figure = go.Figure()
+    for part, color in zip(PARTS, _PART_COLORS, strict=True):
+        watts = _numbers(entry['power_w'][part] for entry in shown)
+        figure.add_bar(x=axis, y=watts, name=part, marker_color=color)
+    if any(entry['estimated_w'] is not None for entry in shown):
+        figure.add_scatter(
+            x=axis,
+            y=_numbers(entry['estimated_w'] for entry in shown),
+            name='estimated',
+            mode='markers',
+            marker={'symbol': 'line-ew-open', 'size': 26, 'line': {'width': 3}},
+            marker_color=COLORS['measured'],
+        )
+    figure.update_layout(barmode='relative')
+    figure.update_yaxes(title_text='power in W')
+    plain = finished(figure, legend=True)
+    plain['layout']['margin']['b'] = 125
+    return plain
+
+
+def gait_cycles(cycles: Mapping[str, Cycle]) -> Figure:
+    """Mean gait cycle of one drive for each policy; stance is shaded."""
+    figure = make_subplots(
+        rows=len(_SIGNALS),
+        cols=len(cycles),
+        shared_xaxes=True,
+        shared_yaxes='rows',  # type: ignore[arg-type]
+        column_titles=list(cycles),
+        vertical_spacing=0.02,
+        horizontal_spacing=0.03,
+    )
+    for column, (cycle, color) in enumerate(zip(cycles.values(), repeat(_LINES)), start=1):
+        phase = cycle.phase.tolist()
+        for row, key in enumerate(_SIGNALS, start=1):
+            band = go.Scatter(
+                x=[*phase, *phase[::-1]],
+                y=short(np.concatenate([cycle.high[key], cycle.low[key][::-1]])),
+                fill='toself',
+                line_width=0,
+                fillcolor=color,
+                opacity=0.25,
+                hoverinfo='skip',
+            )
+            mean = go.Scatter(x=phase, y=short(cycle.mean[key]), line={'color': color, 'width': 2})
+            figure.add_traces([band, mean], rows=[row] * 2, cols=[column] * 2)
+            figure.add_vrect(
+                x0=0.0,
+                x1=cycle.stance,
+                fillcolor=COLORS['grid'],
+                layer='below',
+                line_width=0,
+                row=row,
+                col=column,
+            )
+    for row, title in enumerate(_SIGNALS.values(), start=1):
+        figure.update_yaxes(title_text=title, row=row, col=1)
+    figure.update_xaxes(title_text='gait cycle', row=len(_SIGNALS))
+    plain = finished(figure)
+    plain['layout']['margin']['t'] = 34
+    return plain
+
+
+def pareto_front(entries: Sequence[Mapping[str, Any]]) -> Figure:
+    """Supply power against tracking error, a point for each policy and task."""
+    figure = go.Figure()
+    tasks = list(dict.fromkeys(entry['task'] for entry in entries))
+    for task, color in zip(tasks, repeat(_LINES)):
+        rows = [entry for entry in entries if entry['task'] == task and entry['power_w']]
+        errors = [hypot(*entry['tracking'].values()) for entry in rows]
+        watts = [entry['power_w']['supply'] for entry in rows]
+        figure.add_trace(_points(errors, watts, [entry['name'] for entry in rows], task, color))
+    figure.update_xaxes(title_text='tracking error in m/s and rad/s', rangemode='tozero')
+    figure.update_yaxes(title_text='supply power in W')
+    return finished(figure, legend=True)
+
+
+def falls_front(
+    entries: Sequence[Mapping[str, Any]], trials: Mapping[str, Mapping[str, Any]]
+) -> Figure:
+    """Mean supply power over the tasks against the share of robots that fell, by policy."""
+    figure = go.Figure()
+    for (name, trial), color in zip(trials.items(), repeat(_LINES)):
+        own = (entry['power_w'] for entry in entries if entry['name'] == name)
+        watts = [power['supply'] for power in own if power]
+        mean = float(np.mean(watts)) if watts else None
+        fallen = 100.0 * trial['falls'] / trial['robots']
+        point = _points([fallen], [mean], [name], name, color)
+        figure.add_trace(point.update(textposition='middle right', cliponaxis=False))
+    most = max((100.0 * t['falls'] / t['robots'] for t in trials.values()), default=0.0)
+    figure.update_xaxes(title_text='robots that fell in %', range=[0.0, 1.25 * most or 1.0])
+    figure.update_yaxes(title_text='mean supply power in W')
+    return finished(figure)
+
+
+def learning_curves(runs: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
+    """Tracking errors and predicted power over training, a line for each run."""
+    figure = make_subplots(rows=len(_CURVES), cols=1, shared_xaxes=True, vertical_spacing=0.04)
+    for (name, rows), color in zip(runs.items(), repeat(_LINES)):
+        for index, (key, title) in enumerate(_CURVES.items(), start=1):
+            found = [row for row in rows if key in row]
+            line = go.Scatter(
+                x=[row['steps'] / 1e6 for row in found],
+                y=_smooth(np.array([row[key] for row in found])),
+                name=name,
+                legendgroup=name,
+                showlegend=index == 1,
+                line={'color': color, 'width': 1.8},
+            )
+            figure.add_trace(line, row=index, col=1)
+            figure.update_yaxes(title_text=title, row=index, col=1)
+    figure.update_xaxes(title_text='million policy steps', row=len(_CURVES), col=1)
+    return finished(figure, legend=True)
+
+
+def _points(
+    x: Sequence[float], y: Sequence[float | None], labels: Sequence[str], name: str, color: str
+) -> go.Scatter:
+    return go.Scatter(
+        x=_numbers(x),
+        y=_numbers(y),
+        text=labels,
+        name=name,
+        mode='markers+text',
+        textposition='top center',
+        marker={'size': 10, 'color': color},
+    )
+
+
+def _numbers(values: Iterable[float | None]) -> Any:
+    return short(np.array(list(values), np.float64))
+
+
+def _smooth(values: np.ndarray, width: int = 9) -> Any:
+    if len(values) >= width:
+        padded = np.pad(values, width // 2, mode='edge')
+        values = np.convolve(padded, np.ones(width) / width, mode='valid')
+    return short(values)
+
 
 _AXES: Final = {'vx': 'vx error m/s', 'vy': 'vy error m/s', 'yaw': 'yaw rate error rad/s'}
 
@@ -36,7 +201,7 @@ def write_report(
         'and each joint type the power of its four drives beyond that. The mark across a bar is '
         'the estimate.'
     )
-    page.add(page.figure(figures.power_bars(entries), 'power of each policy and task, by parts'))
+    page.add(page.figure(power_bars(entries), 'power of each policy and task, by parts'))
     _table(
         page,
         ('policy', 'task', 'supply W', *(f'{p} W' for p in PARTS), 'estimated W', 'CoT', 'falls'),
@@ -56,7 +221,7 @@ def write_report(
         ('policy', 'task', *_AXES.values(), 'steady s'),
         [(e['name'], e['task'], *map(e['tracking'].get, _AXES), e['steady_s']) for e in entries],
     )
-    front = figures.pareto_front(entries)
+    front = pareto_front(entries)
     page.add(page.figure(front, 'supply power against tracking error'))
     if result['trials']:
         page.heading('Robustness on rough ground, with pushes and changing commands')
@@ -71,7 +236,7 @@ def write_report(
                 for name, t in result['trials'].items()
             ],
         )
-        falls = figures.falls_front(entries, result['trials'])
+        falls = falls_front(entries, result['trials'])
         page.add(page.figure(falls, 'mean supply power against robots that fell'))
     page.heading('Gait')
     _table(
@@ -85,10 +250,10 @@ def write_report(
     for task, found in cycles.items():
         page.text(f'Mean gait cycle of LF_KFE on {task}; stance is shaded.')
         label = f'gait cycle of LF_KFE on {task}'
-        page.add(page.figure(figures.gait_cycles(found), label, size='large'))
+        page.add(page.figure(gait_cycles(found), label, size='large'))
     if any(curves.values()):
         page.heading('Training')
-        page.add(page.figure(figures.learning_curves(curves), 'learning curves', size='tall'))
+        page.add(page.figure(learning_curves(curves), 'learning curves', size='tall'))
     page.write(path)
 
 

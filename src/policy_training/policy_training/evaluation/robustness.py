@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from policy_runner.policies.blended_network import Network
 from policy_runner.policies.folder import Contract
 from wattwalk_core.anymal import DEFAULT_POSE, JOINT_NAMES
+from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities
 
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
-
-Floats = NDArray[np.float64]
 
 LIMITS: Final = (0.15, 0.15, 0.2)  # m/s, m/s, rad/s, mean tracking errors of a policy that walks
 _SETTLED: Final = 2.0  # s after a new command that do not count
@@ -138,8 +137,8 @@ def _judge(
     config: RobustnessConfig,
     commands: Floats,
     reached: Floats,
-    fell: NDArray[np.bool_],
-    pushed: NDArray[np.bool_],
+    fell: Bools,
+    pushed: Bools,
     step: float,
 ) -> RobustnessResult:
     changed = np.ones(fell.shape, bool)
@@ -169,7 +168,7 @@ def _judge(
     )
 
 
-def _since(marks: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _since(marks: Bools) -> NDArray[np.intp]:
     """Return the steps since the last mark in each column; negative before the first."""
     index = np.arange(len(marks))[:, None]
     last = np.maximum.accumulate(np.where(marks, index, -(10**9)), axis=0)

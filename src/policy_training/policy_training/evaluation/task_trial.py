@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from policy_runner.policies.observations import Observation
 from sim_bridge.plant.parameters import Plant
+from wattwalk_core.arrays import Bools, Floats
 
 from policy_training.config import TrainingConfig, TrialConfig
 from policy_training.environment.environment import WalkingEnvironment
-from policy_training.environment.plant_power import PlantPower
+from policy_training.environment.power_term import PlantPower
 from policy_training.evaluation.tasks import TASKS, Task
-
-Floats = NDArray[np.float64]
 
 _SETTLED: Final = 3.0  # s from the start that do not count
 _FREE: Final = (0.03, 0.05)  # m/s, rad/s: errors without a penalty
@@ -39,7 +37,7 @@ class Walker(Protocol):
     def actions(self) -> Floats:
         """Return the actions of the next step [N, 12]."""
 
-    def reset(self, done: NDArray[np.bool_]) -> None:
+    def reset(self, done: Bools) -> None:
         """Reset the controllers of robots that were reset [N]."""
 
 
@@ -149,7 +147,7 @@ def _score(
     watts: Floats,
     error: Floats,
     lasted: Floats,
-    fell: NDArray[np.bool_],
+    fell: Bools,
 ) -> TrialScore:
     """Return the score of one controller from [tasks, robots, …]."""
     calm = slice(0, config.calm)

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from policy_runner.policies.gait_phase import COMMAND_RATE_LIMIT
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
-
-Floats = NDArray[np.float64]
 
 SETTLE: Final = 1.0  # s of standing first
 

@@ -22,6 +22,7 @@ from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.reading.reader import Recording
 from sim_bridge.plant.anymal_model import build_spec
 from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 
@@ -32,7 +33,6 @@ _COLOURS: Final = {'HAA': '#0072b2', 'HFE': '#d55e00', 'KFE': '#009e73'}  # Okab
 _PLACES: Final = {'HAA': 'hip, sideways', 'HFE': 'hip, forward', 'KFE': 'knee'}
 SUFFIXES: Final = ('.webp', '.gif')
 Image = NDArray[np.uint8]
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Clip:
     title: str = ''
 
 
-def _poses(walk: Recording, times: NDArray[np.float64]) -> NDArray[np.float64]:
+def _poses(walk: Recording, times: Floats) -> Floats:
     """Return MuJoCo's qpos [T, 19] at these times, from odometry and joint states."""
     odom, joints = walk.odom(), walk.joint_states()
     columns = [joints.names.index(name) for name in JOINT_NAMES]
@@ -56,7 +56,7 @@ def _poses(walk: Recording, times: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([*base, *angles], axis=1)
 
 
-def _robot_images(qpos: NDArray[np.float64]) -> Iterator[Image]:
+def _robot_images(qpos: Floats) -> Iterator[Image]:
     """Yield the robot in each pose, seen by a camera that goes along."""
     spec = build_spec()
     spec.add_texture(
@@ -102,7 +102,7 @@ def _robot_images(qpos: NDArray[np.float64]) -> Iterator[Image]:
             yield renderer.render().copy()
 
 
-def _by_type(data: AlignedDataset, power: NDArray[np.float32]) -> dict[str, Floats]:
+def _by_type(data: AlignedDataset, power: Singles) -> dict[str, Floats]:
     """Return the power of the drives of each type, W [T, 4]."""
     return {
         kind: power[:, [i for i, name in enumerate(data.names) if name.endswith(kind)]].astype(

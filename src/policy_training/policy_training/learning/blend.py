@@ -5,18 +5,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from policy_runner.policies.folder import (
-    FALLBACK,
-    Fallback,
-    read_folder,
-    write_folder,
-)
+from policy_runner.policies.folder import FALLBACK, Fallback, read_folder, write_folder
 from policy_runner.policies.observations import Observation
+from wattwalk_core.arrays import Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.tensors import Tensors
-
-Floats = NDArray[np.float32]
 
 _FIRST: Final = 'layer0.weight'
 _SAME: Final = ('rate', 'joints', 'default_pose', 'gains', 'action', 'network')
@@ -58,7 +51,7 @@ def blend_policies(first: Path, second: Path, fallback: Fallback, folder: Path, 
     write_folder(folder, blend, {**tensors, **{FALLBACK + key: v for key, v in more.items()}})
 
 
-def _with_inputs(tensors: Tensors, own: Observation, wanted: Observation) -> dict[str, Floats]:
+def _with_inputs(tensors: Tensors, own: Observation, wanted: Observation) -> dict[str, Singles]:
     """Return a network of other inputs; those that it does not know have no weight."""
     weights = np.zeros((len(tensors[_FIRST]), wanted.size), np.float32)
     scales = {term.name: term.scale for term in wanted.terms}

@@ -9,8 +9,7 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 from policy_runner.policies.gait_phase import CADENCE_ADAPTATION
-from policy_runner.policies.gait_table import GaitTable
-from policy_runner.policies.trot_gait import TROTS, TrotConfig
+from policy_runner.policies.trot_gait import TROTS, GaitTable, TrotConfig
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.schema import Printable, Quantity, parse, read, schema

@@ -12,9 +12,9 @@ from typing import Annotated, Final
 
 import cma
 import numpy as np
-from numpy.typing import NDArray
 from policy_runner.policies.gait_phase import CADENCE_ADAPTATION
 from policy_runner.policies.trot import TrotConfig
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, schema
 
@@ -23,8 +23,6 @@ from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.expert_policy import ExpertPolicy
 from policy_training.evaluation.task_trial import TaskTrial, TrialScore
 from policy_training.evaluation.tasks import TASKS, Task
-
-Floats = NDArray[np.float64]
 
 _FALL: Final = 300.0  # W, if all pushed robots fall
 

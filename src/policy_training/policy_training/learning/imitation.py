@@ -13,16 +13,14 @@ from typing import Final
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
+from wattwalk_core.arrays import Singles
 
 from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.expert_policy import RAMP, ExpertPolicy
 from policy_training.environment.vec_env import Mirror
 from policy_training.learning.gait_files import load_gait, load_gait_table
-
-Floats = NDArray[np.float32]
 
 _FIRST_SHARES: Final = (0.0, 0.4)  # of the policy in the action, by round
 _SHARE: Final = 0.7  # of it in further rounds
@@ -35,8 +33,8 @@ _BATCH: Final = 2048
 class Demonstrations:
     """Observations and the expert's actions for them, n samples."""
 
-    observation: Floats  # [n, size]
-    action: Floats  # [n, 12]
+    observation: Singles  # [n, size]
+    action: Singles  # [n, 12]
 
 
 def imitate(

@@ -16,8 +16,7 @@ from policy_training.config import TrainingConfig
 from policy_training.environment.environment import WalkingEnvironment
 from policy_training.environment.vec_env import GROUP, STATE, Mirror, TorchEnvironment
 from policy_training.learning.imitation import imitate
-from policy_training.learning.policy_trial import PolicyTrial
-from policy_training.learning.reference_policy import ReferencePolicy
+from policy_training.learning.reference_policy import PolicyTrial, ReferencePolicy
 
 _STD: Final = 'distribution.std_param'
 _CRITIC_RATE: Final = 1e-3

@@ -8,12 +8,20 @@ push over.
 """
 
 import copy
+from collections.abc import Sequence
 from typing import Any, Final
 
+import numpy as np
 import torch
+from policy_runner.policies.blended_network import Perceptron
 from policy_runner.policies.gait_phase import capture_point_error, urgency
 from policy_runner.policies.observations import Observation
 from torch import nn
+from wattwalk_core.arrays import Bools, Floats
+
+from policy_training.config import TrainingConfig
+from policy_training.environment.environment import WalkingEnvironment
+from policy_training.evaluation.task_trial import TaskTrial, TrialScore
 
 _BATCHES: Final = 4
 
@@ -94,3 +102,39 @@ class ReferencePolicy:
 
         error = capture_point_error(plane('command') - plane('base_velocity'), plane('gravity'))
         return urgency(seen.cadence_adaptation, error)
+
+
+class NetworkWalker:
+    """A network that acts without exploration on all robots of an environment."""
+
+    def __init__(self, network: Perceptron, environment: WalkingEnvironment) -> None:
+        self._network = network
+        self._environment = environment
+
+    def actions(self) -> Floats:
+        """Return the actions of the next step [N, 12]."""
+        return np.asarray(self._network(self._environment.observe()), np.float64)
+
+    def reset(self, done: Bools) -> None:
+        """Do nothing: the network has no state."""
+
+
+class PolicyTrial:
+    """The trial of a training's `selection`."""
+
+    def __init__(self, config: TrainingConfig, observation: Observation) -> None:
+        self._trial = TaskTrial(
+            config.selection.trial,
+            threads=config.physics.threads,
+            observation=observation,
+            action_scale=config.action_scale,
+        )
+
+    def run(self, layers: Sequence[tuple[torch.Tensor, torch.Tensor]], seed: int) -> TrialScore:
+        """Return the score of a policy by weight [out, in] and bias [out] of its layers."""
+        tensors = {}
+        for index, (weight, bias) in enumerate(layers):
+            tensors[f'layer{index}.weight'] = weight.numpy()
+            tensors[f'layer{index}.bias'] = bias.numpy()
+        network = Perceptron(tensors, 'elu')
+        return self._trial.run(lambda robots: NetworkWalker(network, robots), seed)[0]

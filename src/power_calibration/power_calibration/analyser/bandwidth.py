@@ -3,15 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.filters import low_pass
 from scipy.signal import csd, welch
+from wattwalk_core.arrays import Floats
 
 from power_calibration.analyser.curve import Curve
 from power_calibration.analyser.log import Log
 from power_calibration.analyser.reference_fit import Clock, IntervalEstimate
 
-Floats = NDArray[np.float64]
 _SEGMENT = 1024  # samples of ours
 _BINS = 8  # joined to one point
 _COHERENT = 0.5

@@ -3,18 +3,18 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_calibration.analyser.bandwidth import Response, loss, response_of_drive
-from power_calibration.analyser.coarse_alignment import RATE, Match, matches
 from power_calibration.analyser.comparison import (
     AnalyserComparison,
     Channel,
     correction_of,
     powers,
+    row_kind,
 )
-from power_calibration.analyser.curve import Curve
+from power_calibration.analyser.curve import RATE, Curve, Match, matches
 from power_calibration.analyser.log import Log
 from power_calibration.analyser.measured_drive import MeasuredDrive
 from power_calibration.analyser.reference_fit import (
@@ -24,9 +24,6 @@ from power_calibration.analyser.reference_fit import (
     fit_reference,
     with_aliases,
 )
-from power_calibration.analyser.row_kind import row_kind
-
-Floats = NDArray[np.float64]
 
 
 class SignalPair:

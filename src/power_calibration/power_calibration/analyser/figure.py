@@ -1,14 +1,71 @@
 """Figure of power by meter and analyser (after the paper's Figure 2), and of the bandwidth."""
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.figures import OTHERS, style
+from wattwalk_core.pages.embedded_figure import embedded
+from wattwalk_core.pages.page import Page, escape
 
 from power_calibration.analyser.comparison import AnalyserComparison
+from power_calibration.analyser.reference_fit import IntervalEstimate
 
-Floats = NDArray[np.float64]
+COLUMNS = ('', 'value', '95 % from', 'to')
+_UNITS = {'voltage': 'V', 'current': 'A'}
+
+
+def rows(found: AnalyserComparison) -> list[tuple[str, str, str, str]]:
+    """Return quantity, value and limits of the 95 % interval for all that was fitted."""
+    table = []
+    for name, channel in found.channels.items():
+        table.append((f'{name} gain', *_texts(channel.gain, 5)))
+        unit = _UNITS[name]
+        if channel.fixed:
+            table.append((f'{name} offset [{unit}]', '0 (held)', '', ''))
+        else:
+            table.append((f'{name} offset [{unit}]', *_texts(channel.offset, 5)))
+    offset = found.time_offset
+    half = 0.5e6 * (offset.high - offset.low)
+    table.append(('time offset [s]', f'{offset.value:.6f}', f'±{half:.1f} µs', ''))
+    table.append(('drift of its clock [ppm]', *_texts(found.drift_ppm, 2)))
+    answer = found.response
+    if answer is not None:
+        if answer.cutoff is not None:
+            table.append(('our bandwidth, −3 dB [Hz]', *_texts(answer.cutoff, 0)))
+        else:
+            table.append(('our bandwidth, −3 dB [Hz]', f'none up to {answer.reach:.0f}', '', ''))
+    return table
+
+
+def calibration_sentences(found: AnalyserComparison) -> list[str]:
+    """Return the errors of power before and after, and the power above our bandwidth."""
+    text = [
+        f'Error of power at {found.error_rate:.0f} Hz: {found.before:.3f} W RMS as recorded '
+        f'(mean {found.mean_before:+.3f} W), {found.after:.3f} W calibrated '
+        f'(mean {found.mean_after:+.3f} W), over {found.overlap:.1f} s; '
+        f'correlation {found.correlation:.5f}.'
+    ]
+    if found.loss is not None:
+        lost = found.loss
+        share = 100.0 * (lost.rms / lost.total) ** 2
+        above = (
+            f'Above {lost.above:.0f} Hz the analyser measures {lost.rms:.2f} W RMS that we miss, '
+            f'{share:.2g} % of the variance'
+        )
+        if lost.mean is not None:
+            above += f'; it carries {1000.0 * lost.mean:+.1f} mW on average'
+        text.append(above + '.')
+    return text
+
+
+def _texts(value: IntervalEstimate, digits: int) -> tuple[str, str, str]:
+    low, middle, high = (f'{x:.{digits}f}' for x in (value.low, value.value, value.high))
+    return middle, low, high
+
+
 _SHOWN = 0.5  # s
 _BLUE = {False: '#0072B2', True: '#56B4E9'}
 _ORANGE = OTHERS[0]
@@ -134,3 +191,35 @@ def _spectrum(found: AnalyserComparison, axis: Axes, ink: str) -> None:
     if lost.mean is not None:
         label += f';\n{1000 * lost.mean:+.1f} mW of the mean'
     axis.text(0.97, 0.95, label, transform=axis.transAxes, fontsize=8, ha='right', va='top')
+
+
+def write_calibration_page(path: Path, found: AnalyserComparison) -> None:
+    """Write errors, figure, table of corrections, and method."""
+    page = Page(f'Calibration of {found.measured.drive}')
+    page.add(f'<h1>{escape(page.title)}</h1>')
+    for sentence in calibration_sentences(found):
+        page.text(sentence)
+    page.add(
+        embedded(lambda dark: draw_calibration(found, dark=dark), 'our power over the analyser’s')
+    )
+    page.heading('Corrections')
+    page.table(COLUMNS, rows(found), numbers=(1, 2, 3))
+    page.text(
+        'True value = gain · measured + offset. The time offset, added to the analyser’s time in '
+        'the middle of the overlap, gives the time of the recording. Drift is positive if the '
+        'analyser’s clock runs too fast.'
+    )
+    page.heading('Method')
+    page.text(
+        f'{found.measured.path} and {found.log.path} ({len(found.log.time)} rows at '
+        f'{found.log.rate:g} Hz) were aligned by correlation; then time offset, drift, gains and '
+        'offsets were fitted together. Intervals (95 %) are those of a jackknife that leaves out '
+        f'one of {found.fit.blocks} consecutive blocks at a time, so that errors within a block '
+        'may be correlated.'
+    )
+    for note in found.notes:
+        page.text(note, faint=True)
+    page.text(
+        'The DAQ node applies the calibration file given as -p calibration:=FILE.', faint=True
+    )
+    page.write(path)

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.importing.sources.delimited import DelimitedFile
+from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import advice
 
 from power_calibration.analyser.curve import Curve
 from power_calibration.analyser.log_columns import read_columns
 
-Floats = NDArray[np.float64]
 QUANTITIES = ('voltage', 'current', 'power')
 _KEYS = ('time', *QUANTITIES)
 _FEWEST = 100  # rows
@@ -233,7 +233,7 @@ def _checked(path: Path, names: Sequence[str], rows: Floats, told: Sequence[str]
 
 
 def _regular(
-    path: Path, time: Floats, left_out: NDArray[np.bool_]
+    path: Path, time: Floats, left_out: Bools
 ) -> tuple[Floats, float, NDArray[np.intp], NDArray[np.intp]]:
     """
     Stamps without the rounding of their print, the period, and the runs between gaps.

@@ -4,14 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.stream import Stream
 from power_recordings.reading.reader import Recording
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_calibration.analyser.curve import Curve
 
-Floats = NDArray[np.float64]
 _MOST_BAD = 0.05
 
 

@@ -7,23 +7,22 @@ from typing import Any
 
 from power_recordings.reading.bag_folder import check_recordings
 from power_recordings.reading.reader import Recording
-from wattwalk_core.console import (
-    output,
-    print_table,
-    progress,
-    write_json,
-)
+from wattwalk_core.console import output, print_table, progress, write_json
 from wattwalk_core.errors import InputError
 from wattwalk_core.figures import save_figure
 from wattwalk_core.files import together
 
 from power_calibration.analyser.compare import compare_with_analyser
 from power_calibration.analyser.comparison import AnalyserComparison
-from power_calibration.analyser.figure import draw_calibration
+from power_calibration.analyser.figure import (
+    COLUMNS,
+    calibration_sentences,
+    draw_calibration,
+    rows,
+    write_calibration_page,
+)
 from power_calibration.analyser.log import Log
 from power_calibration.analyser.measured_drive import MeasuredDrive
-from power_calibration.analyser.page import write_calibration_page
-from power_calibration.analyser.summary import COLUMNS, calibration_sentences, rows
 from power_recordings import calibration
 
 

@@ -5,18 +5,18 @@ from pathlib import Path
 
 from power_recordings.reading.bag_folder import check_recordings
 from power_recordings.reading.reader import Recording
-from wattwalk_core.console import (
-    output,
-    print_table,
-    progress,
-    write_json,
-)
+from wattwalk_core.console import output, print_table, progress, write_json
 from wattwalk_core.figures import save_figure
 
-from power_calibration.timing.figure import draw_timing
-from power_calibration.timing.page import write_timing_page
+from power_calibration.timing.figure import (
+    DRIVE_COLUMNS,
+    STREAM_COLUMNS,
+    draw_timing,
+    drive_rows,
+    stream_rows,
+    write_timing_page,
+)
 from power_calibration.timing.summary import MATTERS, Summary, summarise
-from power_calibration.timing.tables import DRIVE_COLUMNS, STREAM_COLUMNS, drive_rows, stream_rows
 
 
 def run(options: argparse.Namespace) -> int:

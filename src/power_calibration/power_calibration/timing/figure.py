@@ -1,13 +1,63 @@
 """Figure of synchronisation: errors by shift, delays, stamps, and the smoothing."""
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from power_recordings.alignment.filters import SMOOTHING, gain, smoothing
 from wattwalk_core.figures import OTHERS, style
+from wattwalk_core.pages.embedded_figure import embedded
+from wattwalk_core.pages.page import Page, escape
 
 from power_calibration.timing.delay import SHIFTS, Delay
-from power_calibration.timing.summary import GRID, Summary
+from power_calibration.timing.summary import FREQUENCIES_SHOWN, GRID, SHIFTS_SHOWN, Summary
+
+DRIVE_COLUMNS = (
+    'drive',
+    'late [ms]',
+    '95 %',
+    'R²',
+    *(f'±{1e3 * shift:g} ms' for shift in SHIFTS_SHOWN),
+)
+STREAM_COLUMNS = ('stream', 'samples', 'rate [Hz]', 'jitter [µs]', 'p99 [µs]', 'lost')
+
+
+def drive_rows(found: Summary) -> list[tuple[str, ...]]:
+    """Return the delay of each drive, and the change of its power by shifts."""
+    table = []
+    for item in found.delays:
+        if item.delay is None:
+            text = ('–', 'unknown')
+        else:
+            low, middle, high = (
+                f'{1e3 * x:+.2f}' for x in (item.delay.low, item.delay.value, item.delay.high)
+            )
+            text = (middle, f'{low} to {high}')
+        costs = [item.error_at(shift) for shift in SHIFTS_SHOWN]
+        cells = (f'{watts:.2f} W, {percent:.1f} %' for watts, percent in costs)
+        table.append((item.drive, *text, f'{item.r2:.3f}', *cells))
+    return table
+
+
+def stream_rows(found: Summary) -> list[tuple[str, ...]]:
+    """Return rate, jitter and losses of each stream."""
+    return [
+        (
+            stream.topic,
+            str(stream.count),
+            f'{stream.rate:.2f}',
+            _micro(stream.spread),
+            _micro(stream.worst),
+            f'{stream.lost}' + ('' if stream.by_sequence else ' (by gaps)'),
+        )
+        for stream in found.stamps
+    ]
+
+
+def _micro(seconds: float) -> str:
+    return '–' if np.isnan(seconds) else f'{1e6 * seconds:.2f}'
+
 
 _BLUE = {False: '#0072B2', True: '#56B4E9'}
 _MOST_LINES = 12
@@ -147,3 +197,34 @@ def _smoothing(axis: Axes, ink: str, blue: str) -> None:
     axis.set_xlabel('frequency [Hz]')
     axis.set_ylabel('gain [dB]')
     axis.legend(loc='upper right', frameon=False, fontsize=8)
+
+
+def write_timing_page(path: Path, found: Summary) -> None:
+    """Write verdict, figure and tables."""
+    page = Page(f'Synchronisation of {found.recording}')
+    page.add(f'<h1>{escape(page.title)}</h1>')
+    page.text(found.verdict)
+    page.add(
+        embedded(
+            lambda dark: draw_timing(found, dark=dark),
+            'delays, errors by shift, stamps, smoothing',
+        )
+    )
+    page.heading('By drive')
+    page.text(
+        'Delay of electrical stamps against joint stamps, and the change of power by shifts in '
+        'both directions (RMS, and share of the standard deviation of power).'
+    )
+    page.table(DRIVE_COLUMNS, drive_rows(found), numbers=range(1, len(DRIVE_COLUMNS)))
+    page.heading('By stream')
+    page.table(STREAM_COLUMNS, stream_rows(found), numbers=range(1, len(STREAM_COLUMNS)))
+    page.heading('Gain of the smoothing of Section II-A')
+    taps = smoothing(GRID)
+    page.table(
+        ('frequency [Hz]', 'gain'),
+        [(f'{f:g}', f'{100 * abs(gain(taps, f, GRID)):.1f} %') for f in FREQUENCIES_SHOWN],
+        numbers=(0, 1),
+    )
+    for problem in found.problems:
+        page.text(problem, faint=True)
+    page.write(path)

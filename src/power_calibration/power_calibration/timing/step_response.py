@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from power_recordings.messages.samples import JointSamples
 from power_recordings.reading.reader import Recording
+from wattwalk_core.arrays import Floats, Singles
 
 from power_calibration.analyser.reference_fit import IntervalEstimate
 
-Floats = NDArray[np.float64]
 _BEFORE, _AFTER = 0.02, 0.04  # s around a step
 _REST_NS = 100_000_000  # without another step before and after
 _FEWEST = 5
@@ -102,7 +102,7 @@ def _alone(stamps: NDArray[np.int64], values: Floats) -> NDArray[np.int64]:
 
 
 def _around(
-    stamps: NDArray[np.int64], values: NDArray[np.float32], at: np.int64, grid: Floats
+    stamps: NDArray[np.int64], values: Singles, at: np.int64, grid: Floats
 ) -> Floats | None:
     """Return a signal around an event, less its level before; None where samples lack."""
     span = np.array([-_BEFORE - 0.01, _AFTER + 0.01]) * 1e9

@@ -2,11 +2,9 @@
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats
 
 from power_daq.bus.frame_group import FrameGroup
-from power_daq.bus.signal_layout import Floats
 from power_daq.clock.mapping import WrappingCounter
 
 _OPEN_SAMPLES = 8
@@ -23,7 +21,7 @@ class Assembled(NamedTuple):
     number: int
     device_time: int
     values: Floats
-    stale: NDArray[np.bool_] | None = None
+    stale: Bools | None = None
 
 
 class _Open:

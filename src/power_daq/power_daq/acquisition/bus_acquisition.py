@@ -3,7 +3,7 @@
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
@@ -13,10 +13,40 @@ import can
 from wattwalk_core.nodes.fault_log import LogTarget
 from wattwalk_core.worker import Worker
 
-from power_daq.acquisition.queries import QueryRounds
 from power_daq.acquisition.receiver import Receiver, Sample
 from power_daq.bus.unix_socket import MalformedPacketError
-from power_daq.clock.slots import Pauses
+from power_daq.clock.mapping import Pauses
+
+
+class QueryRounds:
+    """
+    Sends the same frames each `period` s, from the thread that reads the bus.
+
+    A round that is late is not made up for. A frame that the bus does not take is counted as
+    unsent: without a device that acknowledges, the queue of the interface is full.
+    """
+
+    def __init__(self, queries: Sequence[can.Message], period: float) -> None:
+        self._queries = queries
+        self._period = period
+        self._next = 0.0
+        self.sent = self.unsent = 0
+
+    def send_due(self, bus: can.BusABC) -> float:
+        """Send a round if it is due; return the time in s until the next one."""
+        now = time.monotonic()
+        if now >= self._next:
+            for query in self._queries:
+                try:
+                    bus.send(query, timeout=0)
+                    self.sent += 1
+                except can.CanOperationError:
+                    self.unsent += 1
+            self._next += self._period
+            if self._next <= now:
+                self._next = now + self._period
+        return self._next - now
+
 
 _log = logging.getLogger(__name__)
 _S = 1_000_000_000

@@ -1,8 +1,8 @@
 """
 Rows of several streams put on the times of one of them, as they arrive.
 
-The rule is that of an import (`power_recordings.importing.merge`): values of the other streams are
-interpolated linearly, and missing where their rows are more than 2.5 periods apart.
+The rule is that of an import (`power_recordings.importing.channel_group`): values of the other
+streams are interpolated linearly, and missing where their rows are over 2.5 periods apart.
 """
 
 from collections import deque

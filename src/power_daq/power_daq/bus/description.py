@@ -9,6 +9,7 @@ import cantools
 import numpy as np
 from cantools.database.can.database import Database
 from numpy.typing import ArrayLike
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
 
@@ -16,7 +17,7 @@ from power_daq.bus.frame import Frame, Route, bind_frame, find_message, head_val
 from power_daq.bus.frame_group import FrameGroup
 from power_daq.bus.mapping import BusMapping, load_mapping
 from power_daq.bus.moteus import REGISTERS, MoteusRegisters
-from power_daq.bus.signal_layout import Floats, SignalLayout
+from power_daq.bus.signal_layout import SignalLayout
 
 _FOLDER = Path(__file__).parent
 DEFAULT_DBC = _FOLDER / 'drives.dbc'

@@ -145,10 +145,7 @@ def find_signal(message: Message, name: str, entry: FrameMapping) -> Signal:
 
 
 def bind_frame(
-    message: Message,
-    entry: FrameMapping,
-    names: Sequence[str],
-    nodes: NodeNumbers | None = None,
+    message: Message, entry: FrameMapping, names: Sequence[str], nodes: NodeNumbers | None = None
 ) -> Frame:
     """Return a message as a frame; InputError for its clock, counter or multiplexing."""
     heads = [name for name in (entry.time, entry.counter) if name is not None]

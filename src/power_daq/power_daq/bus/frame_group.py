@@ -7,6 +7,7 @@ import numpy as np
 from cantools.database.can.database import Database
 from cantools.database.can.signal import Signal
 from numpy.typing import ArrayLike
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_daq.bus.frame import (
@@ -20,7 +21,7 @@ from power_daq.bus.frame import (
     heads,
 )
 from power_daq.bus.mapping import OPTIONAL, REQUIRED, BusSignal, GroupMapping, NodeNumbers
-from power_daq.bus.signal_layout import Floats, LayoutError, SignalLayout
+from power_daq.bus.signal_layout import LayoutError, SignalLayout
 
 
 class FrameGroup:

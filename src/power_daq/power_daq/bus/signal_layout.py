@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from cantools.database.can.signal import Signal
 from numpy.typing import ArrayLike, NDArray
+from wattwalk_core.arrays import Floats
 
-Floats = NDArray[np.float64]
 _EXACT_BITS = 53
 _FLOATS = {32: (np.uint32, np.float32), 64: (np.uint64, np.float64)}
 

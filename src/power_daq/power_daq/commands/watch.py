@@ -4,7 +4,7 @@ import argparse
 
 from wattwalk_core.nodes.running import run_node
 
-from power_daq.monitor.terminal import Terminal
+from power_daq.monitor.screen import Terminal
 from power_daq.nodes.watch import WatchNode
 
 

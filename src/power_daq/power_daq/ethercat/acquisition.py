@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.calibration import Calibration
+from wattwalk_core.arrays import Floats
 from wattwalk_core.nodes.fault_log import LogTarget
 from wattwalk_core.worker import Worker
 
 from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.receiver import Sample
-from power_daq.bus.signal_layout import Floats
-from power_daq.clock.mapping import RosTime, Stamper
-from power_daq.clock.slots import Pauses, Slots
+from power_daq.clock.mapping import Pauses, RosTime, Slots, Stamper
 from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.segment import (
     EthercatSegment,

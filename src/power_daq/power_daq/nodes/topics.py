@@ -21,8 +21,8 @@ from drive_power_msgs.msg import DriveSupply
 from power_daq.acquisition.publishing import JointStatePublisher, SupplyPublisher
 from power_daq.acquisition.receiver import Sample
 from power_daq.nodes.card_topic import publish_card
+from power_daq.supply.answers import Reading
 from power_daq.supply.battery import BatteryPublisher
-from power_daq.supply.reading import Reading
 from power_daq.topics.health import TopicsHealth
 from power_daq.topics.republisher import Republisher
 

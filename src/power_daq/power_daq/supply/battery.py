@@ -5,7 +5,7 @@ from math import nan
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import BatteryState
 
-from power_daq.supply.reading import Reading
+from power_daq.supply.answers import Reading
 
 _S = 1_000_000_000
 

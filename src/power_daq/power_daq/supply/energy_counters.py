@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 _S = 1_000_000_000
 _WH = 3600.0
@@ -92,12 +93,12 @@ class Balance:
 class _Mean:
     """Mean of power within one second, and the interval that the samples cover."""
 
-    total: NDArray[np.float64] | float = 0.0
+    total: Floats | float = 0.0
     count: int = 0
     first: int = 0
     last: int = 0
 
-    def add(self, stamp: int, last: int, power: NDArray[np.float64] | float, count: int) -> None:
+    def add(self, stamp: int, last: int, power: Floats | float, count: int) -> None:
         """Add a sum over count samples that begin at stamp and end at last, ns."""
         self.first = stamp if not self.count else min(self.first, stamp)
         self.last = max(self.last, last)
@@ -110,7 +111,7 @@ class _Mean:
         return self.last - self.first >= _LEAST_SPAN * _S
 
     @property
-    def mean(self) -> NDArray[np.float64]:
+    def mean(self) -> Floats:
         """Mean over the samples."""
         return np.atleast_1d(self.total) / self.count
 
@@ -143,11 +144,7 @@ class PowerBalance:
             self._at(stamp).supply.add(stamp, stamp, power, 1)
 
     def add_drives(
-        self,
-        stamps: NDArray[np.int64],
-        device: str,
-        names: tuple[str, ...],
-        power: NDArray[np.float64],
+        self, stamps: NDArray[np.int64], device: str, names: tuple[str, ...], power: Floats
     ) -> None:
         """Add good samples of a device: ROS time in ns [samples], W [samples, drives]."""
         seconds = stamps // _S

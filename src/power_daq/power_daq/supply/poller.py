@@ -8,11 +8,15 @@ from dataclasses import dataclass, field
 from wattwalk_core.nodes.fault_log import LogTarget
 from wattwalk_core.worker import Worker
 
-from power_daq.clock.mapping import RosTime
-from power_daq.clock.slots import Pauses, Slots
-from power_daq.supply.answers import AnswerError, InstrumentIdentity, ScpiError, SupplyMeasurement
+from power_daq.clock.mapping import Pauses, RosTime, Slots
+from power_daq.supply.answers import (
+    AnswerError,
+    InstrumentIdentity,
+    Reading,
+    ScpiError,
+    SupplyMeasurement,
+)
 from power_daq.supply.instrument import Instrument, LostError
-from power_daq.supply.reading import Reading
 
 _log = logging.getLogger(__name__)
 _S = 1_000_000_000

@@ -1,25 +1,155 @@
 """Power of many simulated robots side by side, for rewards in training."""
 
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from power_recordings.alignment.dataset import AlignedDataset
 from torch import Tensor
+from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 
-from power_estimator.batch.effects import EffectBatch, ProxyBatch
-from power_estimator.drive_types import assign
+from power_estimator.drive_types import assign, owners
+from power_estimator.effects import Signals
+from power_estimator.effects.fit.design import evaluate
 from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.signals.prepared import rate_of
+from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.loader import load_model
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.portable.export import in_si_units
 from power_estimator.portable.power_term import DriveTypeLstm
-from power_estimator.proxies import Proxy
+from power_estimator.proxies import PROXIES, WATTS, Proxy
 
-Array = NDArray[np.float32] | Tensor
+RATE = 200.0  # Hz of the samples
+LONGEST = 0.1  # s of the past beside the new samples, for derivatives and the spring
+
+
+class EffectBatch:
+    """
+    A model of named effects, evaluated at each step on the last samples of each robot.
+
+    The newest derivative is one-sided. Each robot has a bus of its own. As much of its past is
+    kept as the model needs; a model that remembers more than 0.1 s, such as the winding's
+    temperature, is refused. The bus voltage is the nominal one.
+    """
+
+    warm_up = 1
+
+    def __init__(self, model: EffectModel, drives: tuple[str, ...], robots: int) -> None:
+        if not model.fitted or model.base is not None:
+            what = 'stands on another model' if model.base else 'has no coefficients yet'
+            raise InputError(f'{model.name} {what}; give a fitted model that stands alone')
+        found = owners(drives, model.groups)
+        if None in found:
+            raise InputError(f'{model.name} does not know the drive {drives[found.index(None)]}')
+        members = [group for group in found if group is not None]
+        self._structure, self._coefficients = model.structure, model.coefficients(members)
+        self._lag = np.array([g.velocity_lag for g in members])
+        self._voltage = np.array([g.voltage for g in members])
+        self._scale = DriveScale.stack([g.scale for g in members])
+        self._names = drives
+        needs = model.needs_in(drives)
+        if needs.memory > LONGEST:
+            raise InputError(
+                f'{model.name}: {needs.remembers} remembers more than the last '
+                f'{1e3 * LONGEST:.0f} ms, which are all that is kept step by step'
+            )
+        self._kept = math.ceil(needs.memory * RATE)
+        self._past = np.zeros((self._kept, 2, robots, len(drives)))
+        self._fresh = np.ones(robots, bool)
+
+    def reset(self, robots: Tensor | None) -> None:
+        """Forget the past of the robots [n], or of all."""
+        self._fresh[slice(None) if robots is None else robots.numpy()] = True
+
+    def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
+        """Return the mean power in W [N, D] over S samples [N, S, D]."""
+        new = torch.stack([torque, speed]).permute(2, 0, 1, 3).numpy().astype(float)
+        self._past[:, :, self._fresh] = new[:1, :, self._fresh]
+        self._fresh[:] = False
+        rows = np.concatenate([self._past, new])
+        self._past = rows[-self._kept :]
+        power = evaluate(self._structure, self._coefficients, self._signals(rows))
+        by_robot = power.reshape(rows.shape[2], len(rows), rows.shape[3])[:, self._kept :]
+        return torch.from_numpy(by_robot.mean(axis=1).astype(np.float32))
+
+    def _signals(self, rows: Floats) -> Signals:
+        """Return signals, the robots as recordings of the same drives; rows is [S, 2, N, D]."""
+        count, _, robots, drives = rows.shape
+        whole = [slice(0, count)]
+        torque, speed = rows[:, 0], rows[:, 1]
+        speed = speed + self._lag * rate_of(speed, whole, RATE)
+        acceleration, torque_rate = (rate_of(x, whole, RATE) for x in (speed, torque))
+        torque, speed, acceleration, torque_rate = (
+            x.transpose(1, 0, 2).reshape(-1, drives)
+            for x in (torque, speed, acceleration, torque_rate)
+        )
+        unknown = np.full_like(torque, np.nan)
+        number = np.repeat(np.arange(robots, dtype=np.int32), count)
+        return Signals(
+            rate=RATE,
+            names=self._names,
+            time=np.tile(np.arange(count) / RATE, robots),
+            segment=number,
+            recording=number,
+            position=unknown,
+            velocity=speed,
+            acceleration=acceleration,
+            torque=torque,
+            torque_rate=torque_rate,
+            voltage=np.broadcast_to(self._voltage, torque.shape),
+            temperature=unknown,
+            motor_velocity=speed,
+            motor_acceleration=acceleration,
+            motor_torque=torque,
+            torque_cost=np.zeros_like(torque),
+            electronics=np.zeros_like(torque),
+            drawn=torque * speed,
+            scale=self._scale,
+            at_motor=np.zeros(drives, dtype=bool),
+        )
+
+
+class ProxyBatch:
+    """A proxy that was scaled to measured power, or that is in watts by itself."""
+
+    warm_up = 0
+
+    def __init__(self, model: Proxy, drives: Sequence[str]) -> None:
+        unscaled = 1.0 if model.name in WATTS and not model.factors else np.nan
+        self._factors = np.full(len(drives), unscaled, np.float32)
+        for name, own in assign(drives, model.types).items():
+            self._factors[own] = model.factors.get(name, np.nan)
+        unknown = [d for d, f in zip(drives, self._factors, strict=True) if not np.isfinite(f)]
+        if unknown:
+            raise InputError(
+                f'{model.name} has no unit of power for {unknown[0]}: scale it to measured power'
+            )
+        self._signal = PROXIES[model.name]
+
+    def reset(self, robots: Tensor | None) -> None:
+        """Do nothing: no past is kept."""
+
+    def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
+        """Return the mean power in W [N, D] over S samples [N, S, D]; S ≥ 2 for acceleration."""
+        robots, count, drives = torque.shape
+        flat = [x.permute(1, 0, 2).reshape(count, -1).numpy() for x in (torque, speed)]
+        signal = self._signal(_dataset(*flat)).reshape(count, robots, drives)
+        return torch.from_numpy((signal.mean(axis=0) * self._factors).astype(np.float32))
+
+
+def _dataset(torque: Singles, speed: Singles) -> AlignedDataset:
+    names = ('',) * torque.shape[1]
+    time = np.arange(len(torque)) / RATE
+    return AlignedDataset.blank(RATE, names, time, 'batch', velocity=speed, torque=torque)
+
+
+Array = Singles | Tensor
 
 
 class Advance(Protocol):
@@ -60,7 +190,7 @@ class BatchPower:
         return cls(load_model(spec), drives, robots)
 
     @property
-    def ready(self) -> NDArray[np.bool_]:
+    def ready(self) -> Bools:
         """Mark the robots [N] whose estimate is past its warm-up."""
         return self._since > self._model.warm_up
 

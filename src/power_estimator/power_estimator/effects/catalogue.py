@@ -10,11 +10,12 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
 from wattwalk_core.yaml_file import read_text
 
-from power_estimator.effects.effect import Effect, Floats, Shape, Term
+from power_estimator.effects.effect import Effect, Shape, Term
 from power_estimator.effects.library import (
     bus,
     friction,

@@ -5,12 +5,11 @@ from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.signals.scale import STANDSTILL, DriveScale
 from power_estimator.effects.signals.state import Signals
 
-Floats = NDArray[np.float64]
 Shape = Mapping[str, float]
 
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign, infer_types
@@ -20,8 +20,6 @@ from power_estimator.effects.fit.whole_robot import column_of, expanded, share_o
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
 from power_estimator.effects.signals.pieces import pieces
 from power_estimator.effects.signals.prepared import Prepared, prepare
-
-Floats = NDArray[np.float64]
 
 LEAST_SECONDS = 20.0
 """Less than this says nothing of what is missing: walking repeats every second or two."""
@@ -75,7 +73,7 @@ def material(
     data: AlignedDataset,
     *,
     per: str = 'type',
-    base: NDArray[np.float32] | None = None,
+    base: Singles | None = None,
     catalogue: Catalogue | None = None,
     least: float = LEAST_TO_FIT,
     window: float = 0.0,
@@ -247,7 +245,7 @@ def _require_windows(prepared: Prepared, window: float) -> None:
         )
 
 
-def _without_unknown(data: AlignedDataset, base: NDArray[np.float32]) -> AlignedDataset:
+def _without_unknown(data: AlignedDataset, base: Singles) -> AlignedDataset:
     """The same data with the power unknown where the base model's is."""
     power = np.where(np.isfinite(base), data.power, np.nan).astype(np.float32)
     return replace(data, power=power)

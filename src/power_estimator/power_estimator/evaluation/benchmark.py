@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.messages.samples import EstimateSamples
 from power_recordings.reading.reader import Recording
+from wattwalk_core.arrays import Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import infer_types
@@ -21,7 +21,6 @@ from power_estimator.loader import load_model
 from power_estimator.model import Needs, PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
 
-Floats = NDArray[np.float32]
 RECORDED: Final = 'recorded'
 AS_RECORDED: Final = 'as it was recorded'
 _STANDS_FOR: Final = 0.02  # s that end at an estimate's stamp
@@ -51,7 +50,7 @@ class RecordedEstimate:
                 )
             self._estimates.append(recording.power_estimate())
 
-    def predict(self, data: AlignedDataset) -> Floats:
+    def predict(self, data: AlignedDataset) -> Singles:
         """Return the estimates in W [T, D]; data must be of the same recordings in order."""
         power = np.full(data.power.shape, np.nan, np.float32)
         for number, estimates in enumerate(self._estimates):

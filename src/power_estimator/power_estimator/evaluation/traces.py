@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.result import JudgedModel
 
-Floats = NDArray[np.float64]
 SHOWN = ('torque_squared', 'mechanical_power', 'acceleration_squared')
 LONGEST = 4.0  # s
 
@@ -19,7 +18,7 @@ LONGEST = 4.0  # s
 class Traces:
     """A stretch of held-out data at 50 Hz: a drive, and the whole robot where it was measured."""
 
-    time: NDArray[np.float64]  # s [N]
+    time: Floats  # s [N]
     drive: str
     measured: Floats  # W [N]
     estimated: Floats  # W [N]

@@ -1,11 +1,12 @@
 """Estimates of power models where they were not fitted."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import assign, infer_types
@@ -13,6 +14,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.fitter import measurement_terms
 from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared, prepare
 from power_estimator.effects.training import Material, material
@@ -27,13 +29,24 @@ from power_estimator.judge.held_out import (
 )
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import HeldOut
-from power_estimator.judge.settings import JudgeSettings
 from power_estimator.judge.together import together
 from power_estimator.loader import base_of
 from power_estimator.model import PowerModel
 from power_estimator.proxies import Proxy
 
-Floats = NDArray[np.float64]
+
+@dataclass(frozen=True)
+class JudgeSettings:
+    """Folds, rows that count, and what is taken out before a score."""
+
+    fit: FitSettings = field(default_factory=FitSettings)  # folds and refits
+    settling: float = 0.2  # s at the start of a stretch: networks begin with an empty memory
+    iterations: int = 4  # of a refit: the linearisation no longer moves
+    together: int = 4  # recordings refitted at once: each adds its own columns of meter errors
+    spread: int = 6  # stretches whose R² gives its spread, as many as training has segments
+    shortest: float = 10.0  # s of such a stretch: R² of a shorter one means little
+    longest_lag: float = 0.05  # s by which a robot's supply may be read late
+
 
 CROSS_VALIDATED = 'cross-validated'
 ELSEWHERE = 'other recordings'
@@ -63,7 +76,7 @@ class HeldOutEstimator:
         """Pieces that are tested together."""
         return Folds.of(blocks, self.settings.fit, by_recording=False)
 
-    def material(self, base: NDArray[np.float32] | None, per: str = 'type') -> Material:
+    def material(self, base: Singles | None, per: str = 'type') -> Material:
         """Signals for a fit of effects on a base model's power [T, D]; per: as in `material`."""
         return material(
             self.recordings.data,
@@ -112,7 +125,7 @@ class HeldOutEstimator:
             measured[rows] = prepared.power_at(delays[-1])[rows]
         return HeldOut(measured, measured - estimated, tuple(delays), (how,) * len(delays))
 
-    def _best_delay(self, estimated: Floats, rows: NDArray[np.bool_]) -> float:
+    def _best_delay(self, estimated: Floats, rows: Bools) -> float:
         """The delay in s with the least residual, between the steps by a parabola."""
         prepared = self.prepared
         if prepared.steady:
@@ -146,7 +159,7 @@ class HeldOutEstimator:
         estimated = signal * self._factors(proxy, signal)
         return self._predicted(estimated, proxy.name, power, CROSS_VALIDATED)
 
-    def _unscaled(self, proxy: Proxy) -> NDArray[np.float32]:
+    def _unscaled(self, proxy: Proxy) -> Singles:
         """A proxy's signal on all samples [T, D]."""
         types = proxy.types or infer_types(self.recordings.data.names)
         unit = replace(proxy, types=types, factors={kind.name: 1.0 for kind in types})
@@ -172,7 +185,7 @@ class HeldOutEstimator:
                         factors[tested, column] = drawn.mean() / mean
         return factors
 
-    def _scaled(self, proxy: Proxy) -> NDArray[np.float32]:
+    def _scaled(self, proxy: Proxy) -> Singles:
         """A proxy's power on all samples, W [T, D], with the factors of the nearest fold."""
         data, prepared, power = self.recordings.data, self.prepared, self._unscaled(proxy)
         factors = self._factors(proxy, self._metered(power))
@@ -203,9 +216,7 @@ class HeldOutEstimator:
         return self._joined(model, parts)
 
     def _joined(
-        self,
-        model: EffectModel,
-        parts: Sequence[tuple[NDArray[np.intp], _Way]],
+        self, model: EffectModel, parts: Sequence[tuple[NDArray[np.intp], _Way]]
     ) -> HeldOut:
         """Parts of the recordings, each judged by itself in its own way."""
         prepared = self.prepared

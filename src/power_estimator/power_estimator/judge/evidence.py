@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.blocks import modelled
 from power_estimator.effects.fit.design import Active
 from power_estimator.effects.fit.fitter import Fit, Fitter, Normal
 from power_estimator.effects.fit.folds import Folds
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.effects.model_file.model import EffectModel
@@ -23,22 +24,19 @@ _LOST = 1.4  # s of each stretch, to the low-pass and to whole seconds
 class HeldOutPower:
     """A model's power where it was not trained."""
 
-    power: NDArray[np.float32]  # W [T, D], NaN elsewhere
+    power: Singles  # W [T, D], NaN elsewhere
     partly: bool  # whether it was trained on some of the samples
 
 
-def knows(model: EffectModel, loaded: Loaded) -> NDArray[np.bool_]:
+def knows(model: EffectModel, loaded: Loaded) -> Bools:
     """Mark the recordings [R] that a model of effects has to be refitted on to be judged."""
     known = {entry.get('sha256') for entry in model.fitted_on}
     return np.array([not model.fitted or own['sha256'] in known for own in loaded.identities])
 
 
 def held_out_rows(
-    model: PowerModel,
-    loaded: Loaded,
-    time: NDArray[np.float64],
-    recording: NDArray[np.integer],
-) -> NDArray[np.bool_]:
+    model: PowerModel, loaded: Loaded, time: Floats, recording: NDArray[np.integer]
+) -> Bools:
     """Mark times of recordings [N] and drives [N, D] that a network was not trained on."""
     allowed = np.ones((len(time), len(loaded.data.names)), bool)
     if not isinstance(model, PowerPredictionNetwork):
@@ -57,7 +55,7 @@ def held_out_rows(
     return allowed
 
 
-def power_on(loaded: Loaded, model: PowerModel) -> NDArray[np.float32]:
+def power_on(loaded: Loaded, model: PowerModel) -> Singles:
     """
     Return a model's power on the samples of the recordings, W [T, D].
 
@@ -119,7 +117,7 @@ def names_without_power(power: NDArray[np.floating], names: Sequence[str]) -> li
     return [name for name, one in zip(names, known, strict=True) if not one]
 
 
-def _require_seconds(spec: str, power: NDArray[np.float32], data: AlignedDataset) -> None:
+def _require_seconds(spec: str, power: Singles, data: AlignedDataset) -> None:
     for drive, name in enumerate(data.names):
         known = np.isfinite(power[:, drive]) & np.isfinite(data.power[:, drive])
         edges = np.flatnonzero(np.diff(np.r_[False, known, False]))
@@ -133,12 +131,7 @@ def _require_seconds(spec: str, power: NDArray[np.float32], data: AlignedDataset
             )
 
 
-def _between(
-    time: NDArray[np.float64],
-    known: NDArray[np.float64],
-    values: NDArray[np.float32],
-    rate: float,
-) -> NDArray[np.float32]:
+def _between(time: Floats, known: Floats, values: Singles, rate: float) -> Singles:
     """Linear interpolation that does not bridge gaps or NaN; held for half a sample at ends."""
     right = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
     left = right - 1

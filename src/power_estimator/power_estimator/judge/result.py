@@ -4,11 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats
 
 from power_estimator.scores import Score
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ class JudgedModel(HeldOut):
     supply: SupplyScore | None = None  # sum and electronics against the supply, where asked for
 
     @property
-    def rows(self) -> NDArray[np.bool_]:
+    def rows(self) -> Bools:
         """Mark the rows that count [N, M]."""
         return np.isfinite(self.residual)
 

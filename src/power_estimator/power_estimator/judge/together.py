@@ -3,8 +3,7 @@
 from collections.abc import Collection
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active, Structure
@@ -13,16 +12,11 @@ from power_estimator.effects.fit.per_recording import OWN_TERMS, in_step, own_de
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.training import Material
 
-Floats = NDArray[np.float64]
-
 _LIKE_A_DELAY = ('rotor_inertia', 'spring')
 
 
 def together(
-    own: Material,
-    structure: Structure,
-    catalogue: Catalogue,
-    apart: Collection[str] = OWN_TERMS,
+    own: Material, structure: Structure, catalogue: Catalogue, apart: Collection[str] = OWN_TERMS
 ) -> tuple[Material, tuple[Active, ...], Floats]:
     """
     Recordings in step, the terms of their measurement, and their own delays, s [R].

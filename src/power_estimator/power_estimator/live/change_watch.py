@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.schema import Quantity, check_quantities
 
 from power_estimator.live.sequential_test import ReferenceNoise, ShiftDetector
-
-Doubles = NDArray[np.float64]
 
 LIKE: Final[Mapping[str, int]] = {
     'idle or current_offset': 0,
@@ -82,11 +80,11 @@ class ChangeWatch:
         self.drives = tuple(drives)
         self.alarms: list[Shift] = []
         self.left_out = 0  # blocks of a drive
-        self._seconds: list[Doubles] = []  # [D, 6] each
-        self._learned: list[Doubles] = []  # [D, 6]
+        self._seconds: list[Floats] = []  # [D, 6] each
+        self._learned: list[Floats] = []  # [D, 6]
         self._follows: list[bool] = []  # whether the block before is that before in time
         self._unbroken = False
-        self._recent: deque[tuple[int, Doubles]] = deque(maxlen=_SECONDS_KEPT)
+        self._recent: deque[tuple[int, Floats]] = deque(maxlen=_SECONDS_KEPT)
         self._index: int | None = None
         self._detector: ShiftDetector | None = None
         if reference is not None and all(name in reference for name in drives):
@@ -125,7 +123,7 @@ class ChangeWatch:
     def _needed(self) -> int:
         return round(self.config.reference_minutes * 60 / self.config.block)
 
-    def second(self, index: int, difference: Doubles, regressors: Doubles) -> Shift | None:
+    def second(self, index: int, difference: Floats, regressors: Floats) -> Shift | None:
         """
         Take one second's mean of measured − estimated, W [D], and of 1, |ω|, ω², τ², P [D, 5].
 
@@ -140,14 +138,14 @@ class ChangeWatch:
         if len(self._seconds) < self.config.block:
             return None
         seconds, self._seconds = np.stack(self._seconds), []
-        known: NDArray[np.bool_] = np.asarray(np.isfinite(seconds).all(axis=2))  # [S, D]
+        known: Bools = np.asarray(np.isfinite(seconds).all(axis=2))  # [S, D]
         middle = np.full(seconds.shape[1:], np.nan)
         for drive, own in enumerate(known.T):
             if own.sum() >= _WHOLE * self.config.block:
                 middle[drive] = np.median(seconds[own, drive], axis=0)
         return self._block(middle)
 
-    def _block(self, block: Doubles) -> Shift | None:
+    def _block(self, block: Floats) -> Shift | None:
         if self._detector is None:
             self._learn(block)
             return None
@@ -172,7 +170,7 @@ class ChangeWatch:
         if self._detector is not None:
             self._detector.pause()
 
-    def _learn(self, block: Doubles) -> None:
+    def _learn(self, block: Floats) -> None:
         whole = bool(np.isfinite(block).all())
         if whole:
             self._learned.append(block)

@@ -1,21 +1,170 @@
 """Live estimates: joint states, targets and supply in, power and its status out."""
 
+import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
-from typing import Annotated, Final
+from typing import Annotated, Any, Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities
 
-from power_estimator.live.streams import stream_of
-from power_estimator.model import PowerModel
+from power_estimator.effects.model_file.model import EffectModel
+from power_estimator.effects.signals.state import Carried
+from power_estimator.model import Needs, PowerModel
+from power_estimator.network.features import features
+from power_estimator.network.ppn import PowerPredictionNetwork
 
-Doubles = NDArray[np.float64]
+_BESIDE_CARRIED: Final = 0.1  # s, more than derivatives and springs look back
+_SETTLED: Final = 0.05  # share of a carried state that may stem from before the first sample
+
+
+class EstimateStream(Protocol):
+    """A power model with its past."""
+
+    warm_up: int  # samples of a stretch without an estimate
+
+    def advance(self, block: AlignedDataset) -> Singles:
+        """Return the power in W [n, D] at the next n samples; NaN for unknown drives."""
+
+    def outside(self, margin: float) -> bool:
+        """Return whether the last block lies outside the training data."""
+
+    @property
+    def settled(self) -> bool:
+        """Return whether what was before the first sample no longer matters."""
+
+
+def stream_of(model: PowerModel, drives: Sequence[str], rate: float) -> EstimateStream:
+    """Return the model as a stream of samples at this rate; InputError if it cannot be one."""
+    if isinstance(model, PowerPredictionNetwork):
+        return NetworkStream(model, drives, rate)
+    if isinstance(model, EffectModel):
+        return EffectStream(model, drives, rate)
+    return WindowStream(model, model.needs, rate)
+
+
+class NetworkStream:
+    """
+    The Power Prediction Network with carried state, all drives in one step.
+
+    Samples at a multiple of its rate are averaged, and its estimates held.
+    """
+
+    settled = True
+
+    def __init__(self, model: PowerPredictionNetwork, drives: Sequence[str], rate: float) -> None:
+        config = model.checkpoint.config
+        self._times = round(rate / config.rate)
+        self.warm_up = config.warm_up * self._times
+        self._bank = model.stream(drives)
+        self._low, self._high = model.range_of(drives)
+        self._guard = model.guard(drives)
+        self._segment = -1
+        self._seen: Singles = np.zeros((0, len(drives), 3), np.float32)
+
+    def advance(self, block: AlignedDataset) -> Singles:
+        """Return the power in W [n, D]."""
+        x = features(block)
+        if self._times > 1:
+            x = x.reshape(-1, self._times, *x.shape[1:]).mean(axis=1)
+        fresh = np.zeros(x.shape[:2], bool)
+        fresh[0] = block.segment[0] != self._segment
+        self._segment, self._seen = int(block.segment[-1]), x
+        return np.repeat(self._bank.run(x, fresh), self._times, axis=0)
+
+    def outside(self, margin: float) -> bool:
+        """
+        Return whether the last block lies outside the training data.
+
+        It does by a feature beyond its range by more than margin of that range, or by its
+        out-of-distribution score.
+        """
+        slack = margin * (self._high - self._low)
+        beyond = (self._seen < self._low - slack) | (self._seen > self._high + slack)
+        return bool(beyond.any() or self._guard.unlike(self._seen).any())
+
+
+class WindowStream:
+    """A power model that is run on each block and the samples before it that it needs."""
+
+    settled = True
+
+    def __init__(self, model: PowerModel, needs: Needs, rate: float) -> None:
+        if math.isinf(needs.memory) and not needs.carried:
+            raise InputError(
+                f'{model.name}: {needs.remembers} follows all samples before, and cannot be '
+                'carried from one estimate to the next'
+            )
+        memory = _BESIDE_CARRIED if math.isinf(needs.memory) else needs.memory
+        self.warm_up = self._rows = max(1, math.ceil(memory * rate))
+        self._model = model
+        self._window: AlignedDataset | None = None
+
+    def advance(self, block: AlignedDataset) -> Singles:
+        """Return the power in W [n, D]."""
+        return self._model.predict(self._with_past(block))[-len(block.time) :]
+
+    def outside(self, margin: float) -> bool:
+        """Return False: such models have no training data."""
+        return False
+
+    def _with_past(self, block: AlignedDataset) -> AlignedDataset:
+        before = self._window
+        if before is not None and before.segment[-1] == block.segment[0]:
+            block = _joined(before.rows(slice(-self._rows, None)), block)
+        self._window = block
+        return block
+
+
+class EffectStream(WindowStream):
+    """A model of effects: the memory of its effects and of its base model is carried."""
+
+    def __init__(self, model: EffectModel, drives: Sequence[str], rate: float) -> None:
+        self._effects = replace(model, base=None, base_model=None)
+        super().__init__(self._effects, self._effects.needs_in(drives), rate)
+        base = model.base_model
+        self._base = None if base is None else stream_of(base, drives, rate)
+        if self._base is not None:
+            self.warm_up = max(self.warm_up, self._base.warm_up)
+        self._carried = Carried()
+
+    @property
+    def settled(self) -> bool:  # type: ignore[override]
+        """Return whether what was before the first sample no longer matters."""
+        return self._carried.unknown < _SETTLED
+
+    def advance(self, block: AlignedDataset) -> Singles:
+        """Return the power in W [n, D]."""
+        if self._base is not None:
+            block = replace(block, extras={'base': self._base.advance(block)})
+        window = self._with_past(block)
+        power = self._effects.predict(
+            window, base=window.extras.get('base'), carried=self._carried
+        )
+        return power[-len(block.time) :]
+
+    def outside(self, margin: float) -> bool:
+        """Return whether the base model finds the last block outside its training data."""
+        return self._base is not None and self._base.outside(margin)
+
+
+def _joined(before: AlignedDataset, block: AlignedDataset) -> AlignedDataset:
+    arrays: dict[str, Any] = {
+        f.name: np.concatenate([getattr(before, f.name), getattr(block, f.name)])
+        for f in fields(block)
+        if isinstance(getattr(block, f.name), np.ndarray)
+    }
+    extras = {
+        name: np.concatenate([before.extras[name], values])
+        for name, values in block.extras.items()
+    }
+    return replace(block, **arrays, extras=extras)
+
 
 _AHEAD: Final = 1.25e6  # ns, half the time between joint states at 400 Hz
 _BRIDGED: Final = 0.01  # s of missing joint states before the past is dropped
@@ -38,11 +187,11 @@ class CausalSampler:
         self._bin = self._last_bin = 0
         self._period = 0.0
         self._stamp = 0
-        self._sum: Doubles = np.zeros(0)
+        self._sum: Floats = np.zeros(0)
         self._count = 0
-        self._previous: tuple[int, Doubles] | None = None
+        self._previous: tuple[int, Floats] | None = None
 
-    def add(self, stamp: int, signals: Doubles) -> Iterator[tuple[int, Doubles, bool]]:
+    def add(self, stamp: int, signals: Floats) -> Iterator[tuple[int, Floats, bool]]:
         """Take one joint state, signals [S, D]; yield (stamp, mean [S, D], fresh) of full bins."""
         if self._origin is None:
             self._origin = stamp - _AHEAD
@@ -62,7 +211,7 @@ class CausalSampler:
         if self._period and (stamp + self._period - self._origin) // self._width != index:
             yield from self._close()
 
-    def _close(self) -> Iterator[tuple[int, Doubles, bool]]:
+    def _close(self) -> Iterator[tuple[int, Floats, bool]]:
         mean, missing = self._sum / self._count, self._bin - self._last_bin - 1
         self._count = 0
         if self._previous is not None and missing == -1:
@@ -77,7 +226,6 @@ class CausalSampler:
         yield self._stamp, mean, fresh
 
 
-Floats = NDArray[np.float32]
 _SIGNALS: Final = ('position', 'velocity', 'torque', 'command', 'voltage', 'temperature')
 _KNOWN: Final = ('position_error', 'position', 'velocity', 'torque', 'voltage', 'temperature')
 
@@ -108,7 +256,7 @@ class LiveSample:
     """Signals of D drives at the model's rate."""
 
     stamp: int  # ns, of the newest joint state in it
-    signals: Doubles  # in SI units [S, D]
+    signals: Floats  # in SI units [S, D]
     fresh: bool  # it does not follow the sample before
 
 
@@ -117,7 +265,7 @@ class Estimate:
     """Mean power of D drives over the 20 ms (LiveConfig.period) that end at the stamp."""
 
     stamp: int  # ns, of the newest joint state in it
-    power: Floats  # W [D]
+    power: Singles  # W [D]
     status: Status
 
     @property
@@ -157,26 +305,26 @@ class LiveEstimator:
         self._rows = [_SIGNALS.index(name) for name in self._signals]
         self._stream = stream_of(model, drives, needs.rate)
         self._sampler = CausalSampler(needs.rate)
-        self._waiting: deque[tuple[int, Doubles]] = deque(maxlen=1000)
-        self._command: tuple[int, Doubles] | None = None
+        self._waiting: deque[tuple[int, Floats]] = deque(maxlen=1000)
+        self._command: tuple[int, Floats] | None = None
         self._unknown = np.full(len(self.drives), np.nan)
         self._supply = np.stack([self._unknown, self._unknown])
         self._block: list[LiveSample] = []
         self._since_fresh = self._segment = 0
         self._origin = self._newest = 0
 
-    def command(self, stamp: int, position: Doubles) -> None:
+    def command(self, stamp: int, position: Floats) -> None:
         """Take position targets [D] in rad, NaN for none, that hold from stamp (ns) on."""
         while self._waiting and stamp < self._waiting[-1][0]:
             self._waiting.pop()
         self._waiting.append((stamp, position))
 
-    def supply(self, voltage: Doubles, temperature: Doubles) -> None:
+    def supply(self, voltage: Floats, temperature: Floats) -> None:
         """Take the drives' voltage in V and winding temperature in °C [D], NaN where unknown."""
         self._supply = np.stack([voltage, temperature])
 
     def joint_state(
-        self, stamp: int, position: Doubles, velocity: Doubles, torque: Doubles
+        self, stamp: int, position: Floats, velocity: Floats, torque: Floats
     ) -> Estimate | None:
         """Take a joint state [D] of stamp (ns); return an estimate when one is due."""
         while self._waiting and self._waiting[0][0] <= stamp:

@@ -7,13 +7,12 @@ from numpy.typing import NDArray
 from power_recordings.messages.cdr import POWER_ESTIMATE, encode
 from power_recordings.messages.samples import DriveSamples
 from power_recordings.reading.reader import Recording
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_estimator.live.estimator import Estimate, LiveConfig, LiveEstimator
 from power_estimator.live.session import topics_of
 from power_estimator.model import PowerModel
-
-Doubles = NDArray[np.float64]
 
 
 def estimates(
@@ -42,7 +41,7 @@ def estimates(
     def run() -> Iterator[Estimate]:
         signals = np.stack([states.position, states.velocity, states.effort], axis=1)
         rows = signals[:, :, here].astype(float)
-        following: list[tuple[int, Doubles]] = []
+        following: list[tuple[int, Floats]] = []
         if commands is not None:
             there = [commands.names.index(name) for name in drives]
             targets = commands.position[:, there].astype(float)
@@ -59,7 +58,7 @@ def estimates(
     return drives, run()
 
 
-def _held(samples: DriveSamples, drives: Sequence[str], stamps: NDArray[np.int64]) -> Doubles:
+def _held(samples: DriveSamples, drives: Sequence[str], stamps: NDArray[np.int64]) -> Floats:
     """Voltage and temperature of the drives at these stamps, from the last sample [2, T, D]."""
     rows = np.searchsorted(samples.stamp_ns, stamps, side='right') - 1
     held = np.full((2, len(stamps), len(drives)), np.nan)

@@ -3,7 +3,8 @@
 from collections import deque
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from wattwalk_core.arrays import Floats
 
 from power_estimator.scores import r2
 
@@ -54,7 +55,7 @@ class LiveScore:
 
 def measured_power(
     drives: int, voltage: ArrayLike, current: ArrayLike, status: ArrayLike
-) -> NDArray[np.float64]:
+) -> Floats:
     """
     Return the power in W [samples, drives] of a DriveSupply message, NaN where a status is not 0.
 

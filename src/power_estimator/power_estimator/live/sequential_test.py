@@ -1,12 +1,17 @@
 """Sequential test of block means against a reference, with a bound on its false alarms."""
 
-from typing import Self
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
-from wattwalk_core.schema import schema
-
-Doubles = NDArray[np.float64]
+from wattwalk_core.arrays import Bools, Floats
+from wattwalk_core.errors import InputError
+from wattwalk_core.files import write_whole
+from wattwalk_core.quoting import quoted
+from wattwalk_core.schema import read, schema
+from wattwalk_core.yaml_file import dump_yaml
 
 CLIP = 3.0
 """Standard deviations of an innovation that a block counts as at most: a fall says no more."""
@@ -39,7 +44,7 @@ class ReferenceNoise:
     tolerance: float  # shift of the innovations, in sigmas, that the reference cannot exclude
 
     @classmethod
-    def of(cls, blocks: Doubles, features: Doubles, follows: NDArray[np.bool_]) -> Self:
+    def of(cls, blocks: Floats, features: Floats, follows: Bools) -> Self:
         """
         Learn from n blocks [n] with features [n, F].
 
@@ -79,11 +84,11 @@ class ReferenceNoise:
             tolerance=float(_SURE / np.sqrt(count)),
         )
 
-    def seen(self, features: Doubles) -> bool:
+    def seen(self, features: Floats) -> bool:
         """Return whether features [F] lie where the reference has been."""
         return bool((features >= self.low).all() and (features <= self.high).all())
 
-    def left(self, block: float, features: Doubles) -> float:
+    def left(self, block: float, features: Floats) -> float:
         """Return what a block mean, W, has more than the reference."""
         return block - self.mean - float((features - self.centre) @ np.array(self.slopes))
 
@@ -146,8 +151,40 @@ class ShiftDetector:
             self.since[drive, side] = 0 if total == 0.0 else self.since[drive, side] + 1
 
 
-def log_e_values(y: float, noise: ReferenceNoise) -> Doubles:
+def log_e_values(y: float, noise: ReferenceNoise) -> Floats:
     """Return the logarithms of the e-values of a clipped innovation, in sigmas, for all bets."""
     bets, most = np.array(BETS), CLIP + abs(noise.bias)
     cost = noise.variance * (np.expm1(bets * most) - bets * most) / most**2
     return np.asarray(bets * y - cost)
+
+
+@schema
+class WatchReference:
+    """Noise of each drive about a model, in blocks of so many seconds."""
+
+    format: Literal['watch_reference/1']
+    model: str
+    block: int
+    drives: Mapping[str, ReferenceNoise]
+
+    @classmethod
+    def load(cls, path: Path, model: str, block: int) -> 'WatchReference | None':
+        """Read a file, None where there is none; InputError for one of another model."""
+        if not path.exists():
+            return None
+        found = read(cls, path, 'reference')
+        if (found.model, found.block) != (model, block):
+            raise InputError(
+                f'reference {path} is of the model {quoted(found.model)} in blocks of '
+                f'{found.block} s, not of {quoted(model)} in {block} s: name another file'
+            )
+        return found
+
+    def save(self, path: Path) -> None:
+        """Write the file, whole or not at all."""
+        drives = {
+            name: {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(own).items()}
+            for name, own in self.drives.items()
+        }
+        content = {'format': self.format, 'model': self.model, 'block': self.block}
+        write_whole(path, dump_yaml({**content, 'drives': drives}))

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import assign
@@ -16,8 +16,6 @@ from power_estimator.live.sequential_test import ReferenceNoise
 from power_estimator.model import PowerModel
 from power_estimator.network.ppn import PowerPredictionNetwork
 
-Doubles = NDArray[np.float64]
-
 _SECOND = 1_000_000_000  # ns
 _LEAST_ESTIMATES = 0.8  # of a second's
 _LEAST_SAMPLES = 20  # of the measured power
@@ -26,9 +24,9 @@ _MOST_WAITING = 10  # seconds that are not complete
 
 @dataclass
 class _Sums:
-    power: Doubles  # W [D]
-    motion: Doubles  # [D, 3]: |ω|, ω², τ²
-    estimate: Doubles  # W [D]
+    power: Floats  # W [D]
+    motion: Floats  # [D, 3]: |ω|, ω², τ²
+    estimate: Floats  # W [D]
     samples: int = 0
     states: int = 0
     estimates: int = 0
@@ -48,7 +46,7 @@ class SecondMeans:
     _measured: int = -1
     _estimated: int = -1
 
-    def measured(self, stamp: int, power: Doubles) -> None:
+    def measured(self, stamp: int, power: Floats) -> None:
         """Take measured power [samples, D], W, without NaN."""
         sums = self._of(stamp)
         self._measured = max(self._measured, stamp // _SECOND)
@@ -56,14 +54,14 @@ class SecondMeans:
             sums.power += power.sum(axis=0)
             sums.samples += len(power)
 
-    def moved(self, stamp: int, velocity: Doubles, torque: Doubles) -> None:
+    def moved(self, stamp: int, velocity: Floats, torque: Floats) -> None:
         """Take speed [D], rad/s, and torque [D], N·m."""
         sums = self._of(stamp)
         if sums is not None:
             sums.motion += np.stack([np.abs(velocity), velocity**2, torque**2], axis=1)
             sums.states += 1
 
-    def estimated(self, stamp: int, power: Doubles) -> None:
+    def estimated(self, stamp: int, power: Floats) -> None:
         """Take an estimate [D], W, that may be relied on."""
         sums = self._of(stamp)
         self._estimated = max(self._estimated, stamp // _SECOND)
@@ -71,7 +69,7 @@ class SecondMeans:
             sums.estimate += power
             sums.estimates += 1
 
-    def complete(self) -> Iterator[tuple[int, Doubles, Doubles]]:
+    def complete(self) -> Iterator[tuple[int, Floats, Floats]]:
         """Yield index, measured − estimated [D] and 1, |ω|, ω², τ², P [D, 5] of past seconds."""
         passed = min(self._measured, self._estimated)
         for index in sorted(i for i in self._sums if i < passed):
@@ -123,7 +121,7 @@ class Vector:
 
     stamp: int  # ns
     names: tuple[str, ...]
-    values: Doubles  # [rows, names]
+    values: Floats  # [rows, names]
 
 
 class _Columns:
@@ -133,7 +131,7 @@ class _Columns:
         self._drives = drives
         self._known: dict[tuple[str, ...], list[int] | None] = {}
 
-    def of(self, vector: Vector) -> Doubles | None:
+    def of(self, vector: Vector) -> Floats | None:
         """Return values [rows, D]; None if a drive is missing."""
         if vector.names not in self._known:
             there = all(drive in vector.names for drive in self._drives)

@@ -3,15 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.arrays import Singles
 from wattwalk_core.errors import InputError
 
-Floats = NDArray[np.float32]
 FEATURES = ('position_error', 'torque', 'velocity')
 
 
-def features(data: AlignedDataset) -> Floats:
+def features(data: AlignedDataset) -> Singles:
     """Return features [T, D, 3] in the order and units of FEATURES; NaN where one is missing."""
     return np.stack([data.position_error, data.torque, data.velocity], axis=2)
 
@@ -33,7 +32,7 @@ class Scaling:
             raise InputError(f'scaling {numbers} has a scale that is not positive')
 
     @classmethod
-    def of(cls, values: Floats, power: Floats, mirror: bool = False) -> 'Scaling':
+    def of(cls, values: Singles, power: Singles, mirror: bool = False) -> 'Scaling':
         """
         Return the scaling of features [N, 3] and power [N] without NaN; InputError for constants.
 

@@ -4,11 +4,10 @@ import math
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities, schema
 
-Floats = NDArray[np.float32]
 LEVEL = 0.9
 _BINS = 8
 _IN_A_BIN = 100  # residuals that a quantile of 5 % may rest on
@@ -39,7 +38,9 @@ class Intervals:
             raise InputError(f'intervals {numbers} are not finite numbers by ascending bins')
 
     @classmethod
-    def fit(cls, measured: Floats, estimated: Floats, level: float = LEVEL) -> 'Intervals | None':
+    def fit(
+        cls, measured: Singles, estimated: Singles, level: float = LEVEL
+    ) -> 'Intervals | None':
         """
         Fit to pairs [N] at 50 Hz that the network was not trained on; None if there are few.
 
@@ -60,14 +61,14 @@ class Intervals:
             above.append(float(error[-rank]))
         return cls(level, edges, tuple(below), tuple(above))
 
-    def around(self, estimated: Floats) -> tuple[Floats, Floats]:
+    def around(self, estimated: Singles) -> tuple[Singles, Singles]:
         """Return the lowest and highest power to be expected, W, in the shape of the estimates."""
         index = np.searchsorted(np.array(self.edges), estimated, side='right')
         low = estimated - np.array(self.below, np.float32)[index]
         return low, estimated + np.array(self.above, np.float32)[index]
 
 
-def _edges(estimated: NDArray[np.float64], bins: int) -> tuple[float, ...]:
+def _edges(estimated: Floats, bins: int) -> tuple[float, ...]:
     """Return the edges of at most `bins` bins; fewer where ties would leave one too small."""
     ordered = np.sort(estimated)
     kept: list[float] = []

@@ -4,12 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.network.features import FEATURES, Scaling
 
-Floats = NDArray[np.float32]
 _LARGEST = 1e6
 
 
@@ -17,11 +16,11 @@ _LARGEST = 1e6
 class Weights:
     """An LSTM layer and its linear output; gates in the order input, forget, cell, output."""
 
-    input: Floats  # [4H, 3]
-    recurrent: Floats  # [4H, H]
-    bias: Floats  # [4H]
-    output: Floats  # [H]
-    output_bias: Floats  # [1]
+    input: Singles  # [4H, 3]
+    recurrent: Singles  # [4H, H]
+    bias: Singles  # [4H]
+    output: Singles  # [H]
+    output_bias: Singles  # [1]
 
     @staticmethod
     def shapes(hidden: int) -> dict[str, tuple[int, ...]]:
@@ -86,7 +85,7 @@ class LstmBank:
         self._h = np.zeros((len(used), width, self._hidden), np.float32)
         self._c = np.zeros_like(self._h)
 
-    def reset(self, drives: NDArray[np.bool_] | None = None) -> None:
+    def reset(self, drives: Bools | None = None) -> None:
         """Forget the past of the drives marked in [D], or of all."""
         if drives is None:
             self._h[:] = 0
@@ -95,11 +94,11 @@ class LstmBank:
             self._h[drives[self._slot]] = 0
             self._c[drives[self._slot]] = 0
 
-    def step(self, features: Floats) -> Floats:
+    def step(self, features: Singles) -> Singles:
         """Advance all drives by one sample: [D, 3] in rad, N·m, rad/s → W [D]."""
         return self._watts(self._advance(self._project(features[None]))[None])[0]
 
-    def run(self, features: Floats, fresh: NDArray[np.bool_] | None = None) -> Floats:
+    def run(self, features: Singles, fresh: Bools | None = None) -> Singles:
         """
         Advance all drives by T samples: [T, D, 3] → W [T, D].
 
@@ -118,10 +117,10 @@ class LstmBank:
             result[start : start + len(rows)] = self._watts(hidden)
         return result
 
-    def _project(self, features: Floats) -> Floats:
+    def _project(self, features: Singles) -> Singles:
         return np.matmul(features[:, self._slot], self._input) + self._bias
 
-    def _advance(self, projected: Floats) -> Floats:
+    def _advance(self, projected: Singles) -> Singles:
         n = self._hidden
         gates = np.matmul(self._h, self._recurrent)
         gates += projected[0]
@@ -135,14 +134,14 @@ class LstmBank:
         self._h *= gates[..., 2 * n : 3 * n]
         return self._h
 
-    def _watts(self, hidden: Floats) -> Floats:
+    def _watts(self, hidden: Singles) -> Singles:
         power = np.matmul(hidden, self._output)[..., 0] + self._offset
         result = np.full((len(hidden), self._drives), np.nan, np.float32)
         result[:, self._column] = power[:, self._filled]
         return result
 
 
-def _fold(weights: Weights, scaling: Scaling) -> tuple[NDArray[np.float64], ...]:
+def _fold(weights: Weights, scaling: Scaling) -> tuple[Floats, ...]:
     """Fold scaling into the weights, gates to (i, f, o, g), and σ(x) as ½(1 + tanh(x/2))."""
     n = weights.hidden
     order = np.r_[0 : 2 * n, 3 * n : 4 * n, 2 * n : 3 * n]

@@ -4,13 +4,12 @@ from collections.abc import Iterable
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Singles
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities, schema
 
 from power_estimator.network.features import FEATURES
 
-Floats = NDArray[np.float32]
 SIZE = 2 * len(FEATURES)
 _QUANTILE = 0.9998
 _SLACK = 1.5  # on the distance's square at that quantile; a fifth more in amplitude
@@ -39,7 +38,7 @@ class OutOfDistributionScore:
             raise InputError(f'mean and inverse are not {SIZE} and {SIZE} × {SIZE} numbers')
 
     @classmethod
-    def fit(cls, blocks: Floats, mirror: bool) -> 'OutOfDistributionScore | None':
+    def fit(cls, blocks: Singles, mirror: bool) -> 'OutOfDistributionScore | None':
         """Fit to blocks [N, S, 3] of training data; None if they are few or always the same."""
         values = describe(blocks).astype(float)
         if len(values) < _FEWEST:
@@ -73,14 +72,14 @@ class Guard:
                 self._inverse[index] = score.inverse
                 self._limit[index] = score.limit
 
-    def unlike(self, block: Floats) -> NDArray[np.bool_]:
+    def unlike(self, block: Singles) -> Bools:
         """Mark the drives [..., D] whose block [..., S, D, 3] is unlike the training data."""
         away = describe(np.moveaxis(block, -2, -3)) - self._mean
         square = np.einsum('...di,dij,...dj->...d', away, self._inverse, away)
         return np.asarray(square > self._limit)
 
 
-def describe(blocks: Floats) -> Floats:
+def describe(blocks: Singles) -> Singles:
     """Return mean over and change within blocks [..., S, 3] → [..., 6]."""
     change = blocks[..., -1, :] - blocks[..., 0, :]
     return np.concatenate([blocks.mean(axis=-2), change], axis=-1)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.arrays import Bools, Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import assign, owners
@@ -15,8 +16,6 @@ from power_estimator.network.features import FEATURES, features
 from power_estimator.network.lstm import LstmBank
 from power_estimator.network.out_of_distribution import Guard
 from power_estimator.scores import block_means
-
-Floats = NDArray[np.float32]
 
 
 class PowerPredictionNetwork:
@@ -55,7 +54,7 @@ class PowerPredictionNetwork:
             )
         return LstmBank(self._networks, columns, len(drives))
 
-    def range_of(self, drives: Sequence[str]) -> tuple[Floats, Floats]:
+    def range_of(self, drives: Sequence[str]) -> tuple[Singles, Singles]:
         """Return the lowest and highest features [D, 3] in training; NaN for unknown drives."""
         unknown = (np.nan,) * len(FEATURES)
         found = owners(drives, self.checkpoint.networks)
@@ -67,7 +66,7 @@ class PowerPredictionNetwork:
         found = owners(drives, self.checkpoint.networks)
         return Guard(n.out_of_distribution if n else None for n in found)
 
-    def interval(self, power: Floats, drives: Sequence[str]) -> tuple[Floats, Floats]:
+    def interval(self, power: Singles, drives: Sequence[str]) -> tuple[Singles, Singles]:
         """
         Return the lowest and highest power to be expected of estimates, W [N, D] at 50 Hz.
 
@@ -82,7 +81,7 @@ class PowerPredictionNetwork:
                 low[:, own], high[:, own] = network.intervals.around(power[:, own])
         return low, high
 
-    def predict(self, data: AlignedDataset) -> Floats:
+    def predict(self, data: AlignedDataset) -> Singles:
         """
         Return watts [T, D] with carried state.
 
@@ -110,7 +109,7 @@ class PowerPredictionNetwork:
             result[run.start : run.start + len(held)] = held
         return result
 
-    def _carried(self, x: Floats, borders: NDArray[np.bool_], drives: Sequence[str]) -> Floats:
+    def _carried(self, x: Singles, borders: Bools, drives: Sequence[str]) -> Singles:
         bank = self.stream(drives)
         good = np.all(np.isfinite(x), axis=2)
         fresh = good & (borders[:, None] | ~np.vstack([good[:1], good[:-1]]))
@@ -120,7 +119,7 @@ class PowerPredictionNetwork:
         power[~good | (since < self.checkpoint.config.warm_up)] = np.nan
         return power
 
-    def predict_windowed(self, data: AlignedDataset) -> Floats:
+    def predict_windowed(self, data: AlignedDataset) -> Singles:
         """
         Return estimates [N, D] at 50 Hz, each from its own window of history and a state of zero.
 
@@ -141,7 +140,7 @@ class PowerPredictionNetwork:
             parts.append(result)
         return np.concatenate(parts) if parts else np.empty((0, len(data.names)), np.float32)
 
-    def _windows(self, name: str, x: Floats, ends: NDArray[np.intp], start: int) -> Floats:
+    def _windows(self, name: str, x: Singles, ends: NDArray[np.intp], start: int) -> Singles:
         config = self.checkpoint.config
         result = np.full(len(ends), np.nan, np.float32)
         inside = np.flatnonzero(ends - start >= config.history)

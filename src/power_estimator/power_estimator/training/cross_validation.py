@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.arrays import Bools, Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import DriveType, assign
 from power_estimator.evaluation.traces import Traces, traces
-from power_estimator.input_checks import check_complete
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.result import JudgedModel
 from power_estimator.loader import PLAIN, load_model
@@ -32,13 +32,12 @@ from power_estimator.network.intervals import Intervals
 from power_estimator.network.out_of_distribution import OutOfDistributionScore
 from power_estimator.network.ppn import PowerPredictionNetwork
 from power_estimator.proxies import PROXIES
+from power_estimator.recordings import check_complete
 from power_estimator.scores import block_means
 from power_estimator.training.protocol import Part, Protocol, rows_of, runs
 from power_estimator.training.run_folder import NetworkRunFolder
 from power_estimator.training.trainer import Tracks, Trainer
 from power_estimator.training.trainer_config import TrainerConfig
-
-Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -71,9 +70,9 @@ class CrossValidation:
         network: NetworkConfig | None = None,
         training: TrainerConfig | None = None,
         protocol: Protocol | None = None,
-        others: Sequence[Floats] = (),
+        others: Sequence[Singles] = (),
         recordings: Sequence[TrainingRecording] = (),
-        targets: Floats | None = None,
+        targets: Singles | None = None,
     ) -> None:
         network = network or NetworkConfig()
         protocol = protocol or Protocol(margin=network.history)
@@ -280,7 +279,7 @@ class CrossValidation:
 
     def _stretches(
         self, job: Job, labels: NDArray[np.int8], part: Part, shortest: int
-    ) -> list[tuple[Floats, Floats]]:
+    ) -> list[tuple[Singles, Singles]]:
         found = []
         for column in self._columns[job.type.name]:
             usable = self._measured[:, column] & np.isfinite(self._targets[:, column])
@@ -291,7 +290,7 @@ class CrossValidation:
             ]
         return found
 
-    def _pooled(self, job: Job, rows: NDArray[np.bool_]) -> Floats:
+    def _pooled(self, job: Job, rows: Bools) -> Singles:
         columns = self._columns[job.type.name]
         used = rows[:, None] & self._measured[:, columns]
         return self._views[:, :, columns][:, used].reshape(-1, self._views.shape[3])

@@ -41,11 +41,7 @@ class NetworkRunFolder:
         self._folds = path / 'folds'
 
     def open(
-        self,
-        config: Mapping[str, Any],
-        recordings: Sequence[TrainingRecording],
-        *,
-        resume: bool,
+        self, config: Mapping[str, Any], recordings: Sequence[TrainingRecording], *, resume: bool
     ) -> None:
         """Begin or continue a run; InputError as of `start` and `resume`."""
         cards = [asdict(recording) for recording in recordings]

@@ -28,7 +28,6 @@ from power_estimator.training.run_folder import NetworkRunFolder
 from power_estimator.training.trainer import Trainer
 from power_estimator.training.trainer_config import TrainerConfig
 
-Floats = NDArray[np.float32]
 RESULT = 'point.json'
 CHOSEN = NetworkConfig()
 _SAMPLES_IN_A_BATCH = 800  # as many as the default training updates on

@@ -9,15 +9,52 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from wattwalk_core.arrays import Bools, Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator import scores
 from power_estimator.network.features import FEATURES, Scaling
 from power_estimator.network.lstm import Weights
-from power_estimator.network.torch_lstm import PowerLstm
 from power_estimator.training.trainer_config import TrainerConfig
 
-Floats = NDArray[np.float32]
+
+class PowerLstm(nn.Module):
+    """LSTM and linear output on scaled features [T, B, 3] → scaled power [T, B]."""
+
+    def __init__(self, hidden: int) -> None:
+        super().__init__()
+        self.lstm = nn.LSTM(len(FEATURES), hidden)
+        self.output = nn.Linear(hidden, 1)
+
+    def forward(
+        self, x: Tensor, state: tuple[Tensor, Tensor] | None = None
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        """Return outputs and the state (h, c), each [1, B, H], after the last sample."""
+        hidden, state = self.lstm(x, state)
+        return self.output(hidden)[..., 0], state
+
+    def weights(self) -> Weights:
+        """Return the weights as numpy arrays."""
+        arrays = {k: v.detach().numpy().copy() for k, v in self.state_dict().items()}
+        return Weights(
+            arrays['lstm.weight_ih_l0'],
+            arrays['lstm.weight_hh_l0'],
+            arrays['lstm.bias_ih_l0'] + arrays['lstm.bias_hh_l0'],
+            arrays['output.weight'][0],
+            arrays['output.bias'],
+        )
+
+    def set_weights(self, weights: Weights) -> None:
+        """Set the weights, of the same size."""
+        arrays = {
+            'lstm.weight_ih_l0': weights.input,
+            'lstm.weight_hh_l0': weights.recurrent,
+            'lstm.bias_ih_l0': weights.bias,
+            'lstm.bias_hh_l0': np.zeros_like(weights.bias),
+            'output.weight': weights.output[None],
+            'output.bias': weights.output_bias,
+        }
+        self.load_state_dict({k: torch.tensor(v) for k, v in arrays.items()})
 
 
 @dataclass(frozen=True)
@@ -28,12 +65,12 @@ class Tracks:
     features holds V views of the same motion (filtered with and without a look ahead, …).
     """
 
-    features: Floats  # [V, N, 3]
-    power: Floats  # W [N]
+    features: Singles  # [V, N, 3]
+    power: Singles  # W [N]
     edges: NDArray[np.intp]  # [tracks + 1]
 
     @classmethod
-    def join(cls, tracks: Sequence[tuple[Floats, Floats]]) -> 'Tracks':
+    def join(cls, tracks: Sequence[tuple[Singles, Singles]]) -> 'Tracks':
         """Join (features [V, n, 3], power [n]) of each stretch."""
         if not tracks:
             raise InputError('no stretch of data is long enough')
@@ -138,7 +175,7 @@ class Trainer:
             measured.append(scores.block_means(track, [run], self._block))
         return scores.r2(np.concatenate(measured), np.concatenate(estimated))
 
-    def state(self) -> dict[str, Floats]:
+    def state(self) -> dict[str, Singles]:
         """Return the state that `restore` continues from exactly."""
         tensors = {f'now/{k}': v.numpy().copy() for k, v in self.network.state_dict().items()}
         tensors |= {f'best/{k}': v for k, v in vars(self.best).items()}
@@ -176,7 +213,7 @@ class Trainer:
         rng = np.random.default_rng([self.config.seed, 0])
         bound = hidden**-0.5
 
-        def uniform(*shape: int) -> Floats:
+        def uniform(*shape: int) -> Singles:
             return rng.uniform(-bound, bound, shape).astype(np.float32)
 
         bias = uniform(4 * hidden)
@@ -198,7 +235,7 @@ class Trainer:
         starts, fresh = plan(self._training.edges, self.config, rng)
         count = len(self._training.features)
         views: NDArray[np.int64] = np.zeros(starts.shape[1], np.int64)
-        signs: Floats = np.ones(starts.shape[1], np.float32)
+        signs: Singles = np.ones(starts.shape[1], np.float32)
         for step, (rows, new) in enumerate(zip(starts, fresh, strict=True)):
             views = np.where(new, rng.integers(count, size=len(new)), views)
             if self.config.mirror:
@@ -235,7 +272,7 @@ class Trainer:
 
 def plan(
     edges: NDArray[np.intp], config: TrainerConfig, rng: np.random.Generator
-) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+) -> tuple[NDArray[np.intp], Bools]:
     """
     Return the order of chunks in an epoch: first rows [S, B] and resets before them [S, B].
 

@@ -7,10 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.covariance import ledoit_wolf
+from wattwalk_core.arrays import Floats
 
 from power_fleet.track.history import DriveHistory
-
-Floats = NDArray[np.float64]
 
 LEAST_RECORDINGS = 8
 ALONE = '~'

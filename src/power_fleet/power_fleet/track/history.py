@@ -4,11 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_fleet.track.recording_fit import RecordingFit
-
-Floats = NDArray[np.float64]
 
 TEMPERATURE_CURVE = 'temperature, squared'
 _COMMON = 0.98  # correlation above which one covariate says what another says

@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.model_file.model import EffectModel
 from power_recordings.index.store import DriveFigure
-from wattwalk_core.fingerprint import code_fingerprint, file_fingerprint
+from wattwalk_core.arrays import Floats
+from wattwalk_core.files import code_fingerprint, file_fingerprint
 
 from power_fleet.track.recording_fit import Occasion, RecordingFit
-
-Floats = NDArray[np.float64]
 
 KIND = 'fit'
 CODE = (

@@ -7,8 +7,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.model_file.model import EffectModel
 from power_recordings.index.store import RecordingIndex
@@ -23,8 +21,6 @@ from power_fleet.track.recording_fit import TIME_OFFSET, RecordingFit
 from power_fleet.track.search import FALSE_ALARMS, CertainChange, Explained, Search, search
 from power_fleet.track.shared import Common, Points, common_levels, shrunk
 from power_fleet.track.unmodelled import Growth, Unmodelled, explain, growths
-
-Floats = NDArray[np.float64]
 
 _WIDTH = 1.96  # standard errors of a 95 % interval
 _MOST_EXPLAINED = 2  # drives of which growth of what the model misses is diagnosed

@@ -13,8 +13,13 @@ from power_estimator.effects.fit.design import Active
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.judge.held_out import power_under
 from power_estimator.judge.recordings import Loaded, load
-from power_recordings.index.stamp import Stamp
-from power_recordings.index.store import DriveFigure, IndexAnswer, RecordingFacts, RecordingIndex
+from power_recordings.index.store import (
+    DriveFigure,
+    IndexAnswer,
+    RecordingFacts,
+    RecordingIndex,
+    Stamp,
+)
 from power_recordings.reading.reader import Recording
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.errors import InputError

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Normal, modelled
 from power_estimator.effects.fit.delay_search import group_limits
@@ -14,8 +13,7 @@ from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.training import material
 from power_recordings.alignment.dataset import AlignedDataset
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats, Singles
 
 TIME_OFFSET = 'time_offset'
 _DRAWS = 120  # bootstraps of the blocks
@@ -64,7 +62,7 @@ def fit_recording(
     catalogue: Catalogue,
     occasion: Occasion,
     *,
-    base: NDArray[np.float32] | None = None,
+    base: Singles | None = None,
     window: float = 0.0,
     seed: int = 0,
 ) -> RecordingFit:

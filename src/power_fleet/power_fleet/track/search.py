@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
+from wattwalk_core.arrays import Floats
 
 from power_fleet.track.change_test import ALONE, LEAST_RECORDINGS, Change, ChangeModel
 from power_fleet.track.history import DriveHistory
 from power_fleet.track.recording_fit import TIME_OFFSET
-
-Floats = NDArray[np.float64]
 
 FALSE_ALARMS = 0.05
 """Share of quiet histories that raise any alarm, over all drives and effects."""

@@ -4,12 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from statsmodels.stats.meta_analysis import combine_effects
+from wattwalk_core.arrays import Floats
 
 from power_fleet.track.change_test import ChangeModel
-
-Floats = NDArray[np.float64]
 
 _LEAST_DRIVES = 3
 

@@ -19,6 +19,7 @@ from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.judge.held_out import power_under
 from power_estimator.judge.judge import Judge
+from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_lab.budget.draws import Draws, coefficient_draws
@@ -28,8 +29,7 @@ from power_lab.budget.phases import phase_masks
 from power_lab.budget.tally import ELECTRONICS, Tally, blocks_of
 from power_lab.compare.comparison import describe_state
 
-Floats = NDArray[np.float64]
-Masks = Mapping[str, NDArray[np.bool_]]
+Masks = Mapping[str, Bools]
 
 _TORQUE_SCALE: Final = 0.03  # error of torque sensors as they are sold; of computed torque ×5
 DRAWS = 200
@@ -42,7 +42,7 @@ class PartsOverTime:
 
     names: tuple[str, ...]  # D drives
     parts: tuple[str, ...]
-    power: NDArray[np.float32]  # W [N, D, E]
+    power: Singles  # W [N, D, E]
     metered: Floats  # W [N, M]
     state: Mapping[str, Floats]  # N·m, rad/s, … [N, D]
     masks: Masks  # by phase [N, D]
@@ -128,7 +128,7 @@ class Accounts:
         state, masks = self._described
         found: list[dict[str, Tally]] = [{} for _ in prepared.recordings]
         whole: list[list[Tally]] = [[] for _ in prepared.recordings]
-        power: list[NDArray[np.float32]] = []
+        power: list[Singles] = []
         parts: tuple[str, ...] = ()
         for drive, account in enumerate(self._drives()):
             power.append(account.power.astype(np.float32))
@@ -184,11 +184,7 @@ class Accounts:
         return columns, values, draws.measurement[:, drive] - values
 
     def _tally(
-        self,
-        account: DriveAccount,
-        index: int,
-        masks: Mapping[str, NDArray[np.bool_]],
-        meter: Floats,
+        self, account: DriveAccount, index: int, masks: Mapping[str, Bools], meter: Floats
     ) -> Tally:
         rows = self.prepared.recording == index
         block, often = self._blocks[index]

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.drive_types import owners
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Normal
@@ -18,8 +17,7 @@ from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.training import Material
 from power_estimator.judge.judge import Judge
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 _SECONDS: Final = 120.0  # that coefficients are drawn from: longer recordings in pieces
 _HIDDEN: Final = 0.1  # of the power's spread, that an effect outside the model may have

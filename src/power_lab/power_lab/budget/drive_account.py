@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats
 
 from power_lab.budget.parts import SHAFT, Split
 from power_lab.budget.tally import Tally, block_sums
-
-Floats = NDArray[np.float64]
 
 REGENERATION, MEASUREMENT = 'regeneration', 'measurement'
 
@@ -69,8 +68,8 @@ class DriveAccount:
 
     def tally(
         self,
-        rows: NDArray[np.bool_],
-        masks: Mapping[str, NDArray[np.bool_]],
+        rows: Bools,
+        masks: Mapping[str, Bools],
         meter: Floats,
         block: NDArray[np.intp],
         often: Floats,

@@ -5,18 +5,16 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Signals
 from power_estimator.effects.effect import LEVERS
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.pieces import pieces
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_lab.budget.accounts import DRAWS, Accounts
 from power_lab.budget.parts import split
 from power_lab.budget.tally import interval
-
-Floats = NDArray[np.float64]
 
 _SECONDS: Final = 40.0  # that a change is computed on, in pieces spread over the recordings
 _SCALING: Final = 0.05  # of a change, by which drives scale otherwise: less than formulas depart

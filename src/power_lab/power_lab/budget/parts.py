@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import (
     Active,
@@ -14,8 +13,8 @@ from power_estimator.effects.fit.design import (
     estimates,
     weighted,
 )
+from wattwalk_core.arrays import Floats
 
-Floats = NDArray[np.float64]
 SHAFT, BASE = 'shaft', 'base'
 
 

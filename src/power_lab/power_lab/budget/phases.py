@@ -5,14 +5,14 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats
 
-Floats = NDArray[np.float64]
 PHASES: Final = ('all', 'driving', 'braking', 'rest', 'stance', 'swing')
 
 
 def phase_masks(
     torque: Floats, velocity: Floats, standstill: Floats, feet: NDArray[np.str_] | None
-) -> Mapping[str, NDArray[np.bool_]]:
+) -> Mapping[str, Bools]:
     """
     Rows of each phase [N, D], from N·m and rad/s at 50 Hz; feet: words by leg, '' for none.
 

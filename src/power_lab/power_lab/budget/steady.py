@@ -3,11 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import Structure, evaluate
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 
 @dataclass(frozen=True)

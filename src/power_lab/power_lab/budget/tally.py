@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats
 
-Floats = NDArray[np.float64]
 TAILS = (0.05, 0.95)
 UNEXPLAINED, METERED, ELECTRONICS = 'unexplained', 'metered', 'electronics'
 
@@ -83,7 +83,7 @@ def blocks_of(stretches: Sequence[slice], length: int) -> NDArray[np.intp]:
 
 
 def block_sums(
-    rows: Floats, masks: Sequence[NDArray[np.bool_]], block: NDArray[np.intp], often: Floats
+    rows: Floats, masks: Sequence[Bools], block: NDArray[np.intp], often: Floats
 ) -> tuple[Floats, Floats]:
     """
     Sums [1 + R, P, E] and counts [1 + R, P] of rows [N, E] in phases [P, N].

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from power_estimator.effects import Catalogue
 from power_estimator.loader import load_model
-from power_recordings.index.stamp import Stamp
+from power_recordings.index.store import Stamp
 from rich.console import Console
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine

@@ -14,13 +14,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects.fit.blocks import Blocks, drawn_blocks
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.model_file.model import FittedValue
 from power_estimator.effects.signals.prepared import Prepared
+from wattwalk_core.arrays import Floats
 
-Floats = NDArray[np.float64]
 Verdict = Literal['agree', 'torque scale or gear loss', 'torque scale', 'gear loss', 'both']
 
 _DRAWS = 400  # bootstraps: ten lie beyond either bound of 95 %

@@ -15,11 +15,10 @@ from power_estimator.judge.result import JudgedModel
 from power_estimator.loader import load_model
 from power_estimator.model import PowerModel
 from power_estimator.proxies import Proxy
+from wattwalk_core.arrays import Floats
 
 from power_lab.compare.both_sides import BothSides, both_sides
 from power_lab.compare.regimes import Regime, worst_regimes
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -48,11 +48,7 @@ def fitted(
 
 
 def extended(
-    judge: Judge,
-    model: EffectModel,
-    new: Sequence[Active],
-    name: str,
-    **how: Any,
+    judge: Judge, model: EffectModel, new: Sequence[Active], name: str, **how: Any
 ) -> EffectModel:
     """A model with effects added and all coefficients fitted anew; how: as in `refitted`."""
     better = refitted(judge, model, [*model.structure.actives, *new], name, **how)

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.signals.scale import DriveScale
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from wattwalk_core.arrays import Floats
 
 _TORQUE_EDGES = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 _SPEED_EDGES = (0.1, 0.3, 0.6, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0)

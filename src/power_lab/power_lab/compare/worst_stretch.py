@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 _SPAN = 12.0  # s shown of a recording
 _RATE = 50.0  # Hz
 
 
-def worst_stretch(residual: NDArray[np.float64], gap_free: Sequence[slice] = ()) -> slice:
+def worst_stretch(residual: Floats, gap_free: Sequence[slice] = ()) -> slice:
     """
     The part of at most 12 s in which the squared residual is largest.
 

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from power_estimator.effects.fit.blocks import Blocks
+from power_estimator.effects.fit.blocks import Blocks, for_each
 from power_estimator.effects.fit.folds import Folds
-from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.prepared import Prepared
 from scipy.signal import lombscargle, periodogram
 from sklearn.ensemble import HistGradientBoostingRegressor

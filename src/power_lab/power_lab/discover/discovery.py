@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, Structure
@@ -12,6 +11,7 @@ from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.judge.evidence import Evidence, Examiner
 from threadpoolctl import threadpool_limits
+from wattwalk_core.arrays import Floats
 from wattwalk_core.quoting import printable
 
 from power_lab.discover.effect_file import Written
@@ -29,8 +29,6 @@ from power_lab.structure.problem import DriveProblem, problems
 from power_lab.structure.screening import DriverGain, DriverScreen, chance, promising
 from power_lab.structure.shapes import LearnedShape, learn
 from power_lab.structure.words import in_words
-
-Floats = NDArray[np.float64]
 
 MOST_EFFECTS = 3
 CERTAINTY = 0.05
@@ -233,11 +231,7 @@ class Discoverer:
         return out
 
     def _course(
-        self,
-        courses: Mapping[int, InTime],
-        best: Evidence,
-        floor: Floats,
-        found: Sequence[Found],
+        self, courses: Mapping[int, InTime], best: Evidence, floor: Floats, found: Sequence[Found]
     ) -> Found | None:
         """Return the structure in time alone, kept beside all that follows and in no file."""
         largest = max(courses.values(), key=lambda one: one.gain)

@@ -46,7 +46,7 @@ def effect_source(effects: Sequence[Written], source: Sequence[str]) -> str:
         'from numpy.typing import NDArray',
         'from power_estimator.effects import Effect, Excitation, Term, smooth_sign',
         '',
-        'Floats = NDArray[np.float64]',
+        'Floats = Floats',
         f'LEARNED_FROM = {tuple(source)!r}',
         '',
         '',
@@ -145,10 +145,7 @@ def _memory_lines(one: Written) -> list[str]:
     driver = one.formula.family.driver
     if not driver.memory:
         return []
-    return [
-        '            rate = signals.rate',
-        "            given = place['given']",
-    ]
+    return ['            rate = signals.rate', "            given = place['given']"]
 
 
 def _without_unused(text: str) -> str:

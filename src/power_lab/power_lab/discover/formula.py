@@ -4,17 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.signals.prepared import Prepared
 from scipy.optimize import minimize
+from wattwalk_core.arrays import Floats
 
 from power_lab.discover.grammar import Primitive
 from power_lab.structure.drivers import Family
 from power_lab.structure.problem import DriveProblem
 from power_lab.structure.shapes import instant
 
-Floats = NDArray[np.float64]
 _EVALUATIONS = 60
 _OF_DRIVER = ('line', 'above', 'below')
 _OF_SQUARE = ('square', 'odd_square', 'above_square')

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Effect, load_catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.judge.evidence import Evidence
+from wattwalk_core.arrays import Floats
 
 from power_lab.discover.effect_file import Written, effect_source
 from power_lab.discover.formula import Formula
@@ -17,8 +17,6 @@ from power_lab.discover.known import Named
 from power_lab.discover.selection import Option
 from power_lab.structure.in_time import InTime
 from power_lab.structure.shapes import LearnedShape
-
-Floats = NDArray[np.float64]
 
 _BOOTSTRAPS = 200
 _WIDER = 3.0  # times the bootstrap's interval, for the bounds of a file

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 
 def step(z: Floats, at: float, edge: float) -> Floats:

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.candidate_screener import CandidateScreener
 from power_estimator.effects.fit.design import Active, Structure
@@ -12,13 +11,12 @@ from power_estimator.effects.fit.design_builder import Linearisation
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.judge.evidence import Evidence, Examiner
+from wattwalk_core.arrays import Floats
 
 from power_lab.discover.formula import Formula
 from power_lab.structure.candidates import CONSTANT_TORQUE, best_shapes, candidates
 from power_lab.structure.floors import beyond_physics
 from power_lab.structure.shapes import instant
-
-Floats = NDArray[np.float64]
 
 MOST_NAMED = 3
 AS_GOOD, LEAST_OF_TWO = 0.95, 0.75

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.catalogue import Catalogue as EffectCatalogue
 from power_estimator.effects.fit.design import Active, Structure
@@ -27,7 +26,6 @@ from power_lab.discover.selection import KEEPS
 from power_lab.discover.transfer import OtherRecording, Transfer
 from power_lab.structure.words import in_words
 
-Floats = NDArray[np.float64]
 Show = Callable[[str], None]
 
 
@@ -230,10 +228,7 @@ def discover(
     discoverer = Discoverer(fitter, structure, catalogue, show, seed)
     discovery = discoverer.run()
     better = replace(
-        model,
-        structure=model.structure.plus(*discovery.actives),
-        groups=(),
-        fitted_on=(),
+        model, structure=model.structure.plus(*discovery.actives), groups=(), fitted_on=()
     )
     before, after = Judge(loaded, catalogue).compare([given, better])
     transfers: list[Transfer | None] = [None] * len(discovery.found)

@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_lab.discover.grammar import PRIMITIVES, Primitive
 from power_lab.structure.problem import DriveProblem
 from power_lab.structure.shapes import LearnedShape
 
-Floats = NDArray[np.float64]
 _LEAST_LEFT = 1e-4  # of a column's square, after the base's columns are projected out
 
 

@@ -4,14 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.judge.evidence import Evidence
+from wattwalk_core.arrays import Floats
 
 from power_lab.discover.found import Found, interval_of
 from power_lab.structure.floors import above_floor
 
-Floats = NDArray[np.float64]
 Examined = Callable[[Structure, Evidence], Evidence]
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.design import Active
@@ -14,8 +13,8 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
 from power_estimator.loader import on_base
+from wattwalk_core.arrays import Floats
 
-Floats = NDArray[np.float64]
 _BOOTSTRAPS = 400
 _LEAST_FALL = 0.05  # of the squared error, to be borne out
 _LEAST_SHOWN = 0.15  # of what it explains in its own recording, for the other to tell

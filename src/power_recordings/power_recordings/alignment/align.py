@@ -7,14 +7,50 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_recordings.alignment import signals
 from power_recordings.alignment.dataset import DRIVE_SIGNALS, AlignedDataset
 from power_recordings.alignment.filters import antialias, centred, smoothing
-from power_recordings.alignment.steady import operating_points
-from power_recordings.alignment.stream import Floats, Stream, Times
+from power_recordings.alignment.signals import RecordedSignals
+from power_recordings.alignment.stream import Stream
 from power_recordings.reading.reader import Recording
+
+_FEWEST = 4
+
+
+def operating_points(source: RecordedSignals, rate: float) -> AlignedDataset:
+    """Return the points at which torque, speed and (where it was measured) power are known."""
+    time = source.joints.time
+    found = source.sample(time, Stream.recorded)
+    known = np.isfinite(found['velocity']).all(axis=1) & np.isfinite(found['torque']).all(axis=1)
+    if source.measured:
+        columns = [source.names.index(name) for name in source.measured]
+        known &= np.isfinite(found['power'][:, columns]).all(axis=1)
+    rows = np.flatnonzero(known)
+    if len(rows) < _FEWEST:
+        raise InputError(
+            f'{source.path}: {len(rows)} of {len(time)} operating points have torque, speed and '
+            'power'
+        )
+    left_out = len(time) - len(rows)
+    notes = (f'{source.path}: {left_out} operating points with NaN left out',) if left_out else ()
+    kept: dict[str, Any] = {name: values[rows] for name, values in found.items()}
+    return AlignedDataset(
+        rate=rate,
+        names=source.names,
+        time=source.start_ns / 1e9 + np.arange(len(rows)) / rate,
+        segment=np.arange(len(rows), dtype=np.int32),
+        supply=kept.pop('supply')[:, 0],
+        recordings=(str(source.path),),
+        recording=np.zeros(len(rows), np.int32),
+        notes=(*(f'{source.path}: {note}' for note in source.notes), *notes),
+        steady=True,
+        **source.facts,
+        **{name: kept[name] for name in (*DRIVE_SIGNALS, 'motor_current') if name in kept},
+    )
+
 
 GRID = 400.0  # Hz
 RATES = (400.0, 200.0, 100.0, 50.0)
@@ -168,7 +204,7 @@ def join(parts: Sequence[AlignedDataset]) -> AlignedDataset:
     )
 
 
-def _joined_motor_current(parts: Sequence[AlignedDataset]) -> Floats | None:
+def _joined_motor_current(parts: Sequence[AlignedDataset]) -> Singles | None:
     if all(part.motor_current is None for part in parts):
         return None
     unknown = (np.full(p.power.shape, np.nan, np.float32) for p in parts)
@@ -187,8 +223,8 @@ _PARTS = (*DRIVE_SIGNALS, 'supply')
 class _Piece:
     """A segment of the result."""
 
-    time: Times  # s after the start of the source
-    signals: Mapping[str, Floats]
+    time: Floats  # s after the start of the source
+    signals: Mapping[str, Singles]
 
 
 class _Segments:
@@ -228,7 +264,7 @@ class _Segments:
             return []
         inner = slice(half, len(grid) - half, self._every)
         held = {name: values[inner] for name, values in self._source.held(grid).items()}
-        result: dict[str, Floats] = dict(held)
+        result: dict[str, Singles] = dict(held)
         for name, values in self._source.sample(grid).items():
             if name == 'command' and not self._smooth:
                 result[name] = values[inner]
@@ -252,7 +288,7 @@ class _Segments:
         return notes
 
 
-def _grid(joints: Stream, start: float, end: float) -> Times:
+def _grid(joints: Stream, start: float, end: float) -> Floats:
     """Return times at 400 Hz from start to end, in step with joint states of about that rate."""
     low, high = np.searchsorted(joints.time, [start - 1e-7, end + 1e-7]).tolist()
     times = joints.time[low:high]
@@ -265,7 +301,7 @@ def _grid(joints: Stream, start: float, end: float) -> Times:
     return start + period * np.arange(max(count, 0), dtype=np.float64)
 
 
-def _common(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _common(a: Floats, b: Floats) -> Floats:
     """Return the overlaps of two ascending lists of intervals [R, 2]."""
     found = []
     i = j = 0

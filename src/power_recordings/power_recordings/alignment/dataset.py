@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-Floats = NDArray[np.float32]
+from wattwalk_core.arrays import Bools, Floats, Singles
 
 DRIVE_SIGNALS = (
     *('position', 'velocity', 'torque', 'command'),
@@ -28,24 +27,24 @@ class AlignedDataset:
 
     rate: float  # Hz
     names: tuple[str, ...]  # D drives
-    time: NDArray[np.float64]  # s [T], measurement time in ROS time
+    time: Floats  # s [T], measurement time in ROS time
     segment: NDArray[np.int32]  # [T], counts up over all recordings
-    position: Floats  # rad [T, D]
-    velocity: Floats  # rad/s [T, D]
-    torque: Floats  # N·m [T, D], at the joint; see motor_torque and current_as_torque
-    command: Floats  # rad [T, D], position target in force (zero-order hold)
-    power: Floats  # W [T, D], mean of voltage × current, positive = drawn by the drive
-    voltage: Floats  # V [T, D]
-    current: Floats  # A [T, D]
-    temperature: Floats  # °C [T, D], winding
-    supply: Floats  # W [T], drawn by the whole robot
+    position: Singles  # rad [T, D]
+    velocity: Singles  # rad/s [T, D]
+    torque: Singles  # N·m [T, D], at the joint; see motor_torque and current_as_torque
+    command: Singles  # rad [T, D], position target in force (zero-order hold)
+    power: Singles  # W [T, D], mean of voltage × current, positive = drawn by the drive
+    voltage: Singles  # V [T, D]
+    current: Singles  # A [T, D]
+    temperature: Singles  # °C [T, D], winding
+    supply: Singles  # W [T], drawn by the whole robot
     recordings: tuple[str, ...]  # where the samples come from
     recording: NDArray[np.int32]  # [T], index into recordings
-    extras: Mapping[str, Floats] = field(default_factory=dict)  # other signals by topic [T, ...]
+    extras: Mapping[str, Singles] = field(default_factory=dict)  # other signals by topic [T, ...]
     notes: tuple[str, ...] = ()  # on what was left out of the recordings
     motor_torque: frozenset[str] = frozenset()  # drives whose torque is the motor's
     current_as_torque: frozenset[str] = frozenset()  # of these, drives that have A for N·m
-    motor_current: Floats | None = None  # A [T, D] beside the torque; None of no drive
+    motor_current: Singles | None = None  # A [T, D] beside the torque; None of no drive
     computed_power: frozenset[str] = frozenset()  # drives whose power a firmware computes
     steady: bool = False  # each row is an operating point: no row follows on the one before
 
@@ -80,11 +79,11 @@ class AlignedDataset:
         )
 
     @property
-    def position_error(self) -> Floats:
+    def position_error(self) -> Singles:
         """Target minus position, rad [T, D]."""
         return self.command - self.position
 
-    def rows(self, index: slice | NDArray[np.bool_] | NDArray[np.intp]) -> 'AlignedDataset':
+    def rows(self, index: slice | Bools | NDArray[np.intp]) -> 'AlignedDataset':
         """Return the samples at index."""
         arrays = {
             f.name: getattr(self, f.name)[index]

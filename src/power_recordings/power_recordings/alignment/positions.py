@@ -1,10 +1,7 @@
 """Positions of drives that turn without end: unwrapping, and the check against the velocity."""
 
 import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float32]
-Times = NDArray[np.float64]
+from wattwalk_core.arrays import Floats, Singles
 
 _TURN = 2 * np.pi
 _JUMP = 0.75 * _TURN  # between two samples: an encoder that starts anew
@@ -13,7 +10,7 @@ _REST = 0.2  # rad
 _CLEAR = 0.8  # correlation of the two
 
 
-def unwrapped(time: Times, position: Floats, velocity: Floats) -> Floats:
+def unwrapped(time: Floats, position: Singles, velocity: Singles) -> Singles:
     """
     Return positions in rad without the jumps of an encoder that starts anew every turn, [N].
 
@@ -33,7 +30,7 @@ def unwrapped(time: Times, position: Floats, velocity: Floats) -> Floats:
     return np.asarray(position + _TURN * np.concatenate([[0.0], np.cumsum(turns)]), np.float32)
 
 
-def stands_still(position: Floats | NDArray[np.float64]) -> bool:
+def stands_still(position: Singles | Floats) -> bool:
     """
     Return whether a drive stands still but for how it came there: no rate tells of its position.
 
@@ -46,7 +43,7 @@ def stands_still(position: Floats | NDArray[np.float64]) -> bool:
     return bool(high - low < _REST)
 
 
-def is_rate(time: Times, position: Floats, velocity: Floats) -> bool:
+def is_rate(time: Floats, position: Singles, velocity: Singles) -> bool:
     """Return whether the velocity is the rate of the position, in the same unit."""
     middle = 0.5 * (velocity[1:] + velocity[:-1])
     rate = np.diff(position.astype(np.float64)) / np.maximum(np.diff(time), 1e-9)

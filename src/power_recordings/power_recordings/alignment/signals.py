@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_recordings.alignment.positions import is_rate, stands_still, unwrapped
-from power_recordings.alignment.stream import Floats, Stream, Times, held
+from power_recordings.alignment.stream import Stream, held
 from power_recordings.messages.samples import DriveSamples, JointSamples, Samples
 from power_recordings.reading.ordering import longest_step
 from power_recordings.reading.reader import Recording
@@ -31,7 +31,7 @@ class RecordedSignals:
     The signals of D drives, of which M were measured.
 
     Streams hold their signals side by side: joints position | velocity | torque [N, 3 D],
-    electrics power | voltage | current | temperature [N, 4 M]. Times are s after `start_ns`.
+    electrics power | voltage | current | temperature [N, 4 M]. Floats are s after `start_ns`.
     """
 
     path: Path
@@ -40,8 +40,8 @@ class RecordedSignals:
     start_ns: int
     joints: Stream
     electrics: Stream | None
-    commands: tuple[Times, Floats] | None
-    cmd_vel: tuple[Times, Floats] | None
+    commands: tuple[Floats, Singles] | None
+    cmd_vel: tuple[Floats, Singles] | None
     others: Mapping[str, Stream] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)  # sets of drives, of the card
@@ -61,8 +61,8 @@ class RecordedSignals:
         return float(self.commands[0][0])
 
     def sample(
-        self, grid: Times, values: Callable[[Stream, Times], Floats] = Stream.sample
-    ) -> dict[str, Floats]:
+        self, grid: Floats, values: Callable[[Stream, Floats], Singles] = Stream.sample
+    ) -> dict[str, Singles]:
         """Return the signals at the times of a grid: `values` of streams, the command held."""
         count, there = len(self.names), len(self.measured)
         joints = values(self.joints, grid).reshape(len(grid), 3, count)
@@ -77,12 +77,12 @@ class RecordedSignals:
         result['supply'] = np.full((len(grid), 1), np.nan, np.float32)
         return {**result, **{name: values(stream, grid) for name, stream in self.others.items()}}
 
-    def _command(self, grid: Times) -> Floats:
+    def _command(self, grid: Floats) -> Singles:
         if self.commands is None:
             return np.full((len(grid), len(self.names)), np.nan, np.float32)
         return held(*self.commands, grid)
 
-    def held(self, grid: Times) -> dict[str, Floats]:
+    def held(self, grid: Floats) -> dict[str, Singles]:
         """Return signals that are held and never filtered at the times of a grid."""
         return {} if self.cmd_vel is None else {'cmd_vel': held(*self.cmd_vel, grid)}
 
@@ -153,7 +153,7 @@ class _Collector:
                 )
         return chosen
 
-    def _seconds(self, samples: Samples) -> Times:
+    def _seconds(self, samples: Samples) -> Floats:
         return (samples.stamp_ns - self._start) / 1e9
 
     def _joint_stream(self) -> Stream:
@@ -237,7 +237,7 @@ class _Collector:
         return stream, tuple(wanted[i] for i in keep)
 
     def _check_range(
-        self, name: str, values: Floats, drives: Sequence[str], most: float, hint: str
+        self, name: str, values: Singles, drives: Sequence[str], most: float, hint: str
     ) -> None:
         for drive, column in zip(drives, values.T, strict=True):
             if (np.abs(column) > most).mean() > _OFTEN:
@@ -249,7 +249,7 @@ class _Collector:
     def _column(self, drive: str, quantity: str) -> str:
         return self._recording.card.column(drive, quantity)
 
-    def _note(self, which: NDArray[np.bool_], text: str) -> None:
+    def _note(self, which: Bools, text: str) -> None:
         if which.any():
             self._notes.append(text.format(int(which.sum())))
 
@@ -272,7 +272,7 @@ class _Collector:
                 'do both carry measurement times of one clock?'
             )
 
-    def _commands(self) -> tuple[Times, Floats] | None:
+    def _commands(self) -> tuple[Floats, Singles] | None:
         if not self._recording.has('joint_commands'):
             return None
         commands = self._recording.joint_commands()
@@ -283,7 +283,7 @@ class _Collector:
         some = np.isfinite(values).any(axis=1)
         return (self._seconds(commands)[some], values[some]) if some.any() else None
 
-    def _cmd_vel(self) -> tuple[Times, Floats] | None:
+    def _cmd_vel(self) -> tuple[Floats, Singles] | None:
         if not self._recording.has('cmd_vel'):
             return None
         samples = self._recording.cmd_vel()
@@ -313,7 +313,7 @@ class _Collector:
             streams[name] = Stream.of(self._seconds(samples), values(), apart=apart)
         return streams
 
-    def _motor_current(self) -> Floats:
+    def _motor_current(self) -> Singles:
         samples = self._recording.motor_current()
         values = np.full((len(samples), len(self._names)), np.nan, np.float32)
         for i, name in enumerate(self._names):
@@ -321,14 +321,14 @@ class _Collector:
                 values[:, i] = samples.current[:, samples.names.index(name)]
         return values
 
-    def _foot_force(self) -> Floats:
+    def _foot_force(self) -> Singles:
         samples = self._recording.foot_force()
         if set(samples.names) != set(_FEET):
             return samples.force
         return samples.force[:, [samples.names.index(name) for name in _FEET]]
 
 
-def _continuous(orientation: Floats) -> Floats:
+def _continuous(orientation: Singles) -> Singles:
     """Return quaternions with signs that do not jump (q and −q are the same rotation)."""
     flips = np.where((orientation[1:] * orientation[:-1]).sum(axis=1) < 0, -1, 1)
     signs = np.concatenate([[1], np.cumprod(flips)]).astype(np.float32)

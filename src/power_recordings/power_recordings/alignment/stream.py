@@ -5,12 +5,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats, Singles
 
 from power_recordings.alignment.filters import antialias, centred
 from power_recordings.reading.ordering import longest_step
-
-Floats = NDArray[np.float32]
-Times = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -22,19 +20,15 @@ class Stream:
     is in no run), and before a sample that is marked `apart` from the one before.
     """
 
-    time: Times  # s [N], ascending
-    values: Floats  # [N, K]
+    time: Floats  # s [N], ascending
+    values: Singles  # [N, K]
     period: float  # s, median
     starts: NDArray[np.intp]  # first sample of each run
     stops: NDArray[np.intp]  # one after its last
 
     @classmethod
     def of(
-        cls,
-        time: Times,
-        values: Floats,
-        bad: NDArray[np.bool_] | None = None,
-        apart: NDArray[np.bool_] | None = None,
+        cls, time: Floats, values: Singles, bad: Bools | None = None, apart: Bools | None = None
     ) -> 'Stream':
         """Build a stream of at least two samples; `bad` and `apart` [N] default to none."""
         steps = np.diff(time)
@@ -48,34 +42,30 @@ class Stream:
         ends = np.ones(len(time), np.bool_)
         ends[:-1] = begins[1:] | ~good[1:]
         return cls(
-            time,
-            values,
-            period,
-            np.flatnonzero(begins & good),
-            np.flatnonzero(ends & good) + 1,
+            time, values, period, np.flatnonzero(begins & good), np.flatnonzero(ends & good) + 1
         )
 
     def half(self, rate: float) -> int:
         """Return the samples that each end of a run loses to the filter for `rate` Hz."""
         return len(self._taps(rate)) // 2
 
-    def _taps(self, rate: float) -> NDArray[np.float64]:
+    def _taps(self, rate: float) -> Floats:
         return antialias(round(1 / self.period, 1), rate)
 
-    def spans(self, rate: float) -> NDArray[np.float64]:
+    def spans(self, rate: float) -> Floats:
         """Return start and end [s] of each run after the filter for `rate` Hz, [R, 2]."""
         half = self.half(rate)
         long = self.stops - self.starts > 2 * half + 1
         first, last = self.starts[long] + half, self.stops[long] - 1 - half
         return np.stack([self.time[first], self.time[last]], axis=1).reshape(-1, 2)
 
-    def recorded(self, times: Times) -> Floats:
+    def recorded(self, times: Floats) -> Singles:
         """Return the values that were sampled at these very times, [T, K]; NaN at others."""
         place = np.clip(np.searchsorted(self.time, times), 0, len(self.time) - 1)
         same = (self.time[place] == times)[:, None]
         return np.where(same, self.values[place], np.nan).astype(np.float32)
 
-    def sample(self, grid: Times) -> Floats:
+    def sample(self, grid: Floats) -> Singles:
         """
         Return the values at the times of a uniform grid, [T, K]; NaN outside the runs.
 
@@ -108,7 +98,7 @@ class Stream:
 _EDGE = 1e-7  # s
 
 
-def held(time: Times, values: NDArray[Any], grid: Times) -> Floats:
+def held(time: Floats, values: NDArray[Any], grid: Floats) -> Singles:
     """Return for each time of a grid the last finite value until then, [T, K]; NaN if none."""
     finite = np.isfinite(values)
     latest = np.where(finite, np.arange(len(values))[:, None], -1)
@@ -120,7 +110,7 @@ def held(time: Times, values: NDArray[Any], grid: Times) -> Floats:
     return result
 
 
-def cubic(time: Times, values: Floats | NDArray[np.float64], at: Times) -> Floats:
+def cubic(time: Floats, values: Singles | Floats, at: Floats) -> Singles:
     """Interpolate values [N, K] by Lagrange's cubic through the four nearest samples."""
     count = len(time)
     if count < 4:

@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.sources.heads import unit_of
 from power_recordings.importing.units import quantities_of
 from power_recordings.importing.words import words
-
-Floats = NDArray[np.float64]
 
 MECHANICAL: Final = ('position', 'velocity', 'torque', 'winding')
 _WANTED = r'(cmd|command|target|set_?point|desired|demand|soll|(^|_)(ref|des|set|goal|so|sp)(_|$))'

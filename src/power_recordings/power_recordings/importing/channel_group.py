@@ -6,14 +6,141 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats, Stamps
 
-from power_recordings.importing.derived import PositionRates
-from power_recordings.importing.merge import Merger
 from power_recordings.importing.plan import LogChannel
 from power_recordings.importing.times import TimedRows
+from power_recordings.reading.ordering import longest_step
 
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
+HALF_WINDOW: Final = 0.01  # s
+_TURN: Final = 2 * np.pi
+
+
+@dataclass
+class PositionRates:
+    """
+    Central differences of some columns, as rows come.
+
+    v[i] = (q[i + w] − q[i − w]) / (t[i + w] − t[i − w]), with w the rows of 10 ms, at least one.
+    It does not lag; it is NaN at both ends and across gaps. A position within one turn that
+    jumps by more than half of it is taken for one that wraps.
+    """
+
+    columns: Sequence[int]
+    _stamps: Stamps = field(default_factory=lambda: np.zeros(0, np.int64))
+    _rows: Floats | None = None
+    _fresh: int = 0  # first row that was not given out
+    _half: int = 0
+
+    def extend(self, stamps: Stamps, rows: Floats, *, final: bool) -> tuple[Stamps, Floats]:
+        """Take rows [N, K]; return those that are complete, rates after their columns."""
+        if self._rows is not None:
+            stamps = np.concatenate([self._stamps, stamps])
+            rows = np.concatenate([self._rows, rows])
+        if not self._half and len(stamps) > 2:
+            period = float(np.median(np.diff(stamps))) / 1e9
+            self._half = max(1, round(HALF_WINDOW / period))
+        count, half = len(stamps), max(self._half, 1)
+        stop = count if final else max(count - half, self._fresh)
+        out = slice(self._fresh, stop)
+        rates = self._rates(stamps, rows, half)[out]
+        keep = max(stop - half, 0)
+        self._stamps, self._rows, self._fresh = stamps[keep:], rows[keep:], stop - keep
+        return stamps[out], np.concatenate([rows[out], rates], axis=1)
+
+    def _rates(self, stamps: Stamps, rows: Floats, half: int) -> Floats:
+        result = np.full((len(rows), len(self.columns)), np.nan)
+        if len(rows) <= 2 * half:
+            return result
+        span = (stamps[2 * half :] - stamps[: -2 * half]) / 1e9
+        whole = span <= longest_step(span)
+        for k, column in enumerate(self.columns):
+            position = rows[:, column].copy()
+            finite = np.isfinite(position)
+            if finite.any() and np.ptp(position[finite]) <= 1.01 * _TURN:
+                position[finite] = np.unwrap(position[finite], period=_TURN)
+            steps = position[2 * half :] - position[: -2 * half]
+            result[half:-half, k] = np.where(whole, steps / span, np.nan)
+        return result
+
+
+@dataclass
+class _Buffer:
+    """The rows of one stream that are still needed."""
+
+    width: int
+    stamps: Stamps = field(default_factory=lambda: np.zeros(0, np.int64))
+    values: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    longest: float = 0.0  # ns, of steps that are no gaps
+
+    def add(self, stamps: Stamps, values: Floats) -> None:
+        if not len(self.stamps):
+            self.stamps, self.values = stamps, values
+        else:
+            self.stamps = np.concatenate([self.stamps, stamps])
+            self.values = np.concatenate([self.values, values])
+        if len(self.stamps) > 2:
+            self.longest = 1e9 * longest_step(np.diff(self.stamps[:1000]) / 1e9)
+
+    def at(self, stamps: Stamps) -> Floats:
+        """Linear interpolation, NaN outside the rows and in gaps."""
+        result = np.full((len(stamps), self.width), np.nan)
+        if len(self.stamps) < 2:
+            if len(self.stamps):
+                result[stamps == self.stamps[0]] = self.values[0]
+            return result
+        right = np.clip(np.searchsorted(self.stamps, stamps), 1, len(self.stamps) - 1)
+        left = right - 1
+        span = (self.stamps[right] - self.stamps[left]).astype(np.float64)
+        weight = (stamps - self.stamps[left]) / span
+        rows = self.values[left] * (1 - weight)[:, None] + self.values[right] * weight[:, None]
+        for end, side in ((0.0, left), (1.0, right)):
+            rows[weight == end] = self.values[side[weight == end]]
+        exact = (weight == 0) | (weight == 1)
+        inside = (weight >= 0) & (weight <= 1) & ((span <= self.longest) | exact)
+        result[inside] = rows[inside]
+        return result
+
+    def forget(self, before: int) -> None:
+        keep = max(int(np.searchsorted(self.stamps, before)) - 1, 0)
+        self.stamps, self.values = self.stamps[keep:], self.values[keep:]
+
+
+class Merger:
+    """
+    Columns of several streams on the times of the first.
+
+    widths: columns of each stream, the reference first. `add` takes rows as they are read; `take`
+    gives the reference's rows, all columns side by side, as far as every stream has come.
+    """
+
+    def __init__(self, widths: Sequence[int]) -> None:
+        self._reference, *self._others = (_Buffer(width) for width in widths)
+        self._all = [self._reference, *self._others]
+        self._done = [False] * len(widths)
+
+    def add(self, stream: int, stamps: Stamps, values: Floats) -> None:
+        """Add rows [N, K] of a stream, stamps ascending."""
+        self._all[stream].add(stamps, values)
+
+    def take(self, *, final: bool = False) -> tuple[Stamps, Floats]:
+        """Return stamps [N] and values [N, sum of widths]; with final, all rows that are left."""
+        reference = self._reference
+        count = len(reference.stamps)
+        if not final:
+            for other in self._others:
+                last = int(other.stamps[-1]) if len(other.stamps) else -1
+                count = min(count, int(np.searchsorted(reference.stamps, last, side='right')))
+        stamps, rows = reference.stamps[:count], reference.values[:count]
+        reference.stamps, reference.values = reference.stamps[count:], reference.values[count:]
+        if not self._others or not count:
+            width = sum(buffer.width for buffer in self._all)
+            return stamps, rows if count else np.zeros((0, width))
+        merged = np.concatenate([rows, *(other.at(stamps) for other in self._others)], axis=1)
+        for other in self._others:
+            other.forget(int(stamps[-1]))
+        return stamps, merged
+
 
 LARGEST: Final = 1e12  # in SI units, of what is taken for a number; instruments send 9.91e37
 _DENSE: Final = 0.8  # share of rows with a value, below which a column has times of its own

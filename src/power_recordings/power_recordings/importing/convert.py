@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats, Stamps
 from wattwalk_core.errors import InputError
 
 from power_recordings.card import Card
@@ -21,8 +22,6 @@ from power_recordings.importing.times import PAUSE, START, LogClock
 from power_recordings.messages import cdr
 from power_recordings.writing.writer import BagWriter, MessageBlock, make_way, staged
 
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
 Messages = NDArray[np.uint8]
 Written = dict[str, tuple[Stamps, dict[tuple[str, str], Floats]]]
 TOPICS = ('joint_states', 'motor_current', 'joint_commands', 'drive_supply', 'supply')

@@ -8,13 +8,11 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_recordings.importing.candidates import CandidateColumn
 from power_recordings.importing.units import conversion
-
-Floats = NDArray[np.float64]
 
 # Of a speed that states no unit: the most W of power for a W of torque × speed. What is less than
 # 0.45 W in rad/s is 4.3 W in rpm: the losses of a drive that mostly holds.

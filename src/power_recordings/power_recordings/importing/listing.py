@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_recordings.importing.channel_group import LARGEST
 from power_recordings.importing.sources.source import LogColumn, LogSource
@@ -24,7 +24,7 @@ class Listed:
     high: float
     changes: float  # share of rows whose value differs from the row before
     rate: float  # rows a second, for bags
-    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # first rows
+    values: Floats = field(default_factory=lambda: np.zeros(0))  # first rows
 
 
 def list_columns(source: LogSource) -> list[Listed]:

@@ -1,18 +1,134 @@
 """The origin of a log's powers: a meter, or a formula of the firmware that wrote it."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice, product
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
-from power_recordings.importing.formula import check_energy, recognise
 from power_recordings.importing.plan import ImportPlan, LogChannel
 from power_recordings.importing.sources.source import LogSource
 from power_recordings.importing.times import LogClock
-from power_recordings.importing.words import kind_of
+from power_recordings.importing.words import axis_of, is_motor_current, kind_of
 
-Floats = NDArray[np.float64]
+_EXACT: Final = 0.9995  # R²
+_FACTORS: Final = (1.0, 1.5)  # of amplitudes in a rotating frame; of DC
+_ROUND: Final = 0.01
+_FEWEST: Final = 50  # rows
+_MOST: Final = 200  # formulas that are tried
+_WATT_HOURS: Final = 3600.0  # J
+_AGREES: Final = 0.05
+_NOT_DRAWN: Final = r'charged|regen|returned|batt|left|remain|capacity'  # in names of counters
+
+
+@dataclass(frozen=True)
+class PowerFormula:
+    """A sum of products of columns that a power is, and how well."""
+
+    terms: tuple[tuple[str, ...], ...]
+    factor: float
+    r2: float
+
+    @property
+    def text(self) -> str:
+        """The formula with its R²."""
+        inner = ' + '.join(' × '.join(term) for term in self.terms)
+        inner = f'{self.factor:g} × ({inner})' if self.factor != 1.0 else inner
+        return f'{inner} (R² {min(self.r2, 0.9999):.4f})'
+
+
+def recognise(
+    power: Floats, columns: Mapping[str, Floats], meter: Sequence[str] = ()
+) -> PowerFormula | None:
+    """
+    Return the formula by which a power [N] was computed from other columns [N], if one fits.
+
+    meter: the columns that the power itself is made of; their own product is no formula.
+    """
+    best: PowerFormula | None = None
+    for terms in islice(_formulas(columns), _MOST):
+        if all(set(term) <= set(meter) for term in terms):
+            continue
+        value = sum(np.prod([columns[name] for name in term], axis=0) for term in terms)
+        found = _fits(power, np.asarray(value, np.float64))
+        if found is not None and (best is None or found[1] > best.r2):
+            best = PowerFormula(terms, *found)
+    return best
+
+
+def _formulas(columns: Mapping[str, Floats]) -> Iterator[tuple[tuple[str, ...], ...]]:
+    kinds = {name: kind_of(name) for name in columns}
+    volts = [name for name, kind in kinds.items() if kind == 'voltage']
+    amps = [name for name, kind in kinds.items() if kind == 'current']
+    duties = [name for name, kind in kinds.items() if kind == 'duty']
+    by_axis = {a: [[n for n in those if axis_of(n) == a] for those in (volts, amps)] for a in 'qd'}
+    yield from product(product(*by_axis['q']), product(*by_axis['d']))
+    yield from (((v, d, i),) for v, d, i in product(volts, duties, amps))
+    yield from (((v, i),) for v, i in product(volts, filter(is_motor_current, amps)))
+
+
+def _fits(power: Floats, value: Floats) -> tuple[float, float] | None:
+    good = np.isfinite(power) & np.isfinite(value)
+    p, x = power[good], value[good]
+    if len(p) < _FEWEST or not np.var(p) > 0 or not np.var(x) > 0:
+        return None
+    factor = float(x @ p / (x @ x))
+    nearest = min(_FACTORS, key=lambda f: abs(factor / f - 1))
+    r2 = 1 - float(np.mean(np.square(p - factor * x))) / float(np.var(p))
+    return (nearest, r2) if r2 > _EXACT and abs(factor / nearest - 1) < _ROUND else None
+
+
+@dataclass(frozen=True)
+class EnergyCheck:
+    """Energy by a counter of the log, and by the integral of the power, J."""
+
+    counter: str
+    counted: float
+    integral: float
+
+    @property
+    def text(self) -> str:
+        """Both in Wh, and whether they agree."""
+        counted, integral = self.counted / _WATT_HOURS, self.integral / _WATT_HOURS
+        ratio = integral / counted if counted else np.inf
+        agree = (
+            'agree' if abs(ratio - 1) < _AGREES else 'do not agree: another unit, sign or drive?'
+        )
+        return (
+            f'{self.counter} counts {counted:.4g} Wh, the integral of the power is '
+            f'{integral:.4g} Wh (ratio {ratio:.3f}): they {agree}'
+        )
+
+
+def check_energy(
+    seconds: Floats, power: Floats, columns: Mapping[str, Floats]
+) -> EnergyCheck | None:
+    """Hold the power [N] at times [N] against the log's counters of energy, if it has some."""
+    counters = {name: values for name, values in columns.items() if kind_of(name) == 'energy'}
+    used = [n for n in counters if not re.search(_NOT_DRAWN, n, re.I)]
+    if not used:
+        return None
+    name = min(used, key=lambda n: (_returned(n) not in counters, len(n)))
+    back = _returned(name) if _returned(name) in counters else ''
+    total = counters[name] - (counters[back] if back else 0.0)
+    good = np.isfinite(seconds) & np.isfinite(power) & np.isfinite(total)
+    t, p, energy = seconds[good], power[good], total[good]
+    if len(t) < _FEWEST or energy[-1] == energy[0] or (np.diff(t) < 0).any():
+        return None
+    label = f'{name} − {back}' if back else name
+    joules = 'joule' in name.lower()
+    scale = 1.0 if joules else _WATT_HOURS * (1000.0 if 'kwh' in name.lower() else 1.0)
+    integral = float(np.trapezoid(p, t))
+    return EnergyCheck(label, scale * float(energy[-1] - energy[0]), integral)
+
+
+def _returned(name: str) -> str:
+    """The counter of what was given back, beside one of what was used."""
+    return name.replace('used', 'charged') if 'used' in name else ''
+
 
 _ROWS: Final = 50_000  # that are looked at
 _COLUMNS: Final = 60  # that a power may be computed from

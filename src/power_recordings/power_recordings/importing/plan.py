@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable, quoted
 
@@ -24,8 +25,6 @@ from power_recordings.importing.map_file import (
 from power_recordings.importing.sources.heads import unit_of
 from power_recordings.importing.sources.source import LogColumn, LogSource
 from power_recordings.importing.units import Conversion, conversion
-
-Floats = NDArray[np.float64]
 
 _LONGEST = 100  # characters of addresses that are compared
 _MOST_COMPARED = 2000

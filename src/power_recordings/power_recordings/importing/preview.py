@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_recordings.importing.map_file import ImportMap
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
@@ -25,7 +25,7 @@ class PreviewedSignal:
     rows: int
     low: float  # NaN where no row is a number
     high: float
-    values: NDArray[np.float64]  # evenly thinned out
+    values: Floats  # evenly thinned out
 
 
 def preview_log(source: LogSource, mapping: ImportMap, where: str) -> list[PreviewedSignal]:
@@ -40,11 +40,11 @@ def preview_log(source: LogSource, mapping: ImportMap, where: str) -> list[Previ
     ]
 
 
-def _first_rows(source: LogSource, plan: ImportPlan) -> dict[str, NDArray[np.float64]]:
+def _first_rows(source: LogSource, plan: ImportPlan) -> dict[str, Floats]:
     columns = {column.address: column for column in source.columns()}
     wanted = plan.addresses()
     rows: dict[str, int] = {columns[address].stream: 0 for address in wanted}
-    parts: dict[str, list[NDArray[np.float64]]] = {}
+    parts: dict[str, list[Floats]] = {}
     for block in source.read(wanted, lambda done: None):
         rows[block.stream] = rows.get(block.stream, 0) + len(block)
         for address, values in block.values.items():
@@ -56,11 +56,7 @@ def _first_rows(source: LogSource, plan: ImportPlan) -> dict[str, NDArray[np.flo
 
 
 def _previewed(
-    drive: str,
-    quantity: str,
-    channel: LogChannel,
-    found: Mapping[str, NDArray[np.float64]],
-    plan: ImportPlan,
+    drive: str, quantity: str, channel: LogChannel, found: Mapping[str, Floats], plan: ImportPlan
 ) -> PreviewedSignal:
     if not channel.terms:
         values = np.array([channel.constant()])

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats, Stamps
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
 
 from power_recordings.importing.units import conversion
-
-Stamps = NDArray[np.int64]
 
 START = 1_000_000_000  # s, of logs whose times are relative
 _EPOCH = 1e8  # s; larger times are taken for seconds since 1970
@@ -195,7 +194,7 @@ class LogClock:
             total += START * 10**9
         return np.where(known, total, -1)
 
-    def _check_unit(self, seconds: NDArray[np.float64]) -> None:
+    def _check_unit(self, seconds: Floats) -> None:
         """InputError where another unit of time would make a likely rate, and this does not."""
         steps = np.diff(seconds)
         steps = steps[steps > 0]

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
 
@@ -81,7 +80,7 @@ class Conversion:
     factor: float = 1.0
     offset: float = 0.0
 
-    def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, values: Floats) -> Floats:
         """Convert an array of any shape."""
         if self.offset:
             return values * self.factor + self.offset

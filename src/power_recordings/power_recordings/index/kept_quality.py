@@ -4,15 +4,15 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from wattwalk_core.fingerprint import code_fingerprint
+from wattwalk_core.files import code_fingerprint
 
 from power_recordings.card import Card
-from power_recordings.index.stamp import Stamp
 from power_recordings.index.store import (
     DriveFigure,
     IndexAnswer,
     RecordingFacts,
     RecordingIndex,
+    Stamp,
     card_content,
 )
 from power_recordings.quality.check import Quality, check_recording

@@ -10,8 +10,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 
 from power_recordings.card import FILE, Card
-from power_recordings.index.stamp import Stamp
-from power_recordings.index.store import RecordingFacts, RecordingIndex
+from power_recordings.index.store import RecordingFacts, RecordingIndex, Stamp
 
 _COLUMNS = (
     *('path', 'name', 'robot', 'unit', 'controller', 'terrain', 'created'),

@@ -12,33 +12,18 @@ from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_recordings.messages.cdr_layout import Layout
-from power_recordings.messages.types import (
-    BATTERY_STATE as BATTERY_STATE,
-)
-from power_recordings.messages.types import (
-    DIAGNOSTIC_ARRAY as DIAGNOSTIC_ARRAY,
-)
-from power_recordings.messages.types import (
-    DRIVE_SUPPLY as DRIVE_SUPPLY,
-)
-from power_recordings.messages.types import (
-    IMU as IMU,
-)
-from power_recordings.messages.types import (
-    JOINT_STATE as JOINT_STATE,
-)
-from power_recordings.messages.types import (
-    ODOMETRY as ODOMETRY,
-)
-from power_recordings.messages.types import (
-    POWER_ESTIMATE as POWER_ESTIMATE,
-)
-from power_recordings.messages.types import (
-    TWIST_STAMPED as TWIST_STAMPED,
-)
+from power_recordings.messages.types import BATTERY_STATE as BATTERY_STATE
+from power_recordings.messages.types import DIAGNOSTIC_ARRAY as DIAGNOSTIC_ARRAY
+from power_recordings.messages.types import DRIVE_SUPPLY as DRIVE_SUPPLY
+from power_recordings.messages.types import IMU as IMU
+from power_recordings.messages.types import JOINT_STATE as JOINT_STATE
+from power_recordings.messages.types import ODOMETRY as ODOMETRY
+from power_recordings.messages.types import POWER_ESTIMATE as POWER_ESTIMATE
+from power_recordings.messages.types import TWIST_STAMPED as TWIST_STAMPED
 
 _PACKAGE = 'drive_power_msgs'
 P = ParamSpec('P')
@@ -150,10 +135,7 @@ def _field(desc: Any, value: Any) -> Any:
 
 
 def encode_block(
-    type_name: str,
-    stamps_ns: NDArray[np.int64],
-    columns: Mapping[str, ArrayLike],
-    **constant: Any,
+    type_name: str, stamps_ns: NDArray[np.int64], columns: Mapping[str, ArrayLike], **constant: Any
 ) -> NDArray[np.uint8]:
     """
     Encode N messages [N, size] that differ in numbers only, with the same bytes as `serialize`.
@@ -298,9 +280,9 @@ encode_batteries = _in_a_list(battery_block)
 
 def imu_block(
     stamps_ns: NDArray[np.int64],
-    orientation: NDArray[np.float64],
-    angular_velocity: NDArray[np.float64],
-    linear_acceleration: NDArray[np.float64],
+    orientation: Floats,
+    angular_velocity: Floats,
+    linear_acceleration: Floats,
     frame_id: str = 'base',
 ) -> NDArray[np.uint8]:
     """Encode N sensor_msgs/Imu: quaternion x y z w [N, 4], rad/s [N, 3] and m/s² [N, 3]."""
@@ -317,10 +299,10 @@ encode_imu = _in_a_list(imu_block)
 
 def odometry_block(
     stamps_ns: NDArray[np.int64],
-    position: NDArray[np.float64],
-    orientation: NDArray[np.float64],
-    linear_velocity: NDArray[np.float64],
-    angular_velocity: NDArray[np.float64],
+    position: Floats,
+    orientation: Floats,
+    linear_velocity: Floats,
+    angular_velocity: Floats,
     frame_id: str = 'odom',
     child_frame_id: str = 'base',
 ) -> NDArray[np.uint8]:
@@ -339,7 +321,7 @@ encode_odometry = _in_a_list(odometry_block)
 
 
 def twist_block(
-    stamps_ns: NDArray[np.int64], velocity: NDArray[np.float64], frame_id: str = 'base'
+    stamps_ns: NDArray[np.int64], velocity: Floats, frame_id: str = 'base'
 ) -> NDArray[np.uint8]:
     """Encode N geometry_msgs/TwistStamped from velocity [N, 3]: vx, vy m/s, yaw rate rad/s."""
     columns = {
@@ -353,6 +335,6 @@ def twist_block(
 encode_twists = _in_a_list(twist_block)
 
 
-def _vector(path: str, axes: str, values: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def _vector(path: str, axes: str, values: Floats) -> dict[str, Floats]:
     columns = np.asarray(values).reshape(-1, len(axes)).T
     return {f'{path}.{axis}': column for axis, column in zip(axes, columns, strict=True)}

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rosbags.interfaces import Nodetype
+from wattwalk_core.arrays import Bools
 
 Bytes = NDArray[np.uint8]
 
@@ -76,7 +77,7 @@ class Layout:
         if self._position > len(example):
             raise ValueError(f'cut off after {len(example)} bytes')
 
-    def matches(self, messages: Bytes) -> NDArray[np.bool_]:
+    def matches(self, messages: Bytes) -> Bools:
         """Return a mask of those of messages [N, size] that have this layout."""
         example = np.frombuffer(self._example, np.uint8)
         same = np.ones(len(messages), np.bool_)

@@ -5,9 +5,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-
-Floats = NDArray[np.float32]
-Stamps = NDArray[np.int64]
+from wattwalk_core.arrays import Bools, Singles, Stamps
 
 
 @dataclass(frozen=True)
@@ -34,9 +32,9 @@ class JointSamples(Samples):
     """Joint states or commands of D joints; NaN where a message leaves a field out."""
 
     names: tuple[str, ...]
-    position: Floats  # rad [N, D]
-    velocity: Floats  # rad/s [N, D]
-    effort: Floats  # N·m [N, D]
+    position: Singles  # rad [N, D]
+    velocity: Singles  # rad/s [N, D]
+    effort: Singles  # N·m [N, D]
 
 
 @dataclass(frozen=True)
@@ -46,23 +44,23 @@ class DriveSamples(Samples):
     names: tuple[str, ...]
     sequence: NDArray[np.uint64]  # [N], a jump by more than one is a loss
     device_time: NDArray[np.uint64]  # ns of the device's clock [N]
-    voltage: Floats  # V [N, D]
-    current: Floats  # A [N, D], positive = drawn by the drive
-    temperature: Floats  # °C [N, D], winding; NaN if unknown
+    voltage: Singles  # V [N, D]
+    current: Singles  # A [N, D], positive = drawn by the drive
+    temperature: Singles  # °C [N, D], winding; NaN if unknown
     status: NDArray[np.uint8]  # [N, D], 0 = good
 
     @property
-    def power(self) -> Floats:
+    def power(self) -> Singles:
         """W [N, D], drawn by each drive."""
         return self.voltage * self.current
 
     @property
-    def good(self) -> NDArray[np.bool_]:
+    def good(self) -> Bools:
         """True where voltage and current are numbers without a flag, [N, D]."""
         return (self.status == 0) & np.isfinite(self.voltage) & np.isfinite(self.current)
 
     @property
-    def after_gap(self) -> NDArray[np.bool_]:
+    def after_gap(self) -> Bools:
         """True where the sequence number does not follow on that of the sample before, [N]."""
         return np.diff(self.sequence, prepend=self.sequence[:1] - np.uint64(1)) != 1
 
@@ -77,11 +75,11 @@ class DriveSamples(Samples):
 class SupplySamples(Samples):
     """The whole robot's supply."""
 
-    voltage: Floats  # V [N]
-    current: Floats  # A [N], negative while drawing (sensor_msgs/BatteryState)
+    voltage: Singles  # V [N]
+    current: Singles  # A [N], negative while drawing (sensor_msgs/BatteryState)
 
     @property
-    def power(self) -> Floats:
+    def power(self) -> Singles:
         """W [N], positive = drawn by the robot."""
         return -self.voltage * self.current
 
@@ -91,7 +89,7 @@ class MotorCurrentSamples(Samples):
     """Currents that make the torque of D motors."""
 
     names: tuple[str, ...]
-    current: Floats  # A [N, D], of the quadrature axis
+    current: Singles  # A [N, D], of the quadrature axis
 
 
 @dataclass(frozen=True)
@@ -99,33 +97,33 @@ class FootForceSamples(Samples):
     """Normal forces of F feet."""
 
     names: tuple[str, ...]
-    force: Floats  # N [N, F]
+    force: Singles  # N [N, F]
 
 
 @dataclass(frozen=True)
 class ImuSamples(Samples):
     """Inertial measurements, in the frame of the sensor."""
 
-    orientation: Floats  # x y z w [N, 4]
-    angular_velocity: Floats  # rad/s [N, 3]
-    linear_acceleration: Floats  # m/s² [N, 3]
+    orientation: Singles  # x y z w [N, 4]
+    angular_velocity: Singles  # rad/s [N, 3]
+    linear_acceleration: Singles  # m/s² [N, 3]
 
 
 @dataclass(frozen=True)
 class OdomSamples(Samples):
     """Odometry: pose in the world, velocities in the base."""
 
-    position: Floats  # m [N, 3]
-    orientation: Floats  # x y z w [N, 4]
-    linear_velocity: Floats  # m/s [N, 3]
-    angular_velocity: Floats  # rad/s [N, 3]
+    position: Singles  # m [N, 3]
+    orientation: Singles  # x y z w [N, 4]
+    linear_velocity: Singles  # m/s [N, 3]
+    angular_velocity: Singles  # rad/s [N, 3]
 
 
 @dataclass(frozen=True)
 class CmdVelSamples(Samples):
     """Velocity commands."""
 
-    velocity: Floats  # [N, 3]: vx, vy m/s, yaw rate rad/s
+    velocity: Singles  # [N, 3]: vx, vy m/s, yaw rate rad/s
 
 
 @dataclass(frozen=True)
@@ -134,6 +132,6 @@ class EstimateSamples(Samples):
 
     names: tuple[str, ...]
     model: tuple[str, ...]  # the models that made them
-    power: Floats  # W [N, D]
-    total: Floats  # W [N]
+    power: Singles  # W [N, D]
+    total: Singles  # W [N]
     status: NDArray[np.uint8]  # [N], 0 = good

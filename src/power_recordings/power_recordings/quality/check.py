@@ -5,17 +5,18 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_recordings.alignment.positions import stands_still
 from power_recordings.messages.samples import DriveSamples, JointSamples, SupplySamples
 from power_recordings.quality import physics
-from power_recordings.quality.clocks import clock_findings, loss_findings
 from power_recordings.quality.findings import (
     Finding,
+    clock_findings,
     computed_findings,
     constant_voltage,
     judged,
+    loss_findings,
     power_finding,
     velocity_finding,
 )
@@ -194,7 +195,7 @@ class _Checker:
             quadrants,
         )
 
-    def _motion(self, name: str) -> tuple[NDArray[np.float64], ...]:
+    def _motion(self, name: str) -> tuple[Floats, ...]:
         joints = self._joints
         if joints is None or name not in joints.names or len(joints) < _FEWEST:
             empty = np.zeros(0)
@@ -226,9 +227,7 @@ class _Checker:
                 )
         return time, position, velocity, torque
 
-    def _electrics(
-        self, name: str, time: NDArray[np.float64], velocity: NDArray[np.float64]
-    ) -> tuple[float, NDArray[np.float64]]:
+    def _electrics(self, name: str, time: Floats, velocity: Floats) -> tuple[float, Floats]:
         """Rate of updates, and power at the times of the joint states."""
         electric = self._electric
         if electric is None or name not in electric.names or len(electric) < _FEWEST:
@@ -268,22 +267,13 @@ class _Checker:
             stuck = frozen(electric.stamp_ns, power, moving & (speed > 0))
             if stuck > _FROZEN and rate >= LEAST_UPDATES:
                 self._find(
-                    'frozen',
-                    'warning',
-                    name,
-                    f'its power is constant for {stuck:.1f} s in motion',
+                    'frozen', 'warning', name, f'its power is constant for {stuck:.1f} s in motion'
                 )
             at = self._joints.stamp_ns
             return rate, values_at(electric.stamp_ns, power, at)
         return rate, np.full(len(time), np.nan)
 
-    def _velocity(
-        self,
-        name: str,
-        time: NDArray[np.float64],
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-    ) -> float:
+    def _velocity(self, name: str, time: Floats, position: Floats, velocity: Floats) -> float:
         if not len(time) or name in self._recording.card.derived_velocity:
             return np.nan
         if stands_still(position) and np.nanmax(np.abs(position), initial=0.0) > 0.0:
@@ -298,11 +288,7 @@ class _Checker:
         return found.slope
 
     def _power(
-        self,
-        name: str,
-        power: NDArray[np.float64],
-        torque: NDArray[np.float64],
-        velocity: NDArray[np.float64],
+        self, name: str, power: Floats, torque: Floats, velocity: Floats
     ) -> physics.ShaftBalance | None:
         share = physics.explained(power, torque, velocity)
         if share is not None and share < _LEAST_DRAWN:
@@ -392,7 +378,7 @@ class _Checker:
         return SupplyLine(float(slope), float(offset), float(r2))
 
 
-def _range(values: NDArray[np.float64]) -> tuple[float, float]:
+def _range(values: Floats) -> tuple[float, float]:
     finite = values[np.isfinite(values)]
     if not len(finite):
         return (np.nan, np.nan)

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 _ENOUGH = 50  # samples
 _IMPOSSIBLE = 10.0  # times the metered power: no smoothing of a meter, no gear and no loss

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats, Singles, Stamps
 
 from power_recordings.reading.ordering import longest_step
-
-Floats = NDArray[np.float32]
-Stamps = NDArray[np.int64]
 
 LEAST_UPDATES = 25.0  # changes a second; fewer do not resolve the power of a joint
 _SLOW = 2.0  # changes a second, below which stretches hold too few to count
@@ -62,7 +60,7 @@ def timing(stamps: Stamps) -> Timing:
     return Timing(len(stamps), 1 / period, jitter, len(gaps), float(gaps.sum()))
 
 
-def updates(stamps: Stamps, values: Floats) -> NDArray[np.float64]:
+def updates(stamps: Stamps, values: Singles) -> Floats:
     """
     Return how often each of the columns [N, K] changes, in changes a second [K].
 
@@ -96,7 +94,7 @@ def updates(stamps: Stamps, values: Floats) -> NDArray[np.float64]:
     return np.where(result > _EACH_ROW * rate, np.maximum(result, round(rate, 3)), result)
 
 
-def clipped(values: Floats) -> float:
+def clipped(values: Singles) -> float:
     """
     Return the share of samples [N] that stand at one and the same extreme value in a row.
 
@@ -111,7 +109,7 @@ def clipped(values: Floats) -> float:
     return float(held.mean())
 
 
-def frozen(stamps: Stamps, values: Floats, moving: NDArray[np.bool_]) -> float:
+def frozen(stamps: Stamps, values: Singles, moving: Bools) -> float:
     """Return the longest time [s] in motion (`moving` [N]) for which a signal [N] is constant."""
     if len(values) < 2:
         return 0.0
@@ -123,9 +121,7 @@ def frozen(stamps: Stamps, values: Floats, moving: NDArray[np.bool_]) -> float:
     return float((in_motion[last] - in_motion[first]).max(initial=0.0))
 
 
-def values_at(
-    stamps: NDArray[np.int64], values: NDArray[np.float32], wanted: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def values_at(stamps: NDArray[np.int64], values: Singles, wanted: NDArray[np.int64]) -> Floats:
     """Means of a faster signal around the wanted stamps, or interpolated values of a slower."""
     finite = np.isfinite(values)
     if finite.sum() < 2:

@@ -2,8 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-
-Stamps = NDArray[np.int64]
+from wattwalk_core.arrays import Bools, Floats, Stamps
 
 _MOST_RUNS = 2000
 _JUMP = 50.0  # usual steps
@@ -14,7 +13,7 @@ _RESOLVED = 0.04  # s, half a cycle of the 12.5 Hz that all signals are smoothed
 _JUDGED = 20_000  # steps
 
 
-def longest_step(steps: NDArray[np.float64]) -> float:
+def longest_step(steps: Floats) -> float:
     """
     Return the longest of a stream's steps [s] that is no gap.
 
@@ -29,7 +28,7 @@ def longest_step(steps: NDArray[np.float64]) -> float:
     return max(limit, _RESOLVED) if high > _UNEVEN * low and middle < _RESOLVED else limit
 
 
-def ascending(stamps: Stamps) -> NDArray[np.bool_]:
+def ascending(stamps: Stamps) -> Bools:
     """
     Return a mask [N] of the most samples whose stamps ascend strictly.
 

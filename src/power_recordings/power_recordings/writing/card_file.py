@@ -46,9 +46,7 @@ class CardFile:
             unit = {drive: name for s in self._sources for drive, name in s.torque_unit.items()}
             card = replace(card, torque=torque, torque_unit=unit)
         card = replace(
-            card,
-            drives=card.drives or self._drives,
-            calibration=card.calibration or applied,
+            card, drives=card.drives or self._drives, calibration=card.calibration or applied
         )
         derived = [drive for s in self._sources for drive in s.derived_velocity]
         card = card.with_derived_velocity(derived)

@@ -133,13 +133,7 @@ class BagWriter:
     RecordingError if it cannot be written.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        overwrite: bool = False,
-        flush_period: float = 0.5,
-    ) -> None:
+    def __init__(self, path: Path, *, overwrite: bool = False, flush_period: float = 0.5) -> None:
         if not 0 < flush_period <= 10:
             raise InputError(f'flush_period is {flush_period} s; it must be in (0, 10]')
         self.path = Path(path)

@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from power_recordings.card import FILE, Card
-from power_recordings.index.stamp import Stamp
 from power_recordings.index.store import (
     IndexAnswer,
     RecordingFacts,
     RecordingIndex,
+    Stamp,
     usual_path,
 )
 from power_recordings.reading.bag_folder import find
 from wattwalk_core.errors import InputError
-from wattwalk_core.fingerprint import code_fingerprint
+from wattwalk_core.files import code_fingerprint
 
 from power_workbench.files.logs import ENDINGS
 

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from power_estimator.judge.read_recordings import ReadAgain
 from power_estimator.judge.recordings import Loaded
 from power_recordings.alignment.dataset import AlignedDataset
-from power_recordings.index.stamp import Stamp
-from power_recordings.index.store import usual_path
+from power_recordings.index.store import Stamp, usual_path
 from wattwalk_core.errors import InputError
-from wattwalk_core.fingerprint import code_fingerprint
+from wattwalk_core.files import code_fingerprint
 
 from power_workbench.files.array_file import ArrayFile, DamagedFileError
 from power_workbench.sessions.source import Source

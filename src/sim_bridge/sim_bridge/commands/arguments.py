@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from drive_bench.motion.library import MOTIONS, listing
+from drive_bench.motion.file import MOTIONS, listing
 from drive_bench.motion.segments import UNITS
 from policy_runner.policies.by_name import POLICIES
 from wattwalk_core.anymal import JOINT_NAMES

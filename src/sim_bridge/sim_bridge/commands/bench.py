@@ -2,8 +2,7 @@
 
 import argparse
 
-from drive_bench.motion.library import find_motion
-from drive_bench.motion.load import Load
+from drive_bench.motion.file import Load, find_motion
 from drive_bench.motion.segment_path import Mounting
 from wattwalk_core.errors import InputError
 

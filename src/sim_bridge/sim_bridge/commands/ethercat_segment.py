@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 from wattwalk_core.errors import InputError
 
-from sim_bridge.instruments.ethercat.terminals import EK1100, EL3102, Volts
-from sim_bridge.instruments.ethercat.wire import EmulatedSegment
+from sim_bridge.instruments.ethercat.terminals import EK1100, EL3102, EmulatedSegment, Volts
 
 
 def _constant(volts: Volts) -> Callable[[], Volts]:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import write_whole
 from wattwalk_core.schema import Quantity, schema
@@ -15,7 +15,6 @@ from wattwalk_core.schema import Quantity, schema
 from sim_bridge.plant.simulation import PlantBlock
 from sim_bridge.sensors.meter import DeviceClock
 
-Floats = NDArray[np.float64]
 _RIPPLE_PER_TURN: Final = 6 * 21 * 50
 """Commutations of the inverter, poles in pairs and gear: periods per turn of the joint."""
 _LOWEST, _FULL = 2000.0, 4000.0  # Hz, between which the ripple sets in

@@ -7,13 +7,12 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
-from sim_bridge.sensors.blocks import InstrumentReadings
-from sim_bridge.sensors.bus_columns import BusColumns
+from sim_bridge.sensors.blocks import BusColumns, InstrumentReadings
 from sim_bridge.sensors.meter import DeviceClock
 
-Floats = NDArray[np.float64]
 INTERFACES: Final = ('unixsocket', 'virtual', 'socketcan')
 _SEND_TIMEOUT: Final = 0.2  # s
 

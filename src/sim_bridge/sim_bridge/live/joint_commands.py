@@ -3,11 +3,9 @@
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.drive import JointCommand
-
-Floats = NDArray[np.float64]
 
 
 def joint_command(

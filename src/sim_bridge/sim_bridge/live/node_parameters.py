@@ -5,11 +5,11 @@ from math import cos, radians, sin
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from wattwalk_core.anymal import JOINT_NAMES
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.nodes.parameters import DeviceParameters
 
@@ -17,7 +17,6 @@ from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.terrain import FLAT, rough
 from sim_bridge.plant.world import Stand, World, stand_world, walking_world
 
-Floats = NDArray[np.float64]
 WORLDS = ('anymal_c', 'bench')
 DEFAULT_CHANNEL = '/tmp/wattwalk.sock'
 _MOST = 2**31 - 1

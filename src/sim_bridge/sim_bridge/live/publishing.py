@@ -1,29 +1,38 @@
 """Publishers of the topics that do not travel over the bus."""
 
 import array
+from collections.abc import Callable
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Final
 
+import mujoco
 import numpy as np
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from power_daq.supply.battery import empty_battery
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Imu, JointState
+from std_msgs.msg import String
 from wattwalk_core.anymal import FOOT_NAMES
+from wattwalk_core.arrays import Floats
 
-from sim_bridge.live.message_fields import assign
 from sim_bridge.plant.world import World
 from sim_bridge.sensors.blocks import InstrumentReadings
 from sim_bridge.sensors.meter import DeviceClock
 from sim_bridge.sensors.sensors import BodyReadings, OdometryReadings, SupplyReadings
 
-if TYPE_CHECKING:
-    from sim_bridge.live.robot_frames import RobotFrames
 
-Floats = NDArray[np.float64]
+def assign(target: object, names: str, values: Floats) -> None:
+    """Set the fields `x`, `y`, … of a message to values, one each."""
+    set_field: Callable[[object, str, float], None] = setattr
+    for name, value in zip(names, values.tolist(), strict=True):
+        set_field(target, name, value)
+
+
 _SECOND = 1_000_000_000
 _CLOCK_PERIOD = 10  # steps: 200 Hz
 _FRAMES_PERIOD = 40  # steps: 50 Hz
@@ -42,7 +51,9 @@ class SamplePublisher:
         self._supply = node.create_publisher(BatteryState, 'supply', qos)
         self._time = node.create_publisher(Clock, '/clock', 10) if with_clock else None
         prefix = f'{node.get_namespace()}/'.lstrip('/')
-        self._frames = _robot_frames(node, world, prefix)
+        self._frames = None
+        if world.floating and find_spec('tf2_msgs') is not None:
+            self._frames = RobotFrames(node, world.model, prefix)
         self._imu_message = Imu()
         self._imu_message.header.frame_id = f'{prefix}base'
         self._feet_message = JointState(name=list(FOOT_NAMES))
@@ -108,10 +119,43 @@ class SamplePublisher:
         return [divmod(stamp, _SECOND) for stamp in stamps.tolist()]
 
 
-def _robot_frames(node: Node, world: World, prefix: str) -> 'RobotFrames | None':
-    """Return the publisher of frames; None on a stand and on a ROS 2 without tf2_msgs."""
-    if not world.floating or find_spec('tf2_msgs') is None:
-        return None
-    from sim_bridge.live.robot_frames import RobotFrames  # needs tf2_msgs
+URDF: Final = Path(__file__).with_name('anymal_c.urdf')
+_LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-    return RobotFrames(node, world.model, prefix)
+
+class RobotFrames:
+    """
+    Publisher of the description, once, and of the frames of the base and of each joint's link.
+
+    prefix: put before the name of each frame, for several robots in one graph.
+    """
+
+    def __init__(self, node: Node, model: mujoco.MjModel, prefix: str) -> None:
+        from tf2_msgs.msg import TFMessage  # which a ROS 2 without it may lack
+
+        self._description = node.create_publisher(String, 'robot_description', _LATCHED)
+        self._description.publish(String(data=URDF.read_text(encoding='utf-8')))
+        self._publisher = node.create_publisher(TFMessage, '/tf', 100)
+        links = range(2, model.nbody)  # after the world and the base, each on a hinge
+        self._axes = model.jnt_axis[model.body_jntadr[links]]
+        transforms = [TransformStamped(child_frame_id=f'{prefix}base')]
+        transforms[0].header.frame_id = f'{prefix}odom'
+        for link in links:
+            transform = TransformStamped(child_frame_id=prefix + model.body(link).name)
+            transform.header.frame_id = prefix + model.body(model.body_parentid[link]).name
+            assign(transform.transform.translation, 'xyz', model.body_pos[link])
+            transforms.append(transform)
+        self._message = TFMessage(transforms=transforms)
+
+    def publish(
+        self, stamp: tuple[int, int], base: Floats, orientation: Floats, joints: Floats
+    ) -> None:
+        """stamp: s, ns; base: m [3] in odom; orientation: x y z w [4]; joints: rad [D]."""
+        half = joints[:, None] / 2
+        rotations = np.hstack([self._axes * np.sin(half), np.cos(half)])
+        transforms = self._message.transforms
+        assign(transforms[0].transform.translation, 'xyz', base)
+        for transform, rotation in zip(transforms, (orientation, *rotations), strict=True):
+            transform.header.stamp.sec, transform.header.stamp.nanosec = stamp
+            assign(transform.transform.rotation, 'xyzw', rotation)
+        self._publisher.publish(self._message)

@@ -8,15 +8,14 @@ from typing import Final
 
 import can
 import numpy as np
-from numpy.typing import NDArray
 from wattwalk_core.anymal import DEFAULT_POSE
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.live.frames import FrameEncoder
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.sensors.blocks import InstrumentReadings, Instruments
 
-Floats = NDArray[np.float64]
 BLOCK: Final = 4  # steps at a time: 2 ms
 CATCH_UP: Final = 20  # steps at a time when late
 STALE_AFTER: Final = 0.1  # s without a command, then the drives damp

@@ -5,18 +5,17 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from policy_runner.policies.by_name import POLICIES, Policy, load_policy
 from policy_runner.policies.inputs import Inputs
 from policy_runner.policies.velocity_commands import RandomCommands, SteadyCommand
 from wattwalk_core.anymal import DEFAULT_POSE
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.simulation import STEP, Simulation
 from sim_bridge.sensors.sensors import into_base
 
-Floats = NDArray[np.float64]
 _DOWN = np.array([0.0, 0.0, -1.0])
 CONTROLLERS = (*POLICIES, 'stand')
 """Names of controllers; the folder of a learned policy names one, too."""

@@ -1,16 +1,13 @@
 """Motion files on the simulated stand: one drive, commanded at 400 Hz."""
 
 import numpy as np
-from drive_bench.motion.file import MotionFile
-from drive_bench.motion.library import find_motion
+from drive_bench.motion.file import MotionFile, find_motion
+from drive_bench.motion.plan import SegmentPlayer
 from drive_bench.motion.segment_path import Mounting, Ramps
-from drive_bench.motion.segment_player import SegmentPlayer
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.simulation import Simulation
-
-Floats = NDArray[np.float64]
 
 
 def bench_motion(

@@ -5,13 +5,13 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.offline.controllers import Controller
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.simulation import STEP, PlantBlock, Simulation
 from sim_bridge.sensors.blocks import InstrumentReadings, Instruments
 
-Floats = NDArray[np.float64]
 _STRETCH = 1000  # steps
 _DOWN = 2000  # steps on the ground after a fall
 

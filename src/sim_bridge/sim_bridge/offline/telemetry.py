@@ -7,13 +7,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from power_daq.bus.description import BusDescription
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from sim_bridge.offline.session import Event, SessionPart
-from sim_bridge.sensors.bus_columns import BusColumns
+from sim_bridge.sensors.blocks import BusColumns
 from sim_bridge.sensors.meter import DeviceClock
 
-Floats = NDArray[np.float64]
 START_NS: Final = 1_750_000_000_000_000_000
 """ROS time of step 0 in offline runs."""
 

@@ -9,7 +9,6 @@ from typing import Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from wattwalk_core.anymal import (
     DEFAULT_POSE,
     FOOT_NAMES,
@@ -19,6 +18,7 @@ from wattwalk_core.anymal import (
     LIMITS,
     STANDING_HEIGHT,
 )
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.drive_steps import foot_force
 from sim_bridge.plant.terrain import FLAT, Terrain
@@ -103,7 +103,7 @@ class FootForce:
         for index, name in enumerate(FOOT_NAMES):
             self._foot[model.geom(name).id] = index
 
-    def __call__(self, data: mujoco.MjData) -> NDArray[np.float64]:
+    def __call__(self, data: mujoco.MjData) -> Floats:
         """Return the ground's forces along the contact normals, N [4], of the last step."""
         contact, force = data.contact, np.zeros(len(FOOT_NAMES))
         foot_force(self._foot, contact.geom, contact.efc_address, data.efc_force, force)
@@ -125,11 +125,7 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
     world.add_light(
         pos=[0, 0, 4], dir=[0.2, 0.2, -1], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     )
-    surface = {
-        'contype': 1,
-        'conaffinity': 1,
-        'rgba': [0.55, 0.57, 0.55, 1.0],
-    }
+    surface = {'contype': 1, 'conaffinity': 1, 'rgba': [0.55, 0.57, 0.55, 1.0]}
     floor = 0.0
     if not terrain.is_flat:
         heights = terrain.heights()

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.circuit_steps import circuit_steps
 from sim_bridge.plant.parameters import Plant
 
-Floats = NDArray[np.float64]
 REFERENCE_TEMPERATURE: Final = 25.0  # °C at which resistances are given
 _DIODE: Final = 0.9  # V, through which the current flows while both switches are open
 _IDLE_CONSTANT_CURRENT: Final = 0.3  # share of the idle draw that grows with the voltage

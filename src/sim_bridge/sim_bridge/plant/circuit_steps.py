@@ -3,11 +3,9 @@
 from math import exp, sqrt
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.compiled import compiled
 
-Floats = NDArray[np.float64]
 CIRCUIT: Final = (
     *('torque_limit', 'torque_constant', 'saturation', 'hysteresis', 'hysteresis_exponent'),
     *('eddy', 'eddy_exponent', 'cold_resistance', 'modulation', 'reactance', 'rated_reactance'),

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from wattwalk_core.anymal import POSITION_GAIN, VELOCITY_GAIN
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.drive_steps import drive_step, friction_torque
 from sim_bridge.plant.parameters import Plant
-
-Floats = NDArray[np.float64]
 
 SPEED_MODE_GAIN: Final = 15.0  # N·m·s/rad
 _LINK_INERTIA: Final = 0.012  # kg·m², the least that hangs on a joint of a leg

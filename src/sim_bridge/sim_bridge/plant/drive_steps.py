@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.compiled import compiled
 
-Floats = NDArray[np.float64]
 FRICTION: Final = (
     *('coulomb', 'stribeck', 'viscous', 'load', 'asymmetry', 'rub', 'rub_angle', 'rub_width'),
     *('slope', 'fade', 'thin'),

@@ -7,7 +7,7 @@ from typing import Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.circuit import Circuit
 from sim_bridge.plant.drive import Drives, JointCommand
@@ -15,7 +15,6 @@ from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.supply import Bus
 from sim_bridge.plant.world import World, fallen
 
-Floats = NDArray[np.float64]
 STEP: Final = 0.0005  # s
 JOINT_PERIOD: Final = 5  # steps between joint samples: 400 Hz
 LATCH: Final = 20  # steps between the drives' readings of bus voltage and temperature

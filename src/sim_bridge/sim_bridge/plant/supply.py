@@ -5,12 +5,11 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.circuit_steps import bus_steps
 from sim_bridge.plant.parameters import Plant
 
-Floats = NDArray[np.float64]
 _LEAST_RESISTANCE: Final = 1e-4  # ohm of a supply without line resistance
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.schema import Quantity, check_quantities
 
 TERRAINS = ('flat', 'rough')
@@ -37,7 +37,7 @@ class Terrain:
         """True for a plane."""
         return self.noise == 0.0 and self.slope == 0.0
 
-    def heights(self) -> NDArray[np.float64]:
+    def heights(self) -> Floats:
         """
         Return the heights of the cells' corners, m [n, n], rows along y, columns along x.
 

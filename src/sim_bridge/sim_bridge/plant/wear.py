@@ -3,12 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
 
-Floats = NDArray[np.float64]
 WEARS: Final[Mapping[str, tuple[str, ...]]] = {
     'coulomb_friction': ('coulomb',),
     'viscous_friction': ('viscous',),

@@ -6,15 +6,13 @@ from typing import Annotated
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from wattwalk_core.anymal import FOOT_NAMES, JOINT_NAMES
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity, check_quantities
 
 from sim_bridge.plant.anymal_model import TIMESTEP, FootForce, build_spec
 from sim_bridge.plant.terrain import FLAT, Terrain
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,13 @@
 """Instruments of the plant, read block by block."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from power_daq.bus.description import BusDescription
+from wattwalk_core.arrays import Floats
+from wattwalk_core.errors import InputError
 
 from sim_bridge.plant.simulation import PlantBlock, Simulation
 from sim_bridge.sensors.meter import DeviceClock, Meter, MeterReadings
@@ -59,3 +64,20 @@ class Instruments:
             body=None if self._body is None else self._body.read(block),
             odometry=None if self._body is None else read_odometry(block),
         )
+
+
+class BusColumns:
+    """Places of D joints among the B drives of a bus; InputError for one that it lacks."""
+
+    def __init__(self, bus: BusDescription, joints: Sequence[str]) -> None:
+        for joint in joints:
+            if joint not in bus.drives:
+                raise InputError(f'joint {joint!r} is not on the bus; {", ".join(bus.drives)} are')
+        self._count = len(bus.drives)
+        self.places = [bus.drives.index(joint) for joint in joints]
+
+    def spread(self, values: NDArray[np.generic]) -> Floats:
+        """Return values of the joints [N, D] as those of all drives [N, B], 0 for the others."""
+        wide = np.zeros((len(values), self._count))
+        wide[:, self.places] = values
+        return wide

@@ -6,11 +6,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.parameters import MeterParameters, Plant
 from sim_bridge.plant.simulation import STEP, PlantBlock
 
-Floats = NDArray[np.float64]
 METER_PERIOD: Final = 2  # steps between samples: 1 kHz
 _PIECE: Final = 64  # steps filtered at once
 UNDERRANGE: Final = 1

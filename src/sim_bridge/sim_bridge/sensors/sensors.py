@@ -5,14 +5,14 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from wattwalk_core.physics import GRAVITY
+from wattwalk_core.anymal import GRAVITY
+from wattwalk_core.arrays import Floats
 
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import JOINT_PERIOD, STEP, PlantBlock
 from sim_bridge.plant.supply import Electronics
 from sim_bridge.sensors.meter import LowPass
 
-Floats = NDArray[np.float64]
 Steps = NDArray[np.int64]
 TEMPERATURE_PERIOD: Final = 200  # steps: 10 Hz
 SUPPLY_PERIOD: Final = 20  # steps: 100 Hz

@@ -14,8 +14,7 @@ from sound_levels.levels.analysis import Analysis, analyse
 from sound_levels.levels.settings import Entry, Settings
 from sound_levels.levels.sound_file import SoundFile
 from sound_levels.levels.summary import LEVEL_COLUMNS, level_cells, sentences, summary
-from sound_levels.report.figure import draw_sound
-from sound_levels.report.page import write_sound_report
+from sound_levels.report.page import draw_sound, write_sound_report
 
 
 def entries_of(

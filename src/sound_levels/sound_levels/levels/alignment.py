@@ -3,17 +3,15 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from power_recordings.alignment.correlation import masked_correlation
+from power_recordings.alignment.filters import masked_correlation
 from scipy.signal import correlate
 from scipy.stats import theilslopes
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from sound_levels.levels.events import RATE, Events
 from sound_levels.levels.meter import Sound
 from sound_levels.levels.settings import METHODS
-
-Floats = NDArray[np.float64]
 
 _FLOOR = 1e-14
 _CLAP = 12.0  # dB of a clap over the level before it
@@ -139,10 +137,7 @@ def _refined(found: Alignment, sound: Sound, events: Events) -> Alignment:
     offset = _vertex(lags, values, best) + events.first
     offset, drift = _drift(*shapes, offset - events.first)
     return replace(
-        found,
-        offset=offset + events.first,
-        drift=drift,
-        correlation=float(values[best]),
+        found, offset=offset + events.first, drift=drift, correlation=float(values[best])
     )
 
 

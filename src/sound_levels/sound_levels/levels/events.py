@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.reading.reader import Recording
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 RATE = 200.0  # Hz
 _LANDED, _LIFTED = 40.0, 10.0  # N

@@ -7,10 +7,8 @@ from typing import Final
 
 import numpy as np
 import soundfile
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
-
-Floats = NDArray[np.float64]
 
 SLOWEST, FASTEST = 8_000, 192_000  # Hz
 _BLOCK = 1 << 16  # samples

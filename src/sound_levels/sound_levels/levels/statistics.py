@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from arch.bootstrap import optimal_block_length
-from numpy.typing import NDArray
 from scipy.special import stdtrit
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats
 
 FIGURES = ('leq', 'l10', 'l50', 'l90')
 _PIECE = 0.125  # s

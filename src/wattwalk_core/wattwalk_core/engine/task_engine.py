@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from wattwalk_core.engine.options import Workplace
 from wattwalk_core.errors import InputError
-from wattwalk_core.fingerprint import code_fingerprint
+from wattwalk_core.files import code_fingerprint
 from wattwalk_core.quoting import printable
 
 if TYPE_CHECKING:
@@ -97,10 +97,7 @@ class TaskEngine:
         self._client = self._cluster = None
 
     def completed(
-        self,
-        function: Callable[[Item], Result],
-        items: Sequence[Item],
-        code: Sequence[str] = (),
+        self, function: Callable[[Item], Result], items: Sequence[Item], code: Sequence[str] = ()
     ) -> Iterator[tuple[int, Result]]:
         """
         Yield the place and result of each item as its task ends.

@@ -1,16 +1,50 @@
 """Blocks of a second, and the normal equations of each."""
 
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+from wattwalk_core.arrays import Bools, Floats, Singles
 
 from power_estimator.effects.fit.settings import FitSettings
-from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
-Floats = NDArray[np.float64]
+Item = TypeVar('Item')
+Result = TypeVar('Result')
+
+
+def for_each(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """
+    Return the function's results in the order of the items.
+
+    As many threads share the work as a matrix product may use, and each product has one of them
+    meanwhile: whoever limits those limits these. The results do not depend on the number of
+    threads; the function must not change what it shares.
+    """
+    controller = _controller()
+    threads = min(_allowed(controller), len(items))
+    if threads < 2:
+        return [function(item) for item in items]
+    with controller.limit(limits=1, user_api='blas'), ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(function, items))
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    import scipy.linalg.blas  # noqa: F401  its library counts, too
+
+    return ThreadpoolController()
+
+
+def _allowed(controller: ThreadpoolController) -> int:
+    counts = [int(one['num_threads']) for one in controller.info() if one['user_api'] == 'blas']
+    return min(counts, default=1)
 
 
 @dataclass(frozen=True)
@@ -25,8 +59,8 @@ class Blocks:
     length: int
     recording: NDArray[np.int32]  # [B]
     time: Floats  # s [B], of the first row
-    valid: NDArray[np.bool_]  # [B, D] where the power of the drive was measured throughout
-    use: NDArray[np.bool_]  # [B, length, D] rows whose signals are resolved
+    valid: Bools  # [B, D] where the power of the drive was measured throughout
+    use: Bools  # [B, length, D] rows whose signals are resolved
 
     @classmethod
     def of(cls, prepared: Prepared, settings: FitSettings | None = None) -> 'Blocks':
@@ -73,7 +107,7 @@ class Blocks:
         return np.maximum(self.use.sum(axis=1), 1)
 
     @property
-    def mask(self) -> NDArray[np.bool_]:
+    def mask(self) -> Bools:
         """Mark the rows that count [B, length, D]."""
         return self.use & self.valid[:, None, :]
 
@@ -85,7 +119,7 @@ class Normal:
     gram: Floats  # [B, D, m, m]
     moment: Floats  # [B, D, m]
     square: Floats  # W² [B, D], sum of squared targets
-    valid: NDArray[np.bool_]  # [B, D]
+    valid: Bools  # [B, D]
     counts: NDArray[np.intp]  # rows of a block that count [B, D]
 
     @classmethod
@@ -114,16 +148,12 @@ class DelayedNormal:
     moment: Floats  # [S, B, D, m]
     square: Floats  # W² [S, B, D]
     next_: Floats  # W² [S, B, D]
-    valid: NDArray[np.bool_]  # [B, D]
+    valid: Bools  # [B, D]
     counts: NDArray[np.intp]  # [B, D]
 
     @classmethod
     def of(
-        cls,
-        columns: Floats,
-        power: Floats | NDArray[np.float32],
-        constant: Floats,
-        blocks: Blocks,
+        cls, columns: Floats, power: Floats | Singles, constant: Floats, blocks: Blocks
     ) -> 'DelayedNormal':
         """From columns [N, D, m], power [S, N, D] and what of it is constant [N, D]."""
         rows = blocks.rows

@@ -2,8 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Bools, Floats
 
 _BLOCK_SWEEPS = 10  # that change all offending variables at once
 _SWEEPS = 90  # then the last offending one alone, which cannot cycle
@@ -86,7 +85,7 @@ def _pivot(
     return solution
 
 
-def _last(offends: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _last(offends: Bools) -> Bools:
     """The last true entry of each row alone."""
     after = np.cumsum(offends[:, ::-1], axis=1)[:, ::-1]
     return offends & (after == 1)

@@ -6,15 +6,14 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
+from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active, BasePower, Design, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder, Linearisation
 from power_estimator.effects.fit.settings import FitSettings
-from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.prepared import Prepared
 
-Floats = NDArray[np.float64]
 Result = TypeVar('Result')
 _ESTIMATES = (
     'motor_velocity',

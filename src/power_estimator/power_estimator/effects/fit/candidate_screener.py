@@ -7,15 +7,15 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats
 
+from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.fit.folds import Folds
-from power_estimator.effects.fit.threads import for_each
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 
-Floats = NDArray[np.float64]
 Item = TypeVar('Item')
 
 
@@ -171,7 +171,7 @@ class CandidateScreener:
             self._square[:, drive] = np.einsum('sbl,sbl->s', y, y)
             self._next[:-1, drive] = np.einsum('sbl,sbl->s', y[:-1], y[1:])
 
-            def sums(used: NDArray[np.bool_]) -> list[Floats]:
+            def sums(used: Bools) -> list[Floats]:
                 flat = x[used].reshape(-1, x.shape[2])
                 return [flat.T @ flat, y[:, used].reshape(len(y), -1) @ flat]
 

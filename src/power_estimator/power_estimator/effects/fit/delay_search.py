@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.blocks import Blocks, DelayedNormal, Normal, between
 from power_estimator.effects.fit.bounded_lsq import bounded_solve
@@ -12,8 +12,6 @@ from power_estimator.effects.fit.design import Design
 from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

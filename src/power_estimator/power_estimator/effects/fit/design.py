@@ -4,15 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats
 
 from power_estimator.effects import Effect, Shape, Signals, Term
 from power_estimator.effects.catalogue import regressors_of
 from power_estimator.effects.signals.prepared import rate_of
 from power_estimator.effects.signals.scale import DriveScale
-
-Floats = NDArray[np.float64]
-
 
 Prior = Mapping[str, Sequence[tuple[float, float]]]
 """Expected coefficient and its spread, by effect and term."""
@@ -137,7 +134,7 @@ class Structure:
         parts = [active.effect.factors(scale) for active in self.free]
         return np.concatenate([np.empty((len(scale.torque), 0)), *parts], axis=1)
 
-    def coupled(self, coefficients: Floats) -> NDArray[np.bool_]:
+    def coupled(self, coefficients: Floats) -> Bools:
         """
         Mark the columns [m] whose coefficients move those of others.
 

@@ -1,10 +1,12 @@
 """Builds linearised designs on prepared signals."""
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.blocks import modelled
@@ -17,11 +19,45 @@ from power_estimator.effects.fit.design import (
     estimates,
     weighted,
 )
-from power_estimator.effects.fit.kept import Kept
 from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.signals.prepared import Prepared
 
-Floats = NDArray[np.float64]
+Value = TypeVar('Value')
+
+
+class Kept(Generic[Value]):
+    """Values by key, of which those used least recently go when all need more than a budget."""
+
+    def __init__(self, budget: int, fewest: int = 1) -> None:
+        """budget: bytes; fewest: values that stay whatever they need."""
+        self._budget, self._fewest = budget, fewest
+        self._values: OrderedDict[Hashable, tuple[Value, int]] = OrderedDict()
+        self._used = 0
+
+    def get(self, key: Hashable, make: Callable[[], Value], size: Callable[[Value], int]) -> Value:
+        """Return the value of a key, made anew where it is not kept; size in bytes."""
+        if key in self._values:
+            self._values.move_to_end(key)
+            return self._values[key][0]
+        value = make()
+        self.put(key, value, size(value))
+        return value
+
+    def put(self, key: Hashable, value: Value, size: int) -> None:
+        """Keep a value of a size in bytes."""
+        self.drop(key)
+        self._values[key] = (value, size)
+        self._used += size
+        while self._used > self._budget and len(self._values) > self._fewest:
+            _, (_, freed) = self._values.popitem(last=False)
+            self._used -= freed
+
+    def drop(self, key: Hashable) -> None:
+        """Forget the value of a key."""
+        if key in self._values:
+            self._used -= self._values.pop(key)[1]
+
+
 _SPEED_STEP = 1e-4  # rad/(N·m), of the difference quotient
 
 

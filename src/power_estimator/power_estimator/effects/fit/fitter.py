@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats
 
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks, Normal, drawn_blocks, modelled
@@ -14,15 +14,12 @@ from power_estimator.effects.fit.bounded_lsq import bounded_solve
 from power_estimator.effects.fit.by_drive import ByDriveBuilder
 from power_estimator.effects.fit.delay_search import DelaySearch, group_limits
 from power_estimator.effects.fit.design import Active, BasePower, Design, Prior, Structure
-from power_estimator.effects.fit.design_builder import DesignBuilder
-from power_estimator.effects.fit.kept import Kept
+from power_estimator.effects.fit.design_builder import DesignBuilder, Kept
 from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.signals.scale import DriveScale
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -126,7 +123,7 @@ class Fitter:
         """Scale of the meters."""
         return self.prepared.scale
 
-    def leave_out(self, events: NDArray[np.bool_]) -> None:
+    def leave_out(self, events: Bools) -> None:
         """Take blocks of drives [B, D] out of all that follows."""
         self.blocks = replace(self.blocks, valid=self.blocks.valid & ~events)
 
@@ -312,7 +309,7 @@ class Fitter:
         return out
 
 
-def robust_weights(error: Floats, valid: NDArray[np.bool_]) -> Floats:
+def robust_weights(error: Floats, valid: Bools) -> Floats:
     """
     Weight of each block from its mean squared error [B, D]; 1 for the drive's median block.
 

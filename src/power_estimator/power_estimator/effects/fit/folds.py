@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.blocks import Blocks
 from power_estimator.effects.fit.settings import FitSettings
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

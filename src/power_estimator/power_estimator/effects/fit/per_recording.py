@@ -4,15 +4,13 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Effect, Signals
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import SHIFT_STEP
-
-Floats = NDArray[np.float64]
 
 OWN_TERMS = ('power_gain', 'current_offset', 'offset_drift')
 """What changes when a power meter is switched off and on, warms, or is another."""

@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Effect, Signals
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.design_builder import DesignBuilder, Linearisation
 from power_estimator.effects.signals.prepared import Prepared
 
-Floats = NDArray[np.float64]
 COMMON = frozenset({'idle', 'regeneration_limit', 'line_resistance'})
 """Effects of the robot's supply as a whole: drives cannot be told apart by them."""
 

@@ -1,8 +1,9 @@
 """Power on the supply line: electronics, cables, and what braking drives return."""
 
 import numpy as np
+from wattwalk_core.arrays import Floats
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.effect import Effect, Excitation, Term
 from power_estimator.effects.signals.scale import VOLTAGE
 from power_estimator.effects.signals.state import Signals
 

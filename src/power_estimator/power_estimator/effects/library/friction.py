@@ -1,11 +1,11 @@
 """Friction of gear and bearings, and torque ripple."""
 
 import numpy as np
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.effect import (
     Effect,
     Excitation,
-    Floats,
     Term,
     in_proportion,
     log_speed,
@@ -118,10 +118,7 @@ COGGING = Effect(
     name='cogging',
     physics='magnets and teeth pull the rotor to and fro, a fixed number of times per turn',
     formula='A·sin(order·q + phase)·w + 2·k·torque·A·sin(order·q + phase)',
-    terms=(
-        Term('A·cos(phase)', 'N·m', -20.0, 20.0),
-        Term('A·sin(phase)', 'N·m', -20.0, 20.0),
-    ),
+    terms=(Term('A·cos(phase)', 'N·m', -20.0, 20.0), Term('A·sin(phase)', 'N·m', -20.0, 20.0)),
     scaling={'gear_ratio': None},
     regressors=_ripple,
     recorded=lambda signals, **_: bool(np.isfinite(signals.position).all()),

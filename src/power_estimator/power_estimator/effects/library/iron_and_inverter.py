@@ -1,11 +1,11 @@
 """Losses of the stator's field and of the power stage."""
 
 import numpy as np
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.effect import (
     Effect,
     Excitation,
-    Floats,
     Term,
     factors_by_unit,
     in_proportion,

@@ -1,8 +1,9 @@
 """Mechanical power at the joint, and the motion of rotor and series spring."""
 
 import numpy as np
+from wattwalk_core.arrays import Floats
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Term
+from power_estimator.effects.effect import Effect, Excitation, Term
 from power_estimator.effects.signals.state import Signals
 
 

@@ -1,8 +1,9 @@
 """Errors of the measurement, fitted beside every model as they resemble physical effects."""
 
 import numpy as np
+from wattwalk_core.arrays import Floats
 
-from power_estimator.effects.effect import Effect, Excitation, Floats, Term, share_of_top
+from power_estimator.effects.effect import Effect, Excitation, Term, share_of_top
 from power_estimator.effects.signals.state import Signals
 
 

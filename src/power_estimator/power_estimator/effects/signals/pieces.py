@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.signals.prepared import Prepared, SignalPart
 
@@ -67,7 +68,7 @@ def pieces(prepared: Prepared, most: float) -> Prepared:
     )
 
 
-def _shares(lengths: Sequence[int], budget: float) -> NDArray[np.float64]:
+def _shares(lengths: Sequence[int], budget: float) -> Floats:
     """Samples of each recording: what the shorter ones do not need goes to the longer ones."""
     shares = np.zeros(len(lengths))
     left = budget

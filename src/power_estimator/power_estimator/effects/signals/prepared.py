@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.alignment.positions import stands_still
+from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_estimator.effects import Signals
@@ -21,8 +22,6 @@ from power_estimator.effects.signals.reducer import (
 )
 from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.effects.signals.sizing import drive_scale, torque_constants, with_torque
-
-Floats = NDArray[np.float64]
 
 WHOLE = 'robot'
 """Name of the meter of a whole robot."""
@@ -59,7 +58,7 @@ class Prepared:
 
     signals: Signals  # at the input rate
     reducer: Reducer
-    power: NDArray[np.float32]  # W [S, N, M], at S delays
+    power: Singles  # W [S, N, M], at S delays
     shifts: Floats  # s [S]
     time: Floats  # s [N]
     recording: NDArray[np.int32]  # [N]
@@ -111,12 +110,12 @@ class Prepared:
         return f'{rows} operating points' if self.steady else f'{rows / REDUCED_RATE:.0f} s'
 
     @cached_property
-    def measured(self) -> NDArray[np.bool_]:
+    def measured(self) -> Bools:
         """Mark where the power was measured [N, M]."""
         return np.asarray(np.isfinite(self.power).all(axis=0))
 
     @cached_property
-    def resolved(self) -> NDArray[np.bool_]:
+    def resolved(self) -> Bools:
         """
         [N, M] where the joint signals are sampled finely enough to multiply.
 
@@ -194,7 +193,7 @@ class Prepared:
         return np.where(turns, np.mod(position, 2 * np.pi), position)
 
 
-def _rows(values: NDArray[np.float32]) -> Floats:
+def _rows(values: Singles) -> Floats:
     """Values [T, D] with the drives of a sample side by side, as all products have them."""
     return np.ascontiguousarray(values, dtype=np.float64)
 
@@ -356,7 +355,7 @@ def _long_enough(signals: Signals, rate: float, window: float) -> tuple[slice, .
     return tuple(part for part in signals.stretches() if part.stop - part.start >= least)
 
 
-def _cut(data: AlignedDataset, good: NDArray[np.bool_]) -> AlignedDataset:
+def _cut(data: AlignedDataset, good: Bools) -> AlignedDataset:
     if good.all():
         return data
     hole = np.concatenate([[0], np.diff((~good).astype(np.int32)) > 0]).cumsum()
@@ -373,7 +372,7 @@ def _fill_voltage(data: AlignedDataset) -> AlignedDataset:
     return replace(data, voltage=np.where(np.isfinite(voltage), voltage, middle))
 
 
-def _meter_noise(data: AlignedDataset, meters: NDArray[np.float32], reducer: Reducer) -> Floats:
+def _meter_noise(data: AlignedDataset, meters: Singles, reducer: Reducer) -> Floats:
     """White noise of the power [T, M] after reduction, W [M], from its quietest half seconds."""
     length = max(16, round(data.rate / 2))
     share = float(np.sqrt(np.sum(np.square(reducer._taps(0.0)))))

@@ -7,8 +7,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.alignment.filters import windowed_sinc
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Floats, Singles
 
 CUTOFF = 12.5
 """Hz, of the zero-phase low-pass that products and power pass alike (Section II-A)."""
@@ -47,7 +46,7 @@ class Reducer:
         half = max(HALF_WIDTH, self.window / 2)
         return round(self.rate * (half + max(LATEST, -EARLIEST))) + 1
 
-    def reduce(self, values: Floats | NDArray[np.float32], shift: float = 0.0) -> Floats:
+    def reduce(self, values: Floats | Singles, shift: float = 0.0) -> Floats:
         """[T, ...] → [N, ...]: the low-passed values at time t + shift (s)."""
         if self.steady:
             return np.array(values, np.float64)

@@ -5,9 +5,7 @@ from dataclasses import astuple, dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from wattwalk_core.arrays import Bools, Floats
 
 TORQUE, SPEED, VOLTAGE = 40.0, 8.0, 48.0
 """N·m, rad/s and V of the reference drive, a leg joint of an ANYmal."""
@@ -104,7 +102,7 @@ def scale_of(
     voltage: Floats,
     power: Floats,
     groups: Sequence[Sequence[int]],
-    at_motor: NDArray[np.bool_],
+    at_motor: Bools,
 ) -> DriveScale:
     """
     Return the scale of D drives from their recording: N·m, rad/s and V [T, D], W [T, D] with NaN.

@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from power_recordings.alignment.dataset import AlignedDataset
+from wattwalk_core.arrays import Singles
 
 from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects.signals.scale import DriveScale, scale_of
 
-Floats = NDArray[np.float64]
 UNKNOWN_CONSTANT = 1.0  # N·m/A
 _LEAST_SHOWN = 0.1  # of the power's spread, that a torque constant explains
 
@@ -46,9 +45,7 @@ def torque_constants(data: AlignedDataset) -> dict[str, float]:
     return found
 
 
-def _constants(
-    data: AlignedDataset, drives: Sequence[int], power: NDArray[np.float32]
-) -> dict[int, float]:
+def _constants(data: AlignedDataset, drives: Sequence[int], power: Singles) -> dict[int, float]:
     """N·m/A by drive, 0 where it does not show in the power [T]."""
     current, velocity = (
         x[:, list(drives)].astype(np.float64) for x in (data.torque, data.velocity)

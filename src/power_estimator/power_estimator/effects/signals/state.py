@@ -1,17 +1,52 @@
 """Signals that effects are computed from."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Bools, Floats
 
-from power_estimator.effects.signals.carried import Carried
 from power_estimator.effects.signals.scale import DriveScale
 
-Floats = NDArray[np.float64]
+
+class Carried:
+    """
+    States of effects with memory at each of the last samples.
+
+    Blocks may overlap: an effect begins with its state at the last sample before the block's.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[Hashable, tuple[Floats, Floats]] = {}
+        self._unknown: dict[Hashable, float] = {}
+
+    @property
+    def used(self) -> bool:
+        """Return whether an effect has kept a state."""
+        return bool(self._kept)
+
+    @property
+    def unknown(self) -> float:
+        """Largest share of a state that stems from before the first sample."""
+        return max(self._unknown.values(), default=0.0)
+
+    def before(self, effect: Hashable, time: float) -> tuple[float, Floats] | None:
+        """Return the time (s) and the state of the last sample before a time, if there is one."""
+        times, states = self._kept.get(effect, (np.empty(0), np.empty(0)))
+        row = int(np.searchsorted(times, time)) - 1
+        return None if row < 0 else (float(times[row]), states[row])
+
+    def keep(self, effect: Hashable, times: Floats, states: Floats, unknown: float) -> None:
+        """Keep the states [T, …] at these times in s [T], and their unknown share."""
+        before = self.before(effect, float(times[0]))
+        if before is not None:
+            times = np.concatenate([[before[0]], times])
+            states = np.concatenate([before[1][None], states])
+        self._kept[effect] = (times, states)
+        self._unknown[effect] = unknown
 
 
 @dataclass(frozen=True)
@@ -59,7 +94,7 @@ class Signals:
     electronics: Floats  # W, of the idle draw
     drawn: Floats  # W
     scale: DriveScale  # of the drives
-    at_motor: NDArray[np.bool_]  # [D], torque is the motor's: friction and inertia are in it
+    at_motor: Bools  # [D], torque is the motor's: friction and inertia are in it
     past: Past | None = None  # where these are pieces of longer recordings
     carried: Carried | None = None  # where these are one block after another
     motor_current: Floats | None = None  # A, beside the torque

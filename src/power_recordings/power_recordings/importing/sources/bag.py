@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import regular_size
 from wattwalk_core.quoting import printable
@@ -215,7 +216,7 @@ def _names(layout: Layout, path: str, count: int | None) -> list[str]:
 
 
 @np.errstate(invalid='ignore')
-def _numbers(layout: Layout, rows: NDArray[np.uint8], field: str) -> NDArray[np.float64]:
+def _numbers(layout: Layout, rows: NDArray[np.uint8], field: str) -> Floats:
     if field in layout.columns and layout.columns[field].count is None:
         return np.asarray(layout.decode(rows, field), np.float64)
     path, _, index = field.removesuffix(']').rpartition('[')

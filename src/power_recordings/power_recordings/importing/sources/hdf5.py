@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
@@ -80,7 +80,7 @@ class Hdf5File:
                     values = {c.address: self._values(file, c.address, part) for c in chosen}
                     yield LogBlock(stream, values)
 
-    def _values(self, file: Any, address: str, rows: slice) -> NDArray[np.float64]:
+    def _values(self, file: Any, address: str, rows: slice) -> Floats:
         name, index = arrays.split(address, self._fields)
         dataset, field = self._fields[name]
         data = file[dataset]

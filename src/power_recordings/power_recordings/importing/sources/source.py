@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
@@ -92,7 +93,7 @@ def check_room(path: Path, size: int, claimed: int) -> None:
         )
 
 
-def number(values: Any) -> NDArray[np.float64]:
+def number(values: Any) -> Floats:
     """Return values as float64 [N]; what is no number becomes NaN."""
     array = np.asarray(values)
     if array.dtype.kind in 'fiub':
