@@ -67,7 +67,7 @@ def command(body: Callable[[Sequence[str] | None], int | None]) -> Entry:
 
 def entry_point(body: str) -> Callable[[Callable[[Sequence[str] | None], object]], Entry]:
     """
-    Turn a function that reads arguments into a command; the body takes what it returns.
+    Turn a parser of arguments into a command whose body gets the parsed options.
 
     body: `module:function`, imported once the arguments are read, so that `--help` and errors in
     arguments wait for no library.
@@ -86,7 +86,7 @@ def entry_point(body: str) -> Callable[[Callable[[Sequence[str] | None], object]
 
 
 def _end_at_once_by_signals() -> None:
-    """Let no signal raise in the interpreter's own end, where it makes a traceback."""
+    """Ignore signals while the interpreter exits, where they would print a traceback."""
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             if signal.getsignal(number) is not signal.SIG_IGN:
@@ -112,7 +112,7 @@ def command_parser(name: str, description: str, epilog: str) -> argparse.Argumen
 
 def own_arguments(args: Sequence[str] | None = None) -> list[str]:
     """
-    Return a command's own arguments: args, or the process's, without each `--ros-args … --`.
+    Return a command's arguments: args, or the process's, without each `--ros-args … --`.
 
     The same as rclpy.utilities.remove_ros_args, without the import of rclpy.
     """
@@ -130,6 +130,6 @@ def own_arguments(args: Sequence[str] | None = None) -> list[str]:
 def node_options(
     parser: argparse.ArgumentParser, args: Sequence[str] | None
 ) -> argparse.Namespace:
-    """Parse the own arguments of a node; `ros_args` of the options holds all that were given."""
+    """Parse a node's arguments without those of ROS; `ros_args` of the options holds all."""
     given = sys.argv[1:] if args is None else list(args)
     return parser.parse_args(own_arguments(given), argparse.Namespace(ros_args=given))

@@ -13,7 +13,7 @@ _AGAIN = 0.02  # s
 
 def install() -> None:
     """
-    Take over the hooks for errors that nobody catches, where they are Python's own.
+    Replace Python's default hooks for uncaught errors.
 
     Packages of commands do it, which only entry points import, so that libraries leave the hooks.
     """
@@ -37,7 +37,7 @@ def _send_later(number: int) -> None:
 def _on_uncaught(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
-    """Print one line for Ctrl-C, also where an extension module has made an error of it."""
+    """Print one line for Ctrl-C, also where an extension module turned it into an error."""
     if not _is_interrupt(error):
         sys.__excepthook__(kind, error, trace)
         return

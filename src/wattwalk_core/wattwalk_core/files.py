@@ -33,7 +33,7 @@ _WAITING: ContextVar[dict[Path, Path] | None] = ContextVar('waiting', default=No
 
 
 class RecordingError(InputError):
-    """A file cannot be written; the message says what was kept and what was lost."""
+    """A file cannot be written; the message states what was kept and what was lost."""
 
 
 def read_bytes(path: Path, what: str, limit: int) -> bytes:

@@ -51,7 +51,7 @@ class RaisedSignals:
 
 
 def _importing(frame: FrameType | None) -> bool:
-    """Tell whether a frame, or one that called it, is at work on an import."""
+    """Return whether a frame, or a caller of it, is importing a module."""
     while frame is not None:
         if frame.f_code.co_filename.startswith('<frozen importlib'):
             return True

@@ -18,7 +18,7 @@ _TICKS: Final = os.sysconf('SC_CLK_TCK')
 
 
 class ProcessError(Exception):
-    """A child process did not do what it was waited for; the message has its last line."""
+    """A child process ended or timed out too early; the message has its last line."""
 
 
 def find_program(name: str) -> str:
@@ -42,7 +42,7 @@ def wait_until(condition: Callable[[], object], timeout: float = PATIENCE) -> bo
 
 class ChildProcess:
     """
-    A process in a session of its own, out of reach of the terminal's Ctrl-C.
+    A process in a separate session, unaffected by the terminal's Ctrl-C.
 
     log: file that its output, stderr included, is written to; its name without suffix stands for
     the process in errors. environment: added to that of this process. Signals go to the process
@@ -140,7 +140,7 @@ class ChildProcess:
                 os.killpg(self.pid, number)
 
     def interrupt(self) -> None:
-        """Do what Ctrl-C does."""
+        """Send SIGINT, as Ctrl-C does."""
         self.send_signal(signal.SIGINT)
 
     def end(

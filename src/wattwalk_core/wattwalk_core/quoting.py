@@ -16,7 +16,7 @@ def quoted(value: object) -> str:
 
 
 def printable(text: str, longest: int = 200) -> str:
-    """Replace line breaks by spaces and escape control characters; cut what is too long."""
+    """Replace line breaks by spaces and escape control characters; shorten long texts."""
     line = ' '.join(text.split())
     line = ''.join(c if c.isprintable() else c.encode('unicode_escape').decode() for c in line)
     return line if len(line) <= longest else f'{line[:longest]}…'

@@ -94,7 +94,7 @@ class Quantity:
     text: str = ''
 
     def check(self, value: object, kind: type = float) -> float | int:
-        """Return the number; ValueError that says what is expected for anything else."""
+        """Return the number; ValueError with the expected range for anything else."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if kind is int and number and not float(value).is_integer():  # type: ignore[arg-type]
             number = False
@@ -165,7 +165,7 @@ def parse(kind: type[T], content: object, where: str) -> T:
     Build a schema class from the content of a file or message.
 
     kind: a class decorated with `schema`, or a type made of such, as `dict[str, Drive]`.
-    where: what errors begin with, such as `plant lab.yaml`. Raises InputError.
+    where: prefix of error messages, such as `plant lab.yaml`. Raises InputError.
     """
     from pydantic import ValidationError  # slow to import, and parsers import this file
 
@@ -230,7 +230,7 @@ def _plain(value: object) -> object:
 
 
 def _describe(kind: Any, error: 'ErrorDetails') -> str:
-    """One line about an error: its entry, what is expected there, and what there is."""
+    """One line about an error: its entry, the expected value, and the given one."""
     path, name = error['loc'], error['type']
     if name in ('missing', 'unexpected_keyword_argument', 'extra_forbidden'):
         place, key = _place(path[:-1]), path[-1]

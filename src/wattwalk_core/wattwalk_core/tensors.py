@@ -29,7 +29,7 @@ Tensors = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True)
 class TensorFile:
-    """Content of a safetensors file: arrays by name and the texts beside them."""
+    """Content of a safetensors file: arrays by name, and its metadata texts."""
 
     tensors: dict[str, NDArray[Any]]
     texts: dict[str, str]
@@ -91,7 +91,7 @@ def checked_tensors(
 
 def read_state(path: Path, what: str, limit: int = SIZE) -> Any:
     """
-    Read what torch.save wrote of tensors and plain values; InputError for anything else.
+    Read tensors and plain values that torch.save wrote; InputError for anything else.
 
     torch reads it with weights_only, and nothing of it is run.
     """

@@ -1,4 +1,4 @@
-"""A thread with an owner: begun, asked to end, waited for; the owner is told what ended it."""
+"""A thread with an owner: started, stopped, joined; its error is raised in the owner."""
 
 import threading
 from abc import ABC, abstractmethod
@@ -21,7 +21,7 @@ class Worker(ABC):
         self._stop.set()
 
     def join(self, timeout: float | None = None) -> bool:
-        """Wait for the thread to end; whether it has. Raises what ended it."""
+        """Wait for the thread and return whether it ended; raises the error that ended it."""
         if self._thread.ident is not None:
             self._thread.join(timeout)
         if self._error is not None:

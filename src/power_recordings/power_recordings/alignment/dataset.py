@@ -60,7 +60,7 @@ class AlignedDataset:
         """
         Return one segment of one recording in which all signals but those given are NaN.
 
-        time: s [T]. signals: of DRIVE_SIGNALS, as [T, D] or what broadcasts to it.
+        time: s [T]. signals: of DRIVE_SIGNALS, broadcast to [T, D].
         """
         times = np.asarray(time, np.float64)
         shape = (len(times), len(names))

@@ -1,8 +1,7 @@
 """
 Linear-phase, centred filters: they do not shift a signal in time.
 
-scipy is imported where it is used: importing it takes longer than a command may take to refuse a
-wrong argument.
+scipy is imported where it is used: it would delay the refusal of wrong arguments.
 """
 
 from functools import cache

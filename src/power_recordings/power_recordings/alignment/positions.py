@@ -15,7 +15,7 @@ def unwrapped(time: Floats, position: Singles, velocity: Singles) -> Singles:
     Return positions in rad without the jumps of an encoder that starts anew every turn, [N].
 
     A jump counts where the positions stay within one turn and the velocity in rad/s, not the jump,
-    tells how far the drive went; other positions are returned as they are.
+    determines how far the drive went; other positions are returned as they are.
     """
     step = np.diff(position.astype(np.float64))
     known = np.isfinite(step)
@@ -32,7 +32,7 @@ def unwrapped(time: Floats, position: Singles, velocity: Singles) -> Singles:
 
 def stands_still(position: Singles | Floats) -> bool:
     """
-    Return whether a drive stands still but for how it came there: no rate tells of its position.
+    Return whether a drive stands still, so that no rate determines its position.
 
     What moves by less than the 1st to 99th percentile is left out; noise of an encoder and give of
     a stalled shaft stay within 0.2 rad.

@@ -123,8 +123,8 @@ class Bag:
         """
         Yield all messages; add to `problems` and to the declared `topics`.
 
-        skip: told the numbers of messages by topic of a chunk of which they are known, says
-        whether to leave the chunk out. every: of the chunks of an MCAP file only every n-th.
+        skip: returns whether to omit a chunk, given its numbers of messages by topic where known.
+        every: read only every n-th chunk of an MCAP file.
         """
         for path in self.files:
             if self.is_sqlite:

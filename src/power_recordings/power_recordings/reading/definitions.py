@@ -39,7 +39,7 @@ def fields_of(text: str, type_name: str, given: Fields) -> Fields:
     """
     Return the fields of all types that a message may need.
 
-    The bag's own definition comes first, then `given`, then ROS 2 Jazzy's and this suite's.
+    The bag's definition comes first, then `given`, then ROS 2 Jazzy's and this suite's.
     """
     own = own_fields(text, type_name) if text else {}
     return {**typestore().fielddefs, **given, **own}

@@ -72,8 +72,8 @@ class McapFile:
         """
         Yield the messages; damaged parts are left out and noted in `problems`.
 
-        skip: told the numbers of messages by channel of a chunk with an index, says whether to
-        leave the chunk out. every: of chunks after the first few, which declare the topics, only
+        skip: returns whether to omit a chunk with an index, given its numbers of messages by
+        channel. every: of chunks after the first few, which declare the topics, only
         every n-th is read from the disk.
         """
         packed: bytes | None = None

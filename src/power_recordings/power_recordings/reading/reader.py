@@ -211,7 +211,7 @@ class Recording:
 
 
 def open_recordings(paths: Iterable[Path]) -> list[Recording]:
-    """Read recordings for a command; what they lack is said on stderr, a line each."""
+    """Read recordings for a command; their problems are printed on stderr, a line each."""
     recordings = [Recording.open(Path(path)) for path in paths]
     for recording in recordings:
         for problem in recording.problems:

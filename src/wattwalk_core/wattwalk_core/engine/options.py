@@ -38,20 +38,20 @@ class Workplace:
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> Self:
-        """Return what `add_workplace`'s arguments say."""
+        """Return the workplace given by `add_workplace`'s arguments."""
         return cls(options.workers, options.scheduler if 'scheduler' in options else '')
 
     def processes(self, tasks: int) -> int:
-        """Return the processes of this machine that so many tasks take."""
+        """Return the number of processes of this machine for a number of tasks."""
         cores = len(os.sched_getaffinity(0))
         return max(min(cores if self.workers is None else self.workers, tasks), 1)
 
 
 def add_workplace(parser: argparse.ArgumentParser, tasks: str, *, scheduler: bool = True) -> None:
     """
-    Add the arguments; tasks: what one worker does at a time, in a plural noun.
+    Add the arguments; tasks: plural noun for the units of work.
 
-    scheduler: whether other machines may do it.
+    scheduler: offers `--scheduler`, for workers on other machines.
     """
     parser.add_argument(
         '--workers', type=int, metavar='N', help=f'{tasks} at a time, one to a core if absent'

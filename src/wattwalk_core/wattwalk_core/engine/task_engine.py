@@ -75,7 +75,7 @@ class TaskEngine:
         place: Workplace | None = None,
         say: Callable[[str], None] = lambda line: print(line, file=sys.stderr),
     ) -> None:
-        """Prepare; say is told the address of a cluster's dashboard."""
+        """Prepare; `say` is called with the address of a cluster's dashboard."""
         self.place = place or Workplace()
         self._say = say
         self._open = ExitStack()
@@ -103,7 +103,7 @@ class TaskEngine:
         Yield the place and result of each item as its task ends.
 
         code: packages or modules that must be the same on the workers of a scheduler, by default
-        the function's package. What a task raises is raised here, and the others are given up.
+        the function's package. A task's error is raised here, and the others are cancelled.
         InputError for a scheduler that cannot be used, or a task that workers do not survive.
         """
         for place, outcome in self._ended(function, items, code):

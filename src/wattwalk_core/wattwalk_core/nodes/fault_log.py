@@ -15,7 +15,7 @@ class LogTarget(Protocol):
         """Log a fault."""
 
     def info(self, message: str) -> Any:
-        """Log what is no fault."""
+        """Log a message that is no fault."""
 
 
 class FaultLog:

@@ -15,7 +15,7 @@ _LONGEST_BATCH: Final = 10_000  # messages; a publisher faster than its reader m
 
 def _take(subscription: Subscription, kind: Any, raw: bool) -> tuple[Any, int] | None:
     """
-    Take the next message that waits and the system time of its publication in ns.
+    Return the next waiting message and its system time of publication in ns.
 
     The one place that reaches below rclpy's public API, which hands messages to callbacks only:
     `rclpy.wait_for_message` of Jazzy takes them by the same handle.
@@ -35,7 +35,7 @@ class _Unserved(ReentrantCallbackGroup):
 
 class PolledTopic(Generic[Message]):
     """
-    Messages of a topic that wait in the middleware until they are taken.
+    Messages of a topic that stay in the middleware until they are polled.
 
     The executor of ROS 2 Jazzy builds its wait set anew for every message that it serves, which
     costs about 0.3 ms; taking a message costs 0.01 ms. The depth of the quality of service
@@ -64,12 +64,12 @@ class PolledTopic(Generic[Message]):
         )
 
     def take(self) -> Iterator[Message]:
-        """Take the messages that wait, in the order of their arrival."""
+        """Return the waiting messages in order of arrival."""
         for message, _ in self.take_with_source_time():
             yield message
 
     def take_with_source_time(self) -> Iterator[tuple[Message, int]]:
-        """Take the messages that wait, each with the system time of its publication in ns."""
+        """Return the waiting messages, each with its system time of publication in ns."""
         for _ in range(_LONGEST_BATCH):
             taken = _take(self._subscription, self._kind, self._raw)
             if taken is None:
@@ -77,7 +77,7 @@ class PolledTopic(Generic[Message]):
             yield taken
 
     def newest(self) -> Message | None:
-        """Take all messages that wait and return the last, None where there is none."""
+        """Discard all waiting messages but the last, and return that; None without any."""
         message = None
         for message in self.take():  # noqa: B007
             pass

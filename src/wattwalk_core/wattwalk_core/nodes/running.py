@@ -61,7 +61,7 @@ class EndSignals:
         self._reader.close()
 
     def hold(self) -> None:
-        """Let signals interrupt nothing from now on: the end takes the time it needs."""
+        """Let no further signal interrupt, so that the shutdown takes the time it needs."""
         self._idle.set()
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
@@ -82,8 +82,8 @@ def spin(node: Node, *until: Future) -> None:
     """
     Run a node's callbacks until a future is done or the context is shut down.
 
-    A node may have a method `poll`, which takes what waits at its polled topics and returns the
-    time in s until it wants to be called again. The executor, whose turns are dear on rclpy, then
+    A node may have a method `poll`, which empties its polled topics and returns the
+    time in s until it wants to be called again. The executor, whose turns are slow on rclpy, then
     serves parameters, services and timers at most 50 times a second; on ROS time it serves the
     clock in between, too.
     Errors of a callback are raised, but for a RuntimeError of a context that was shut down

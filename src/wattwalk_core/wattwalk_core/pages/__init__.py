@@ -1,1 +1,1 @@
-"""Offline HTML pages: their bones, and the looks of their plots."""
+"""Offline HTML pages: their skeleton and plot style."""

@@ -1,4 +1,4 @@
-"""Common looks of the plots on a page; colours are stand-ins for those of the page's style."""
+"""Plot style of a page; colours are placeholders for those of the page's style sheet."""
 
 from typing import Any
 
@@ -13,11 +13,11 @@ COLORS = {
         ('measured', 'base', 'better', 'third', 'text', 'faint', 'line', 'grid', 'ground'), start=1
     )
 }
-"""Stand-ins that the page replaces by its own colours, light or dark."""
+"""Placeholders that the page replaces by its colours, light or dark."""
 
 
 def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
-    """Common looks, as a plain mapping."""
+    """Return the figure as a plain mapping in the common plot style."""
     axis = {
         'gridcolor': COLORS['grid'],
         'zerolinecolor': COLORS['line'],
@@ -45,7 +45,7 @@ def finished(figure: go.Figure, *, legend: bool = False) -> Figure:
 
 
 def short(values: Any) -> Any:
-    """Four digits, None for what is not finite, so that the page stays small."""
+    """Round to four digits; None for values that are not finite."""
     if isinstance(values, np.ndarray) and values.ndim == 2:
         return [short(row) for row in values]
     return [float(f'{v:.4g}') if np.isfinite(v) else None for v in np.asarray(values).tolist()]
