@@ -132,9 +132,9 @@ def judged(bags: list[Path], log: DriveLog) -> list[str]:
         lab = Session.open(*bags)
         slow = ''
     except InputError as error:
-        if '--slow' not in str(error):
+        if '--slow-meter' not in str(error):
             raise
-        lab, slow = Session.open(*bags, slow=True), ' (`--slow`)'
+        lab, slow = Session.open(*bags, slow=True), ' (`--slow-meter`)'
     regression = expert(lab.recordings.data)
     try:
         lab = lab.fit(' '.join(log.known))

@@ -109,9 +109,9 @@ def test_a_slow_meter_is_refused_and_with_slow_judged_by_its_energy(tmp_path, ca
     assert fit(arguments) == 2
     error = capsys.readouterr().err
     assert 'changes 2 times a second' in error
-    assert '--slow' in error
+    assert '--slow-meter' in error
     assert not (tmp_path / 'no.yaml').exists()
-    model, scores = fitted(bag, tmp_path, '--slow')
+    model, scores = fitted(bag, tmp_path, '--slow-meter')
     assert copper(model) == pytest.approx(COPPER, rel=0.15)
     assert scores['total']['r2'] > 0.9
 
@@ -190,10 +190,10 @@ def test_a_recording_in_wrong_units_is_refused_with_the_line_of_the_map_that_men
     assert '\n' not in error
     assert 'power grows by 1e+03 W with each W of torque × speed' in error
     assert 'in the map: current: {unit: mA}' in error
-    assert fit([*arguments, '--anyway']) == 0
+    assert fit([*arguments, '--ignore-unit-conflicts']) == 0
     scored = [str(bag), '--models', 'plain']
     assert benchmark(scored) == 2
-    assert '--anyway judges it as it is' in capsys.readouterr().err
+    assert '--ignore-unit-conflicts judges it as it is' in capsys.readouterr().err
     assert benchmark([*scored, '--anyway']) == 0
 
 

@@ -15,12 +15,16 @@ _IMPORT_LOGS = """example:
 def add_doubts(made: argparse.ArgumentParser) -> None:
     """Recordings that are refused unless one insists."""
     made.add_argument(
+        '--slow-meter',
         '--slow',
+        dest='slow',
         action='store_true',
         help='take power that changes less than 25 times a second: judge energy over windows',
     )
     made.add_argument(
+        '--ignore-unit-conflicts',
         '--anyway',
+        dest='anyway',
         action='store_true',
         help='take signals whose units or signs contradict each other',
     )

@@ -88,7 +88,7 @@ def _import(sources: Sequence[LogSource], mapping: object, options: argparse.Nam
         print(f'next: mend what keeps it from being judged: {printable(str(error))}')
         return
     fit = f'ros2 run power_lab fit {result.path} --effects shaft,copper_loss,idle -o base.yaml'
-    print(f'next: {fit}' + (' --slow' if errors else ''))
+    print(f'next: {fit}' + (' --slow-meter' if errors else ''))
 
 
 def _list(source: LogSource) -> None:

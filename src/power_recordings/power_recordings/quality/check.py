@@ -255,7 +255,7 @@ class _Checker:
                 'error',
                 name,
                 f'its power changes {rate:.3g} times a second; a model of a joint needs '
-                f'{LEAST_UPDATES:.0f} (with --slow, energy over windows is judged)',
+                f'{LEAST_UPDATES:.0f} (with --slow-meter, energy over windows is judged)',
             )
         share = clipped(electric.current[:, column])
         if share > _CLIPPED:
@@ -344,7 +344,7 @@ class _Checker:
                 'error',
                 '',
                 f"the robot's power changes {rate:.3g} times a second; a model needs "
-                f'{LEAST_UPDATES:.0f} (with --slow, energy over windows is judged)',
+                f'{LEAST_UPDATES:.0f} (with --slow-meter, energy over windows is judged)',
             )
         return self._line(supply)
 

@@ -49,7 +49,10 @@ def _liveliest(recording: Recording) -> Recording:
 
 
 def refuse_wrong_units(
-    recording: Recording, drives: Collection[str] = (), *, overruled_by: str = '--anyway'
+    recording: Recording,
+    drives: Collection[str] = (),
+    *,
+    overruled_by: str = '--ignore-unit-conflicts',
 ) -> None:
     """InputError for drives whose signals contradict each other, with what would mend it."""
     wrong = [
@@ -76,5 +79,5 @@ def refuse_slow(recording: Recording, drives: Collection[str] = ()) -> None:
     if rate < LEAST_UPDATES:
         raise InputError(
             f'{recording.path}: the power of {meter} changes {rate:.3g} times a second; the lab '
-            f'needs {LEAST_UPDATES:.0f}. With --slow it judges the energy over windows only'
+            f'needs {LEAST_UPDATES:.0f}. With --slow-meter it judges the energy over windows only'
         )

@@ -81,8 +81,8 @@ class Commands:
         opened, more = record.opened, []
         if opened is not None:
             more += ['--drives', *opened.drives] if opened.drives else []
-            more += ['--slow'] if opened.slow else []
-            more += ['--anyway'] if opened.anyway else []
+            more += ['--slow-meter'] if opened.slow else []
+            more += ['--ignore-unit-conflicts'] if opened.anyway else []
         if record.effect_files:
             more += ['--effects-path', *map(shown_path, record.effect_files)]
         return _joined('power_lab', [*words, *more])

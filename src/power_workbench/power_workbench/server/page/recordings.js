@@ -10,8 +10,8 @@ export function update() {
     return h('li', {}, h('label', {}, h('input', { type: 'checkbox', name: 'bag', value: one.path, checked: open.has(one.path), disabled: Boolean(one.problem) }), ` ${one.name} `, h('span', { class: 'faint' }, about.join(', '))));
   });
   const options = h('details', {}, h('summary', {}, 'When a recording is refused'),
-    h('label', { class: 'row' }, h('input', { type: 'checkbox', id: 'slow' }), 'take power that changes less than 25 times a second (--slow)'),
-    h('label', { class: 'row' }, h('input', { type: 'checkbox', id: 'anyway' }), 'take signals whose units or signs contradict each other (--anyway)'));
+    h('label', { class: 'row' }, h('input', { type: 'checkbox', id: 'slow' }), 'take power that changes less than 25 times a second (--slow-meter)'),
+    h('label', { class: 'row' }, h('input', { type: 'checkbox', id: 'anyway' }), 'take signals whose units or signs contradict each other (--ignore-unit-conflicts)'));
   const choose = h('form', { onsubmit: opened },
     h('ul', { class: 'plain' }, boxes.length ? boxes : h('li', {}, 'No recording lies in the folders that were named. Start again with one: ros2 run power_workbench open bags/walk')),
     options, h('div', { class: 'row' }, h('button', { type: 'submit', class: open.size ? '' : 'main' }, open.size ? 'Open these instead' : 'Open')));
