@@ -32,8 +32,8 @@ from wattwalk_core.yaml_file import read_yaml
 PAGE = HERE.parent / 'docs' / 'results' / 'real_drives.md'
 BEGIN, END = '<!-- bench-real: begin -->', '<!-- bench-real: end -->'
 HEAD = (
-    '| log | lines edited | beside the base | R² held out | expert regression | verdict | s |',
-    '|---|---|---|---|---|---|---|',
+    '| log | lines edited | R² held out | expert regression | verdict | s |',
+    '|---|---|---|---|---|---|',
 )
 _COMPARED = ('velocity', 'torque', 'voltage', 'current', 'power', 'temperature')
 _SIMILAR = 0.01  # of scales that are the same unit
@@ -122,7 +122,8 @@ def row(name: str, log: DriveLog) -> str:
         for file in files:
             bags.append(Path(folder) / file.stem)
             import_logs([open_source(file, None)], used, f'map {log.map}', bags[-1])
-        parts = [name, lines, ', '.join(log.known[len(DriveLog.known) :]), *judged(bags, log)]
+        fitted = ' + '.join([name, *log.known[len(DriveLog.known) :]])
+        parts = [fitted, lines, *judged(bags, log)]
     return f'| {" | ".join(parts)} | {time.monotonic() - began:.0f} |'
 
 
@@ -171,7 +172,7 @@ def main() -> int:
         try:
             rows.append(row(name, DRIVE_LOGS[name]))
         except InputError as error:
-            rows.append(f'| {name} | – | – | – | – | not read: {_inline(str(error))} | – |')
+            rows.append(f'| {name} | – | – | – | not read: {_inline(str(error))} | – |')
         print(rows[-1], flush=True)
     if not options.no_write and not options.logs:
         text = PAGE.read_text('utf-8')
