@@ -12,8 +12,8 @@ from wattwalk_core.console import (
 from wattwalk_core.errors import InputError
 
 _CALIBRATE = """\
-The analyser's CSV may have any dialect, 20 Hz to 1 MHz, and seconds, dates or an epoch on a clock
-of its own. It is aligned with the recording by correlation: the motion has to begin, end or vary
+The analyser's CSV may have any dialect, 20 Hz to 1 MHz, and seconds, dates or an epoch on any
+clock. It is aligned with the recording by correlation: the motion has to begin, end or vary
 within both. Columns are identified by their heads, or by --columns.
 
 examples:
@@ -30,9 +30,9 @@ def calibrate(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Arguments of calibrate."""
     parser = command_parser(
         'power_calibration calibrate',
-        'Compare one drive of a recording with the log of a certified power analyser: '
-        'align the two, fit gain and offset of voltage and current with intervals, state the '
-        'bandwidth, and write the file that the DAQ node applies.',
+        'Compare one drive of a recording with the log of a certified power analyser. Fits '
+        'gain and offset of voltage and current with intervals, states the bandwidth, and writes '
+        'the file that the DAQ node applies.',
         _CALIBRATE,
     )
     add = parser.add_argument

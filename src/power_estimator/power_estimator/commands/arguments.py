@@ -70,9 +70,9 @@ def distil(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Arguments of distil."""
     parser = command_parser(
         'power_estimator distil',
-        'Train a small network on the outputs of a trained one, and set both side by '
-        'side: R² against the measured power, and what a policy step of 20 ms costs with many '
-        'robots at once. The result is a run folder like any other.',
+        'Train a small network on the outputs of a trained one, and compare their R² and '
+        'their cost per policy step of 20 ms with many robots. The result is a run folder like '
+        'any other.',
         'example: ros2 run power_estimator distil runs/paper bags/paper/* -o runs/small '
         '--hidden 32',
     )

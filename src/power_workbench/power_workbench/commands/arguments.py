@@ -42,7 +42,7 @@ def open(args: Sequence[str] | None = None) -> argparse.Namespace:
         raise InputError(f'--port {options.port}: it must lie in 0..65535')
     if options.host and not options.token:
         raise InputError(
-            f'--host {options.host}: others could reach the page; give a --token of your own '
+            f'--host {options.host}: others could reach the page; give a --token '
             'with it, or leave --host out'
         )
     if options.token is not None and (

@@ -64,10 +64,10 @@ def bench(args: Sequence[str] | None = None) -> argparse.Namespace:
 _RECORD = """\
 sets:
   paper       HAA, HFE, KFE: ten minutes each with one drive of that type metered, on rough
-              ground (±2 cm, slopes to 2 %) and pushed (Section II-A)
-  ageing      a unit that ages day by day, by the plan of --plan FILE.yaml
+              ground (±2 cm, slopes to 2 %) and pushed (Section II-A).
+  ageing      a unit that ages day by day, by the plan of --plan FILE.yaml.
   robustness  trot_slow, trot_high, unit: 150 s each of other gaits and of another unit of the
-              robot on level ground, all drives metered (Section III-B)
+              robot on level ground, all drives metered (Section III-B).
 
 All walk by random velocity commands, side by side, one to a core. A seed belongs to a recording:
 it does not depend on the number of workers. Recordings that are there already are kept; what was
@@ -105,10 +105,10 @@ def record(args: Sequence[str] | None = None) -> argparse.Namespace:
 
 _SIM = """\
 Without --offline this is the node `sim_bridge`: the plant in real time behind a CAN bus. Its
-settings are ROS parameters: plant, unit, terrain, seed, world (anymal_c or bench), joint, inertia,
-mass and length of the pendulum that the bench's drive swings,
-interface (unixsocket, virtual, socketcan), channel, dbc, mapping, publish_clock, reset_after_fall,
-push_velocity, push_direction. Services: push, reset.
+settings are ROS parameters: plant, unit, terrain, seed, world (anymal_c or bench), publish_clock,
+reset_after_fall, push_velocity, push_direction. Of the bus: interface (unixsocket, virtual,
+socketcan), channel, dbc, mapping. Of the bench: joint, and inertia, mass and length of the
+pendulum that it swings. Services: push, reset.
 
 examples:
   ros2 run sim_bridge sim --ros-args -p channel:=/tmp/wattwalk.sock
