@@ -11,7 +11,7 @@ IN_WORDS = {
     'iron_loss': 'iron loss',
     'inverter_loss': 'inverter loss',
     'idle': 'idle draw',
-    'regeneration_efficiency': 'losses on the way back (regeneration efficiency)',
+    'regeneration_efficiency': 'regeneration loss',
     'regeneration_limit': 'blocked regeneration',
     'field_weakening': 'field weakening',
     'rotor_inertia': 'rotor inertia',
@@ -20,6 +20,35 @@ IN_WORDS = {
     'line_resistance': 'line resistance',
     'torque_bias': "a constant torque (the torque sensor's zero, or friction in one direction)",
 }
+
+_COEFFICIENTS = {
+    ('copper_loss', 'k'): 'loss per torque²',
+    ('winding_heating', 'c'): 'growth with temperature',
+    ('winding_heating', 'c0'): 'warmth at the start',
+    ('viscous_friction', 'B'): 'friction per speed',
+    ('coulomb_friction', 'Tc'): 'friction torque',
+    ('stribeck_friction', 'Ts'): 'torque to break away',
+    ('load_friction', 'c'): 'share of the load',
+    ('iron_loss', 'h'): 'hysteresis',
+    ('iron_loss', 'e'): 'eddy currents',
+    ('inverter_loss', 'a'): 'conduction',
+    ('inverter_loss', 's'): 'switching',
+    ('idle', 'P0'): 'power at rest',
+    ('regeneration_efficiency', '1 − eta'): 'share lost',
+    ('regeneration_limit', 'b'): 'share burnt',
+    ('field_weakening', 'c'): 'loss beyond base speed',
+    ('rotor_inertia', 'J'): 'inertia',
+    ('spring', '1/ks'): 'compliance',
+    ('cogging', 'A·cos(phase)'): 'cosine part',
+    ('cogging', 'A·sin(phase)'): 'sine part',
+    ('line_resistance', 'Rl'): 'resistance',
+    ('torque_bias', 'b'): 'torque',
+}
+
+
+def coefficient_in_words(effect: str, symbol: str) -> str:
+    """A coefficient of an effect in everyday words, its symbol where there are none."""
+    return _COEFFICIENTS.get((effect, symbol), symbol)
 
 
 def in_words(name: str) -> str:

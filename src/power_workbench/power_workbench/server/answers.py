@@ -12,6 +12,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_lab.structure.words import in_words
 from wattwalk_core.errors import InputError
+from wattwalk_core.yaml_file import read_yaml
 
 from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.sessions.steps import SessionRecord, SessionStep
@@ -56,9 +57,11 @@ def state(session: WorkbenchSession) -> dict[str, Any]:
             {'file': file, 'allowed': file in session.approved} for file in record.effect_files
         ],
         'model': None if view is None else view.model,
+        'before': coefficients_before(session),
         'model_file': record.shaped.model if record.shaped else '',
         'view': None if view is None else _view(view),
         'stairs': _stairs(record),
+        'budget': budget_state(session),
         'diagnosis': None if found is None else found.content,
         'previews': [] if found is None else list(found.explained),
         'log': session.log.get('turn'),
@@ -72,10 +75,36 @@ def state(session: WorkbenchSession) -> dict[str, Any]:
     }
 
 
-def _commands(session: WorkbenchSession, record: SessionRecord) -> dict[str, str]:
-    if record.opened is None or not session.spec:
+def budget_state(session: WorkbenchSession) -> dict[str, Any]:
+    """Of the budget what changes the page: its sentence, or its error; empty until it is known."""
+    found = session.budget or {}
+    return {name: found[name] for name in ('headline', 'origin', 'chosen', 'error') if name in found}
+
+
+def coefficients_before(session: WorkbenchSession) -> dict[str, Any]:
+    """Coefficients that the last added or removed effects have changed, by effect and group."""
+    shaped = [step for step in session.record.done if step.kind in ('load', 'fit', 'add', 'remove')]
+    if len(shaped) < 2 or shaped[-1].kind not in ('add', 'remove') or not shaped[-2].model:
         return {}
+    found: dict[str, Any] = {}
+    try:
+        groups = read_yaml(session.folder / shaped[-2].model, 'model')['drives']
+    except (InputError, KeyError):
+        return {}
+    for group, own in groups.items():
+        for effect, values in own['coefficients'].items():
+            found.setdefault(effect, {})[group] = values
+    return found
+
+
+def _commands(session: WorkbenchSession, record: SessionRecord) -> dict[str, str]:
+    if record.opened is None:
+        return {}
+    budget = {'budget': session.commands.budget(record)}
+    if not session.spec:
+        return budget
     return {
+        **budget,
         'compare': session.commands.compare(record),
         'diagnose': session.commands.diagnose(record),
         'report': session.commands.diagnose(record, '--report', 'why.html'),

@@ -146,6 +146,7 @@ def application(manager: SessionManager) -> Starlette:
             Route(f'{here}/live', live),
             Route(f'{here}/traces', of_session(_traces)),
             Route(f'{here}/log', of_session(lambda session, _: dict(session.log))),
+            Route(f'{here}/budget', of_session(lambda session, _: dict(session.budget or {}))),
             Route(f'{here}/strip', of_session(_strip)),
             Route(f'{here}/map', of_session(_map)),
             Route(f'{here}/preview', of_session(_preview)),

@@ -7,7 +7,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.loader import load_model
-from power_lab.structure.words import in_words
+from power_lab.structure.words import coefficient_in_words, in_words
 from power_recordings.quality.check import check_recording
 from power_recordings.reading.reader import Recording
 
@@ -32,6 +32,7 @@ def described_model(spec: str, catalogue: Catalogue) -> dict[str, Any]:
                     {
                         'group': group.type.name,
                         'symbol': term.symbol,
+                        'words': coefficient_in_words(active.name, term.symbol),
                         'unit': term.unit,
                         'value': value.value,
                         'interval': list(value.interval),

@@ -50,10 +50,11 @@ class JobRunner:
     One worker process, one job at a time.
 
     The listener is called in a thread of its own with (job, kind, content) for every message; a
-    cancelled job's messages are dropped with its process, and the next job starts a fresh one.
+    cancelled job's messages are dropped with its process, and the next job starts a fresh one. What
+    is requested `beside` the jobs is told without one.
     """
 
-    def __init__(self, listener: Callable[[SessionJob, str, Any], None]) -> None:
+    def __init__(self, listener: Callable[[SessionJob | None, str, Any], None]) -> None:
         self._listener = listener
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
@@ -85,6 +86,13 @@ class JobRunner:
             self.job = SessionJob(name)
             self._pipe.send((request, dict(arguments)))
             return self.job
+
+    def beside(self, request: str, arguments: Mapping[str, Any]) -> None:
+        """Request what the worker does while jobs run."""
+        with self._lock:
+            self._start()
+            assert self._pipe is not None
+            self._pipe.send((request, dict(arguments)))
 
     def cancel(self) -> None:
         """End the job with its process; what it had loaded is loaded again by the next one."""
@@ -149,15 +157,17 @@ class JobRunner:
 
     def _heard(self, pipe: Connection, kind: str, content: Any) -> None:
         with self._lock:
-            job = self.job
-            if pipe is not self._pipe or job is None or job.state != 'running':
+            job = None if kind == 'budget' else self.job
+            if pipe is not self._pipe or (kind != 'budget' and not self.busy):
                 return
-            if kind == 'progress':
+            if job is None:
+                pass
+            elif kind == 'progress':
                 job.stage = str(content)
             elif kind == 'done':
                 job.state, job.result = 'done', content
             elif kind in ('error', 'failed'):
                 job.state, job.error = 'error', str(content)
-            if job.state != 'running':
+            if job is not None and job.state != 'running':
                 job.ended = time.monotonic()
         self._listener(job, kind, content)

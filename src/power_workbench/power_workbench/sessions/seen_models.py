@@ -14,11 +14,12 @@ _KEPT = 4  # views
 
 @dataclass
 class SeenModels:
-    """Views of the last models, and the last diagnosis and result of `discover`."""
+    """Views and budgets of the last models, the last diagnosis and result of `discover`."""
 
     views: dict[Key, PowerView] = field(default_factory=dict)
     found: dict[Key, Findings] = field(default_factory=dict)
     learned: dict[Key, Mapping[str, Any]] = field(default_factory=dict)
+    budgets: dict[Key, Mapping[str, Any]] = field(default_factory=dict)
     lines: dict[Source, list[Mapping[str, Any]]] = field(default_factory=dict)
 
     def keep(self, key: Key, view: PowerView) -> None:
@@ -27,6 +28,12 @@ class SeenModels:
         while len(self.views) >= _KEPT:
             self.views.pop(next(iter(self.views)))
         self.views[key] = view
+
+    def keep_budget(self, key: Key, budget: Mapping[str, Any]) -> None:
+        """Keep a budget as the latest; the eldest gives way."""
+        while len(self.budgets) >= _KEPT:
+            self.budgets.pop(next(iter(self.budgets)))
+        self.budgets[key] = budget
 
     def keep_line(self, source: Source, line: Mapping[str, Any]) -> None:
         """Keep the error of another model on recordings, in place of a former one."""

@@ -3,6 +3,7 @@
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,7 @@ class WorkbenchSession:
         self._seen = SeenModels()
         self._cache = OpenedCache(None) if cache is None else cache
         self._partial: PowerView | None = None
+        self._accounting: tuple[Key, int | None] | None = None  # by which worker
 
     @property
     def source(self) -> Source:
@@ -93,6 +95,12 @@ class WorkbenchSession:
         """The diagnosis of the present model."""
         key = self._key()
         return self._seen.found.get(key) if key else None
+
+    @property
+    def budget(self) -> Mapping[str, Any] | None:
+        """Where the power goes by the present model, None until it is known."""
+        key = self._key()
+        return self._seen.budgets.get(key) if key else None
 
     @property
     def learned(self) -> Mapping[str, Any] | None:
@@ -307,7 +315,10 @@ class WorkbenchSession:
     def _refresh(self) -> None:
         """Judge the present model again where its view is not kept."""
         key = self._key()
-        if key is None or key in self._seen.views:
+        if key is None:
+            return
+        if key in self._seen.views:
+            self._account()
             return
         try:
             source = self.source
@@ -337,15 +348,30 @@ class WorkbenchSession:
         assert key is not None
         self._seen.keep(key, view)
         self._partial = None
+        self._account()
 
-    def _heard(self, job: SessionJob, kind: str, content: Any) -> None:
+    def _account(self) -> None:
+        """Have the budget of the present model worked out while other work goes on."""
+        key = self._key()
+        if key is None or key in self._seen.budgets:
+            return
+        if (key, self.runner.pid) == self._accounting:
+            return
+        with suppress(InputError):
+            self.runner.beside('budget', {'source': self.source, 'spec': key[1]})
+            self._accounting = key, self.runner.pid
+
+    def _heard(self, job: SessionJob | None, kind: str, content: Any) -> None:
         """Take a message of the worker, in the thread of the runner."""
         with self._lock:
-            if kind == 'view':
+            if job is None:
+                self._seen.keep_budget((content['source'], content['spec']), content['content'])
+            elif kind == 'view':
                 self._partial = content
             elif kind == 'cancelled':
                 self._step = self._task = None
                 self.error = 'cancelled'
+                self._account()
             elif kind in ('error', 'failed'):
                 self._failed(job.error)
             elif kind == 'done':

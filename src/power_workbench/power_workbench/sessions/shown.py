@@ -49,6 +49,12 @@ class Commands:
         model = spec or self._spec(record.spec(self._folder))
         return self._power_lab(record, ['compare', *self._bags(record), '--models', model])
 
+    def budget(self, record: SessionRecord) -> str:
+        """The command that accounts for the power."""
+        spec = record.spec(self._folder)
+        model = ['--model', self._spec(spec)] if spec.endswith(('.yaml', '.yml')) else []
+        return self._power_lab(record, ['budget', *self._bags(record), *model])
+
     def diagnose(self, record: SessionRecord, *more: str) -> str:
         """The command that finds out which effect the present model misses."""
         model = self._spec(record.spec(self._folder))

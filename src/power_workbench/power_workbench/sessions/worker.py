@@ -1,16 +1,20 @@
 """Heavy work of a session, done in its own process by the functions that the commands call."""
 
+import threading
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from power_estimator.effects import Catalogue, load_catalogue
+from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model
 from power_estimator.effects.training import LEAST_TO_FIT, material
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_estimator.loader import load_model
+from power_lab.budget.tables import headline
 from power_lab.challenge.bench_run import record_on_bench, shortened
 from power_lab.compare.comparison import compare
 from power_lab.session import Session
@@ -48,6 +52,7 @@ class SessionWorker:
         self._cache = OpenedCache(None) if cache is None else cache
         self._opened: Source | None = None
         self._loaded: Loaded | None = None
+        self._reading = threading.RLock()
         self._outcome: tuple[Source, str, Outcome] | None = None
 
     @staticmethod
@@ -135,6 +140,32 @@ class SessionWorker:
         if part is not None:
             explained = {name: part.everywhere(own) for name, own in explained.items()}
         return Findings(content, explained)
+
+    def budget(self, source: Source, spec: str) -> dict[str, Any]:
+        """
+        Where the power goes by the present model, or by one that is chosen where it has no effects.
+
+        Runs in a thread of its own beside the other requests.
+        """
+        from power_lab.report.budget_figures import FAMILIES  # slow to import: plots
+
+        key = {'source': source, 'spec': spec}
+        try:
+            lab = Session(Judge(self._load(lambda *_: None, source), source.catalogue()))
+            own = lab.load(spec) if spec else lab
+            found = (own if isinstance(own.given, EffectModel) else lab).budget()
+        except InputError as error:
+            return {**key, 'content': {'error': str(error)}}
+        except Exception as error:
+            traceback.print_exc()
+            return {**key, 'content': {'error': f'{type(error).__name__}: {error}'}}
+        families = [
+            {'name': name, 'words': words, 'color': color, 'effects': effects}
+            for name, (words, color, effects) in FAMILIES.items()
+        ]
+        more = {'headline': headline(found.account), 'origin': found.origin, 'families': families}
+        content = {**found.json(), **more, 'robot': found.account.first, 'refused': found.refused}
+        return {**key, 'content': content}
 
     def report(self, show: Show, source: Source, spec: str, output: Path) -> str:
         """Write the page of the diagnosis; return its name."""
@@ -224,21 +255,22 @@ class SessionWorker:
         return outcome
 
     def _load(self, show: Show, source: Source) -> Loaded:
-        if self._loaded is None or self._opened != source.unchecked:
-            self._loaded = self._outcome = self._opened = None
-            loaded = self._cache.loaded(self._cache.key(source))
-            if loaded is None:
-                show('progress', 'reading the recordings')
-                paths = [Path(path) for path in source.recordings]
-                loaded = load(paths, source.drives, slow=source.slow, anyway=source.anyway)
-            self._loaded, self._opened = loaded, source.unchecked
-        known = tuple(one['sha256'] for one in self._loaded.identities)
-        if source.sha256 and source.sha256 != known:
-            raise InputError(
-                f'{", ".join(source.recordings)}: these are not the recordings that the session '
-                'was made on (another sha256); open them anew'
-            )
-        return self._loaded
+        with self._reading:
+            if self._loaded is None or self._opened != source.unchecked:
+                self._loaded = self._outcome = self._opened = None
+                loaded = self._cache.loaded(self._cache.key(source))
+                if loaded is None:
+                    show('progress', 'reading the recordings')
+                    paths = [Path(path) for path in source.recordings]
+                    loaded = load(paths, source.drives, slow=source.slow, anyway=source.anyway)
+                self._loaded, self._opened = loaded, source.unchecked
+            known = tuple(one['sha256'] for one in self._loaded.identities)
+            if source.sha256 and source.sha256 != known:
+                raise InputError(
+                    f'{", ".join(source.recordings)}: these are not the recordings that the session '
+                    'was made on (another sha256); open them anew'
+                )
+            return self._loaded
 
     def _judged(self, show: Show, source: Source, loaded: Loaded, spec: str) -> PowerView:
         show('progress', 'comparing the model with the measurement')

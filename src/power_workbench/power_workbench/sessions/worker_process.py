@@ -19,21 +19,31 @@ def main(descriptor: int) -> None:
     Answer requests (name, arguments) in turn with messages (kind, content).
 
     Kinds: `progress` a text, `view` a view before the end, `done` the result, `error` a line for
-    the user, `failed` a traceback. Ends with the other end of the pipe, at once.
+    the user, `failed` a traceback; `budget` an energy budget, which is worked out beside the other
+    requests. Ends with the other end of the pipe, at once.
     """
     os.nice(_NICER)
     pipe = Connection(descriptor)
     waiting: SimpleQueue[Any] = SimpleQueue()
-    threading.Thread(target=_receive, args=(pipe, waiting), daemon=True).start()
+    budgets: SimpleQueue[Any] = SimpleQueue()
+    threading.Thread(target=_receive, args=(pipe, waiting, budgets), daemon=True).start()
 
     from power_workbench.sessions.opened_cache import OpenedCache  # slow to import
     from power_workbench.sessions.worker import SessionWorker
 
     worker = SessionWorker(OpenedCache.usual())
 
-    def show(kind: str, content: Any) -> None:
-        pipe.send((kind, content))
+    one_at_a_time = threading.Lock()
 
+    def show(kind: str, content: Any) -> None:
+        with one_at_a_time:
+            pipe.send((kind, content))
+
+    def account() -> None:
+        while True:
+            show('budget', worker.budget(**_latest(budgets)))
+
+    threading.Thread(target=account, daemon=True).start()
     name, arguments = waiting.get()
     _answer(show, getattr(worker, name), arguments)
     threading.Thread(target=worker.prepare, daemon=True).start()
@@ -54,11 +64,24 @@ def _answer(show: Callable[[str, Any], None], function: Any, arguments: Any) -> 
         show('failed', f'{type(error).__name__}: {error}')
 
 
-def _receive(pipe: Connection, waiting: 'SimpleQueue[Any]') -> None:
+def _latest(requests: 'SimpleQueue[Any]') -> Any:
+    found = requests.get()
+    while not requests.empty():
+        found = requests.get()
+    return found
+
+
+def _receive(
+    pipe: Connection, waiting: 'SimpleQueue[Any]', budgets: 'SimpleQueue[Any]'
+) -> None:
     """Pass requests on; the process ends as soon as nobody is there for its answers."""
     try:
         while True:
-            waiting.put(pipe.recv())
+            name, arguments = pipe.recv()
+            if name == 'budget':
+                budgets.put(arguments)
+            else:
+                waiting.put((name, arguments))
     except (EOFError, OSError):
         os._exit(0)
 

@@ -1,6 +1,7 @@
 // The page: one session, asked for news, drawn part by part.
 
-import { ask, attempt, bench, find, fill, h, post, tell } from './dom.js';
+import { ask, attempt, bench, find, fill, h, plural, post, tell } from './dom.js';
+import * as budget from './budget.js';
 import * as logs from './logs.js';
 import * as live from './live.js';
 import * as keep from './keep.js';
@@ -8,53 +9,57 @@ import * as missing from './missing.js';
 import * as model from './model.js';
 import * as next from './next.js';
 import * as recordings from './recordings.js';
+import * as summary from './summary.js';
 import * as traces from './traces.js';
 import * as where from './where.js';
 
 const STEPS = [
-  ['recordings', 'Recordings', (s) => s.opened.length > 0],
-  ['model', 'Model', (s) => Boolean(s.model)],
-  ['where', 'Where it fails', (s) => Boolean(s.model && (bench.choice || s.diagnosis || s.stairs.length > 1))],
-  ['missing', 'What is missing', (s) => Boolean(s.diagnosis)],
-  ['stairs', 'The error falls', (s) => s.stairs.length > 1],
-  ['keep', 'Keep', () => false],
+  ['budget', 'Budget'], ['recordings', 'Recordings'], ['model', 'Model'], ['traces', 'Measured against model'], ['where', 'Where it fails'],
+  ['missing', 'What is missing'], ['stairs', 'Error'], ['next', 'Record next'], ['keep', 'Keep'],
 ];
 
-function hint(s) {
-  if (s.job) return 'Work is under way; you can look around meanwhile.';
-  if (!s.opened.length) return 'First, open a recording below.';
-  if (!s.model) return 'Next, fit a first model of the effects that you are sure of.';
-  if (!s.diagnosis && s.stairs.length < 2) return 'Next, look where the model fails, then press “Find what is missing”.';
-  if (!s.diagnosis) return 'The error after the last step is in “The error falls”. Press “Find what is missing” again to see whether anything is left.';
-  const named = s.diagnosis.effects.length;
-  if (s.diagnosis.verdict === 'named' && named) return 'The verdict names an effect. Add it, and watch the error fall.';
-  if (s.diagnosis.verdict === 'no_evidence') return 'Nothing is missing that this recording could show. Keep the model, or record what is proposed.';
-  if (s.diagnosis.verdict === 'none_of_the_above' && s.learned) return s.learned.file ? 'discover has written an effect of your own. Look at its shape, run the file, and add it.' : 'Neither the catalogue nor discover explains the rest: keep the model, or record what is proposed.';
-  if (s.diagnosis.verdict === 'none_of_the_above') return 'No effect of the catalogue explains what is left. Press “Discover what no catalogue has” under the candidates.';
-  return 'The verdict is not certain. Compare the candidates, or record what is proposed.';
+/** Steps that collapse once they are done: whether they are, and what their line says then. */
+const COLLAPSE = [
+  ['recordings', (s) => s.opened.length > 0 && Boolean(s.view), (s) => s.recordings.map((one) => `${one.name}, ${one.seconds.toFixed(0)} s, ${plural(one.drives.length, 'drive')}${one.findings.length + one.problems.length ? `, ${plural(one.findings.length + one.problems.length, 'remark')}` : ''}`).join(' · ')],
+  ['model', (s) => Boolean(s.model), (s) => (s.model ? s.model.effects.map((one) => one.words).join(', ') || s.model.name : '')],
+  ['next', (s) => !(s.diagnosis && s.diagnosis.verdict === 'ambiguous'), (s) => (s.diagnosis ? `${Math.round(s.diagnosis.next_recording.seconds)} s ${s.diagnosis.next_recording.reason.split(';')[0]}` : '')],
+  ['keep', () => true, (s) => `${plural(s.files.length, 'file')}: session, models, reports, commands`],
+];
+const collapsed = {};
+
+function collapse(s) {
+  for (const [id, done, digest] of COLLAPSE) {
+    const [node, now] = [find(id).querySelector('details'), done(s)];
+    node.querySelector('.digest').textContent = now ? digest(s) : '';
+    if (collapsed[id] !== now) node.open = !now;
+    collapsed[id] = now;
+  }
 }
 
 /** Parts of the state that a section depends on, so that the rest of the page stays as it is. */
 const PARTS = [
+  [(s) => [s.opened, s.view, s.model, s.budget, s.diagnosis, s.learned, s.commands, Boolean(s.job)], () => summary.update()],
+  [(s) => [s.budget, s.at, s.opened, Boolean(s.view)], (s) => { if (s.view) budget.update(); else find('budget').hidden = true; }],
   [(s) => [s.opened, s.recordings], () => recordings.update()],
   [(s) => [s.opened.length, s.model, s.steps, s.at, s.effect_files], () => model.update()],
   [(s) => [s.log, s.made, Boolean(s.job)], () => logs.update()],
   [(s) => [s.model && s.model.name, s.opened.length], () => live.update()],
   [(s) => [s.view, s.at, s.opened], (s) => {
     for (const id of ['traces', 'where']) find(id).hidden = !s.view || (id === 'where' && !s.view.scores);
+    const columns = s.view && s.view.scores ? 'two' : '';
+    const turned = find('loop').className !== columns;
+    find('loop').className = columns;
     bench.selection = bench.choice = bench.preview = null;
     if (s.view) traces.update();
     if (s.view && s.view.scores) where.update();
+    if (turned) window.dispatchEvent(new Event('resize'));
   }],
-  [(s) => [s.diagnosis, s.model, s.commands, s.learned, s.effect_files, Boolean(s.job)], (s) => {
-    find('missing').hidden = !s.model;
-    if (s.model) missing.update();
-  }],
+  [(s) => [s.diagnosis, s.model, s.commands, s.learned, s.effect_files, Boolean(s.job)], () => missing.update()],
   [(s) => [s.diagnosis, s.made, s.commands, Boolean(s.job)], (s) => {
     find('next').hidden = !s.diagnosis || !s.model;
     if (s.diagnosis && s.model) next.update();
   }],
-  [(s) => [s.stairs, s.view && s.view.noise_w, s.lines], (s) => {
+  [(s) => [s.stairs, s.view && s.view.noise_w, s.lines, s.model, s.before], (s) => {
     find('stairs').hidden = !s.stairs.length || !s.view;
     if (s.stairs.length && s.view) missing.stairs();
   }],
@@ -62,6 +67,7 @@ const PARTS = [
     find('keep').hidden = !s.model;
     if (s.model) keep.update();
   }],
+  [(s) => [s.opened, s.view && s.view.seconds, s.model, s.diagnosis, s.recordings, s.files], collapse],
 ];
 const before = PARTS.map(() => '');
 
@@ -72,6 +78,7 @@ function keepingFocus(work) {
   work();
   if (!section || held.isConnected || section.hidden) return;
   const heading = section.querySelector('h2');
+  if (!heading) return;
   heading.tabIndex = -1;
   heading.focus({ preventScroll: true });
 }
@@ -80,7 +87,6 @@ function render(s) {
   bench.state = s;
   find('undo').disabled = !s.at || Boolean(s.job);
   find('redo').disabled = s.at >= s.steps.length || Boolean(s.job);
-  find('hint').textContent = hint(s);
   find('job').hidden = !s.job;
   if (s.job) { bench.since = performance.now() - 1000 * s.job.seconds; ticking(); }
   if (s.error) tell(s.error === 'cancelled' ? 'Cancelled.' : s.error);
@@ -90,8 +96,10 @@ function render(s) {
     before[index] = now;
     keepingFocus(() => draw(s));
   });
-  const current = STEPS.find(([, , done]) => !done(s));
-  fill(find('steps'), h('ol', {}, STEPS.map(([id, label, done]) => h('li', { class: done(s) ? 'done' : current && current[0] === id ? 'now' : '' }, h('a', { href: `#${id}` }, label)))));
+  const shown = STEPS.filter(([id]) => !find(id).hidden);
+  const links = shown.map(([id]) => id).join();
+  if (find('steps').dataset.links !== links) fill(find('steps'), h('ol', {}, shown.map(([id, label]) => h('li', {}, h('a', { href: `#${id}` }, label)))));
+  find('steps').dataset.links = links;
   document.body.dataset.revision = s.revision;
 }
 
@@ -126,7 +134,7 @@ async function earlier() {
   const others = sessions.filter((one) => one.name !== bench.session).slice(0, 8);
   if (!others.length) return;
   const go = (name) => { sessionStorage.setItem('session', name); location.reload(); };
-  find('recordings-body').after(h('details', { id: 'earlier' }, h('summary', {}, `Earlier sessions (${others.length})`),
+  find('recordings').append(h('details', { id: 'earlier' }, h('summary', {}, `Earlier sessions (${others.length})`),
     h('ul', { class: 'plain' }, others.map((one) => h('li', {}, h('button', { type: 'button', class: 'link', onclick: () => go(one.name) }, `${one.name}: ${one.recordings.join(', ')}, ${one.steps} steps${one.effects.length ? `, added ${one.effects.join(', ')}` : ''}`))))));
 }
 
@@ -145,6 +153,17 @@ async function begin() {
   await earlier();
 }
 
+/** Live is a mode of its own: the recordings and all that belongs to them step back. */
+function mode(live) {
+  find('live').hidden = !live;
+  find('bench').hidden = find('steps').hidden = live;
+  find('mode').textContent = live ? 'Recordings' : 'Live';
+  find('mode').setAttribute('aria-pressed', String(live));
+  window.dispatchEvent(new Event('resize'));
+}
+
+find('mode').addEventListener('click', () => mode(find('live').hidden));
+document.addEventListener('toggle', (event) => { if (event.target.open && event.target.querySelector('.plot')) window.dispatchEvent(new Event('resize')); }, true);
 find('undo').addEventListener('click', () => attempt(() => post('go', { at: bench.state.at - 1 })));
 find('redo').addEventListener('click', () => attempt(() => post('go', { at: bench.state.at + 1 })));
 find('cancel').addEventListener('click', () => attempt(() => post('cancel')));

@@ -6,7 +6,8 @@ import { color, draw } from './plot.js';
 export function section() {
   const { state } = bench;
   const found = state.learned;
-  const begin = h('button', { type: 'button', disabled: Boolean(state.job), onclick: () => attempt(() => post('discover')) }, found ? 'Discover again' : 'Discover what no catalogue has');
+  const offered = !found && state.diagnosis && state.diagnosis.verdict === 'none_of_the_above'; // by the headline
+  const begin = offered ? null : h('button', { type: 'button', disabled: Boolean(state.job), onclick: () => attempt(() => post('discover')) }, found ? 'Discover again' : 'Discover what no catalogue has');
   const words = h('p', { class: 'faint' }, 'Where no effect of the catalogue fits, discover learns the shape of what is missing and writes it down as an effect of your own.');
   if (!found) return h('div', {}, h('h3', {}, 'Not in the catalogue?'), words, h('div', { class: 'row' }, begin), command(state.commands.discover));
   const figures = found.shapes.map((shape) => h('figure', { class: 'shape' }, h('figcaption', {}, `${shape.drive}: ${shape.formula}`), h('div', { class: 'plot low', 'data-shape': `${shape.name} ${shape.drive}` })));

@@ -15,12 +15,12 @@ export function h(tag, attributes = {}, ...children) {
     else if (value === true) node.setAttribute(name, '');
     else if (value !== false && value != null) node.setAttribute(name, value);
   }
-  for (const child of children.flat()) if (child != null) node.append(child);
+  for (const child of children.flat(Infinity)) if (child != null) node.append(child);
   return node;
 }
 
 export function fill(node, ...children) {
-  node.replaceChildren(...children.flat().filter((child) => child != null));
+  node.replaceChildren(...children.flat(Infinity).filter((child) => child != null));
 }
 
 const root = () => `/api/sessions/${bench.session}`;
@@ -84,12 +84,57 @@ export async function attempt(work) {
 
 export const take = (step) => attempt(() => post('step', step));
 
-export function watts(value) {
+/** Three digits; very large and small ones with a power of ten. */
+export function number(value) {
   if (value == null) return '–';
-  return `${Number(value).toPrecision(3)} W`;
+  const short = Number(Number(value).toPrecision(3));
+  if (short === 0 || (Math.abs(short) >= 1e-3 && Math.abs(short) < 1e5)) return short.toString().replace('-', '−');
+  const [digits, power] = short.toExponential().split('e');
+  return `${digits}·10${[...power.replace('+', '')].map((one) => '⁰¹²³⁴⁵⁶⁷⁸⁹⁻'['0123456789-'.indexOf(one)]).join('')}`.replace('-', '−');
 }
 
-export const number = (value) => (value == null ? '–' : Number(Number(value).toPrecision(3)).toString());
+const PREFIXES = [[1e9, 'G'], [1e6, 'M'], [1e3, 'k'], [1, ''], [1e-3, 'm'], [1e-6, 'µ']];
+
+/** Factor and unit with the prefix that suits a value; units of one symbol take prefixes. */
+export function scaled(value, unit) {
+  const shown = unit === '1' ? '' : (unit || '').replace('ohm', 'Ω');
+  const size = Math.abs(value);
+  if (!size || !/^(W|A|V|s|Hz|Ω|J|N·m|m)(?![a-z])/.test(shown)) return [1, shown];
+  const [by, letter] = PREFIXES.find(([least]) => size >= 0.9995 * least) || PREFIXES[PREFIXES.length - 1];
+  return [by, letter + shown];
+}
+
+export function quantity(value, unit = '') {
+  if (value == null) return '–';
+  const [by, shown] = scaled(value, unit);
+  return `${number(value / by)} ${shown}`.trim();
+}
+
+/** W, in mW and kW only where three digits of W would be too few or too many. */
+export const watts = (value) => (value != null && Math.abs(value) >= 0.1 && Math.abs(value) < 1e4 ? `${number(value)} W` : quantity(value, 'W'));
+
+export const percent = (share) => (share == null ? '–' : `${(100 * share).toFixed(Math.abs(share) < 0.0995 || (Math.abs(share) > 0.95 && Math.abs(share) < 0.9995) ? 1 : 0)} %`.replace('-', '−'));
+
+export const plural = (count, word) => `${count} ${word}${count === 1 ? '' : 's'}`;
+
+const WIDE = 132; // px of a whisker, 18 high
+
+/** A value with its interval as a whisker on the scale of a range that holds 0. */
+export function whisker(value, [low, high], [from, to], unit) {
+  const span = to - from || 1;
+  const at = (x) => 4 + ((WIDE - 8) * (Math.min(Math.max(x, from), to) - from)) / span;
+  const [by, shown] = scaled(Math.max(Math.abs(low), Math.abs(high)), unit);
+  const text = `${number(low / by)} … ${number(high / by)} ${shown}`.trim();
+  const node = h('span', { class: 'whisker', role: 'img', 'aria-label': `interval ${text}`, title: text });
+  node.innerHTML = `<svg viewBox="0 0 ${WIDE} 18" width="${WIDE}" height="18"><path class="zero" d="M${at(0)} 1V17"/><path d="M${at(low)} 9H${at(high)}M${at(low)} 5V13M${at(high)} 5V13"/><circle cx="${at(value)}" cy="9" r="3.5"/></svg>`;
+  return node;
+}
+
+export function download(name, text) {
+  const address = URL.createObjectURL(new Blob([text], { type: 'text/csv' }));
+  h('a', { href: address, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(address), 1000);
+}
 
 export function command(text) {
   if (!text) return null;

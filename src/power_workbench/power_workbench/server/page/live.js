@@ -1,6 +1,7 @@
 // Live: measured power, the model's estimate and their difference while nodes run; notes.
 
 import { attempt, bench, choices, fill, find, h, number, post, watts } from './dom.js';
+import { modelFiles, shortened } from './model.js';
 import { color, draw } from './plot.js';
 
 const KEPT = 30; // s
@@ -38,18 +39,11 @@ export function start() {
 /** Models that there are to compare with. */
 export function update() {
   if (!parts) return;
-  const files = [...new Set(bench.known.models)].filter((file) => !/\/(card|metadata|session|notes)\.yaml$/.test(file));
   const own = bench.state && bench.state.model;
-  const options = [['', own ? `the model above, ${bench.state.model.name}` : 'the model above, once there is one'], ['topic', 'the topic power_estimate'],
-    ...files.map((file) => [file, file.split('/').slice(-2).join('/')])];
+  const options = [['', own ? `the model of the recordings, ${bench.state.model.name}` : 'the model of the recordings, once there is one'], ['topic', 'the topic power_estimate'],
+    ...modelFiles().map((file) => [file, shortened(file)])];
   if (!picked && !wanted) model = own ? '' : 'topic';
-  emphasise();
   fill(parts.pick, options.map(([value, label]) => h('option', { value, selected: value === model }, label)));
-}
-
-/** It is the next thing to press where no recording is open. */
-function emphasise() {
-  parts.follow.className = wanted || (bench.state && bench.state.opened.length) ? '' : 'main';
 }
 
 function connect() {
@@ -58,7 +52,7 @@ function connect() {
   source = null;
   parts.follow.setAttribute('aria-pressed', String(wanted));
   parts.follow.textContent = wanted ? 'Follow no longer' : 'Follow the running robot';
-  emphasise();
+  parts.follow.className = wanted ? '' : 'main';
   parts.body.hidden = !wanted;
   if (!wanted) { fill(parts.said); state = null; }
   if (!on) return;

@@ -1,77 +1,71 @@
-// What is missing: the verdict, candidates with a preview of the error, the staircase.
+// What is missing: candidates with a preview of the error, errors of the measurement, the staircase.
 
-import { attempt, bench, command, fill, find, getArrays, h, number, post, take, watts } from './dom.js';
+import { attempt, bench, command, fill, find, getArrays, h, percent, plural, post, quantity, take, watts, whisker } from './dom.js';
 import * as discover from './discover.js';
+import { modelFiles, shortened } from './model.js';
 import { color, draw } from './plot.js';
 import { place, render as renderTraces } from './traces.js';
 
-const KINDS = { named: 'Named', ambiguous: 'Ambiguous', none_of_the_above: 'None of the above', no_evidence: 'No evidence' };
+const NOTHING = 0.01; // of the error, that is worth no row
 let turn = 0;
 
 export function update() {
   const { state } = bench;
   const found = state.diagnosis;
-  const busy = Boolean(state.job);
-  const begin = h('button', { type: 'button', class: found ? '' : 'main', disabled: busy || !state.model, onclick: () => attempt(() => post('diagnose')) }, found ? 'Diagnose again' : 'Find what is missing');
-  if (!found) {
-    fill(find('missing-body'), h('div', { class: 'row' }, begin), command(state.commands.diagnose), state.learned && state.model ? discover.section() : null);
-    if (state.learned) discover.drawShapes();
-    return;
-  }
-  fill(find('missing-body'), verdict(state, found), candidates(state, found), measurement(found), command(state.commands.diagnose), discover.section());
+  find('missing').hidden = !state.model || !(found || state.learned);
+  if (find('missing').hidden) return;
+  fill(find('missing-body'), found ? [candidates(state, found), measurement(found), h('details', {}, h('summary', {}, 'The same as a command'), command(state.commands.diagnose))] : [], discover.section());
   discover.drawShapes();
 }
 
-function verdict(state, found) {
-  const active = new Set(state.model.effects.map((effect) => effect.name));
-  const named = found.effects.filter((name) => !active.has(name));
-  const add = named.map((name) => h('button', { type: 'button', class: 'main', disabled: Boolean(state.job), onclick: () => take({ kind: 'add', effects: [name] }) }, `Add ${wordsOf(found, name)}`));
-  const next = {
-    named: 'Add it: all coefficients are fitted anew and the staircase below takes a step.',
-    ambiguous: 'The recording cannot tell these apart. Add one to see what it does, or record the motion below, which can.',
-    none_of_the_above: 'No effect of the catalogue explains it. Look at the map for its shape, or let discover learn it.',
-    no_evidence: 'Nothing is missing that this recording could show. The motion below would show more.',
-  }[found.verdict];
-  return h('div', {}, h('p', { class: `kind ${found.verdict}` }, KINDS[found.verdict]), h('p', { class: 'verdict', id: 'verdict' }, found.sentence), h('p', {}, next), h('div', { class: 'row' }, add));
-}
-
-const wordsOf = (found, name) => (found.candidates.find((one) => one.name === name) || { words: name }).words;
+const rms = (values) => Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / Math.max(values.length, 1));
+const nameOf = (found, name) => (found.candidates.find((one) => one.name === name) || { words: name }).words;
 
 function candidates(state, found) {
-  const top = Math.max(...found.candidates.map((one) => one.delta_rmse_w), 1e-9);
-  const groups = new Map();
-  for (const one of found.candidates) {
-    const key = [...one.family.split('/')].sort().join('/');
-    groups.set(key, [...(groups.get(key) || []), one]);
-  }
-  const parts = [];
-  for (const [family, rows] of groups) {
-    if (family.includes('/')) parts.push(h('p', { class: 'tie faint' }, `No recording like this one can tell these apart: ${family.split('/').map((name) => wordsOf(found, name)).join(' = ')}`));
-    for (const one of rows) parts.push(row(state, one, top));
-  }
-  return h('div', {}, h('h3', {}, 'Candidates'),
-    h('p', { class: 'faint' }, 'By how much the error on held-out data falls with each, on average over the drives. Coloured ones may be the best; the others are ruled out.'),
+  const own = Object.values(found.drives);
+  const scale = { error: rms(own.map((one) => one.rmse_w)), noise: rms(own.map((one) => one.sensor_noise_w).filter((value) => value != null)) };
+  const best = (one) => Math.max(one.delta_rmse_w, one.explains_w || 0);
+  const order = (list) => [...list].sort((a, b) => (b.probability || 0) - (a.probability || 0) || best(b) - best(a));
+  const shown = found.candidates.filter((one) => one.in_confidence_set || best(one) >= NOTHING * scale.error);
+  const [plausible, others] = [true, false].map((inside) => order(shown.filter((one) => one.in_confidence_set === inside)));
+  const none = found.candidates.filter((one) => !shown.includes(one)).map((one) => one.words);
+  const two = shown.some((one) => one.explains_w != null);
+  const tied = [...new Set(plausible.map((one) => one.family).filter((family) => family.includes('/')))];
+  const rows = (list) => list.map((one) => row(state, found, one, scale));
+  return h('div', {},
+    h('p', { class: 'faint' }, `Bars: part of the error of ${watts(scale.error)} that goes with the effect alone${two ? ' (dark), and that no other effect explains (light)' : ''}; hatched: the meter’s noise. Point at one to preview the error with it.`),
     found.judged_on_s < found.of_s - 1 ? h('p', { class: 'faint' }, `Judged on ${found.judged_on_s.toFixed(0)} of ${found.of_s.toFixed(0)} s, in pieces spread evenly over the recording; a preview is drawn in these.`) : null,
-    h('div', { id: 'candidates' }, parts));
+    tied.map((family) => h('p', { class: 'tie faint' }, `This recording cannot tell these apart: ${family.split('/').map((name) => nameOf(found, name)).join(', ')}.`)),
+    h('div', { id: 'candidates' },
+      plausible.length ? [h('h3', {}, found.verdict === 'named' ? 'Found' : 'Plausible'), rows(plausible)] : null,
+      others.length ? h('details', { open: !plausible.length }, h('summary', {}, plausible.length ? `Ruled out (${others.length})` : `None is plausible; the nearest ${others.length}`), rows(others)) : null),
+    none.length ? h('p', { class: 'faint' }, `Explain nothing here: ${none.join(', ')}.`) : null);
 }
 
-function row(state, one, top) {
-  const fall = Math.max(one.delta_rmse_w, 0);
-  const bar = h('div', { class: 'fill' });
-  bar.style.width = `${(100 * fall) / top}%`;
+function reason(found, one) {
+  if (one.at_bound) return 'only with a coefficient at its limit';
+  if (one.in_confidence_set) return '';
+  const ties = one.family.split('/').filter((name) => name !== one.name && found.effects.includes(name));
+  const names = (ties.length ? ties : found.effects).map((name) => nameOf(found, name));
+  return names.length ? `stand-in for ${names.join(', ')}` : 'not more than chance, or not in every part';
+}
+
+function row(state, found, one, { error, noise }) {
   const seen = state.previews.includes(one.name);
-  const button = h('button', { type: 'button', disabled: Boolean(state.job), 'aria-label': `Add ${one.words}`, onclick: () => take({ kind: 'add', effects: [one.name] }) }, 'Add');
+  const bar = (value, kind) => { const node = h('div', { class: `fill ${kind}` }); node.style.width = `${Math.min(100, (100 * Math.max(value, 0)) / error)}%`; return node; };
+  const floor = h('div', { class: 'noise' });
+  floor.style.width = `${Math.min(100, (100 * noise) / error)}%`;
+  const why = reason(found, one);
+  const sure = one.probability != null && one.in_confidence_set ? ` ${percent(one.probability)} sure` : '';
   const node = h('div', { class: `candidate${one.in_confidence_set ? ' in' : ''}`, 'data-preview': seen },
-    h('span', {}, one.words, one.in_confidence_set ? h('small', {}, ' may be it') : null),
-    h('div', { class: 'track', 'aria-hidden': 'true' }, bar),
-    h('span', { class: 'falls' }, `${fall.toFixed(3)} W`),
-    h('small', { class: 'value' }, `${one.symbol} = ${number(one.coefficient)}${one.at_bound ? '*' : ''} ${one.unit === '1' ? '' : one.unit} (${number(one.interval[0])} … ${number(one.interval[1])}, ${one.drive})`),
-    one.name === 'torque_bias' ? h('span') : button);
+    h('span', {}, one.words, sure || why ? h('small', {}, [sure, why].filter(Boolean).join(', ').replace(/^ ?/, ' ')) : null),
+    h('div', { class: one.explains_w == null ? 'track one' : 'track', 'aria-hidden': 'true' }, bar(one.delta_rmse_w, 'alone'), one.explains_w == null ? null : bar(one.explains_w, 'with'), floor),
+    h('span', { class: 'falls' }, watts(Math.max(one.delta_rmse_w, 0)), one.explains_w == null ? null : h('small', {}, ` ${watts(one.explains_w)}`)),
+    h('small', { class: 'value' }, `${one.drive} ${quantity(one.coefficient, one.unit)} `, whisker(one.coefficient, one.interval, [Math.min(0, one.interval[0]), Math.max(0, one.interval[1])], one.unit)),
+    one.name === 'torque_bias' ? h('span') : h('button', { type: 'button', disabled: Boolean(state.job), 'aria-label': `Add ${one.words}`, onclick: () => take({ kind: 'add', effects: [one.name] }) }, 'Add'));
   if (seen) {
-    node.addEventListener('mouseenter', () => preview(one));
-    node.addEventListener('mouseleave', () => preview(null));
-    node.addEventListener('focusin', () => preview(one));
-    node.addEventListener('focusout', () => preview(null));
+    for (const event of ['mouseenter', 'focusin']) node.addEventListener(event, () => preview(one));
+    for (const event of ['mouseleave', 'focusout']) node.addEventListener(event, () => preview(null));
   }
   return node;
 }
@@ -90,39 +84,64 @@ async function preview(one) {
 }
 
 function measurement(found) {
-  const rows = Object.entries(found.measurement).map(([name, term]) => h('tr', {},
-    h('td', {}, name.replaceAll('_', ' ')), h('td', { class: 'number' }, `${number(term.value)} ${term.unit === '1' ? '' : term.unit}`),
-    h('td', { class: 'number' }, watts(term.watts)), h('td', {}, term.matters ? 'yes' : 'no')));
-  const head = ['error of the measurement', 'value', 'would cost', 'matters'].map((text, index) => h('th', { scope: 'col', class: index === 1 || index === 2 ? 'number' : '' }, text));
-  return h('details', {}, h('summary', {}, 'Is the measurement sound?'), h('div', { class: 'scroll', tabindex: 0, role: 'group', 'aria-label': 'Errors of the measurement' }, h('table', {}, h('thead', {}, h('tr', {}, head)), h('tbody', {}, rows))));
+  const terms = Object.entries(found.measurement);
+  const rows = terms.map(([name, term]) => h('tr', {},
+    h('td', {}, name.replaceAll('_', ' ')), h('td', { class: 'number' }, quantity(term.value, term.unit)),
+    h('td', { class: 'number' }, watts(term.watts)), h('td', {}, term.matters ? h('strong', {}, 'yes') : 'no')));
+  const head = ['error of the measurement', 'value', 'error if ignored', 'significant'].map((text, index) => h('th', { scope: 'col', class: index === 1 || index === 2 ? 'number' : '' }, text));
+  const matters = terms.filter(([, term]) => term.matters).length;
+  return h('details', { open: matters > 0 }, h('summary', {}, `Is the measurement sound? ${matters ? plural(matters, 'significant error') : 'Nothing significant'}`), h('div', { class: 'scroll', tabindex: 0, role: 'group', 'aria-label': 'Errors of the measurement' }, h('table', {}, h('thead', {}, h('tr', {}, head)), h('tbody', {}, rows))));
 }
 
-/** A form that draws another model as a line. */
+const BASELINES = [['mechanical_power', '|torque · speed|'], ['mechanical_power_positive', 'torque · speed where driving'], ['torque_squared', 'torque²'], ['torque_abs', '|torque|'], ['acceleration_squared', 'acceleration²']];
+
+/** A list of baselines and models whose error is drawn as a line. */
 function other() {
-  const field = h('input', { type: 'text', 'aria-label': 'Another model', placeholder: 'ppn:RUN or mechanical_power' });
-  const go = (event) => { event.preventDefault(); attempt(() => post('line', { model: field.value.trim() })); };
-  return h('form', { class: 'row', onsubmit: go }, 'Draw another model as a line', field, h('button', { type: 'submit' }, 'Compare'));
+  const pick = h('select', { 'aria-label': 'Compare with' },
+    h('optgroup', { label: 'one scaled quantity' }, BASELINES.map(([value, label]) => h('option', { value }, label))),
+    h('optgroup', { label: 'networks and models' }, modelFiles().map((file) => h('option', { value: file }, shortened(file)))));
+  const go = (event) => { event.preventDefault(); attempt(() => post('line', { model: pick.value })); };
+  return h('form', { class: 'row', onsubmit: go }, 'Compare with', pick, h('button', { type: 'submit' }, 'Compare'));
+}
+
+/** Coefficients before and after the last step; those that left their interval trade off. */
+function changes({ model, before }) {
+  const rows = model.effects.flatMap((effect) => effect.coefficients.map((one) => {
+    const old = ((before[effect.name] || {})[one.group] || []).find((former) => former.symbol === one.symbol);
+    return old && { effect, one, old, left: Boolean(one.at_bound) || one.value < old.interval[0] || one.value > old.interval[1] };
+  })).filter(Boolean);
+  if (!rows.length) return null;
+  const added = model.effects.filter((effect) => !before[effect.name]).map((effect) => effect.words);
+  const moved = [...new Set(rows.filter((row) => row.left).map((row) => row.effect.words))];
+  const head = ['coefficient', 'before', 'after', ''].map((text, index) => h('th', { scope: 'col', class: index === 1 || index === 2 ? 'number' : '' }, text));
+  return h('details', { open: moved.length > 0 },
+    h('summary', {}, moved.length ? `Coefficients changed: ${moved.join(', ')}` : 'Coefficients before and after: all within their intervals'),
+    moved.length && added.length ? h('p', {}, `These trade off with ${added.join(', ')} in this recording: part of what they explained may have been its work, or the other way round. The motion under “What to record next” tells them apart.`) : null,
+    h('div', { class: 'scroll', tabindex: 0, role: 'group', 'aria-label': 'Coefficients before and after' }, h('table', {}, h('thead', {}, h('tr', {}, head)), h('tbody', {}, rows.map(({ effect, one, old, left }) => h('tr', {},
+      h('th', { scope: 'row' }, `${effect.words}, ${one.group} ${one.words}`), h('td', { class: 'number' }, quantity(old.value, one.unit)), h('td', { class: 'number' }, quantity(one.value, one.unit)),
+      h('td', {}, one.at_bound ? h('span', { class: 'limit' }, 'at limit') : left ? 'changed' : '')))))));
 }
 
 export function stairs() {
-  const { stairs: steps, view } = bench.state;
-  const lines = [['meter’s noise', view.noise_w, 'dot'], ...(bench.state.lines || []).map((one) => [one.name, one.rmse_w, 'dash'])].filter(([, level]) => level != null);
+  const { state } = bench;
+  const { stairs: steps, view } = state;
+  const lines = [['meter’s noise', view.noise_w, 'dot'], ...state.lines.map((one) => [shortened(one.name), one.rmse_w, 'dash'])].filter(([, level]) => level != null);
   const body = find('stairs-body');
-  if (!find('plot-stairs')) fill(body, h('div', { class: 'plot low', id: 'plot-stairs' }), h('p', { id: 'stairs-words' }),
-    h('p', { class: 'faint' }, 'The steps judge each model as it is. The verdict above allows for errors of the meter and for formulas that are not quite what a drive does, so that its figures are a little lower.'), other());
+  if (!find('plot-stairs')) fill(body, h('p', { id: 'stairs-words' }), h('div', { class: 'plot low', id: 'plot-stairs' }), h('div', { id: 'changes' }), other());
+  fill(find('changes'), state.model && state.before ? changes(state) : null);
   const last = steps[steps.length - 1];
   const first = steps[0];
-  find('stairs-words').textContent = steps.length > 1
-    ? `From ${watts(first.rmse_w)} to ${watts(last.rmse_w)} in ${steps.length - 1} ${steps.length > 2 ? 'steps' : 'step'}; the meter’s noise is ${watts(view.noise_w)}.`
-    : `The first model is ${watts(first.rmse_w)} off; the meter’s noise is ${watts(view.noise_w)}.`;
+  find('stairs-words').textContent = `${steps.length > 1
+    ? `From ${watts(first.rmse_w)} to ${watts(last.rmse_w)} in ${plural(steps.length - 1, 'step')}`
+    : `The first model is ${watts(first.rmse_w)} off`}; the meter’s noise is ${watts(view.noise_w)}. Error on unseen data (${view.scores && view.scores.held_out === 'cross-validated' ? '5-fold' : view.scores ? view.scores.held_out : ''}), rms over the drives.`;
   const top = Math.max(...steps.map((one) => one.rmse_w), ...lines.map(([, level]) => level));
   draw(find('plot-stairs'), find('stairs-words').textContent, () => [[{
     type: 'bar', x: steps.map((_, index) => index), y: steps.map((one) => one.rmse_w), text: steps.map((one) => watts(one.rmse_w)), textposition: 'outside', cliponaxis: false,
-    marker: { color: steps.map((_, index) => color(index ? 'better' : 'base')) }, hovertemplate: '%{y:.3f} W<extra></extra>',
+    marker: { color: steps.map((_, index) => color(index ? 'better' : 'base')) }, hovertemplate: '%{y:.3~g} W<extra></extra>',
   }], {
     bargap: 0.5, margin: { l: 58, r: 12, t: 16, b: 64 },
     xaxis: { range: [-0.6, steps.length + 0.1], tickvals: steps.map((_, index) => index), ticktext: steps.map((one, index) => (index ? one.label : 'first model').replace(/(.{18}\S*) /g, '$1<br>')), fixedrange: true },
-    yaxis: { title: { text: 'held-out error in W' }, range: [0, 1.2 * top], fixedrange: true },
+    yaxis: { title: { text: 'error on unseen data in W' }, range: [0, 1.2 * top], fixedrange: true },
     shapes: lines.map(([, level, dash]) => ({ type: 'line', xref: 'paper', x0: 0, x1: 1, y0: level, y1: level, line: { color: color('faint'), dash } })),
     annotations: lines.map(([name, level]) => ({ xref: 'paper', x: 1, xanchor: 'right', y: level, yanchor: 'bottom', showarrow: false, text: `${name} ${watts(level)}`, font: { color: color('text') } })),
   }]);

@@ -1,5 +1,7 @@
 // Plots in the page's colours; nothing but Plotly draws.
 
+import { h } from './dom.js';
+
 const colors = new Map();
 
 /** A colour of the theme; asked of the style once, which takes long after each change of the page. */
@@ -46,10 +48,13 @@ export const on = (node, event, work) => {
 };
 
 /** Save a picture of a plot as it was drawn last; more: of its layout, for the picture alone. */
-export async function save(node, format, name, more = {}) {
+async function save(node, format, name, more = {}) {
   const [data, given] = drawn.get(node)();
   await window.Plotly.downloadImage({ data, layout: layout({ ...given, ...more }) }, { format, filename: name, width: 1200, height: 600 });
 }
+
+/** Buttons that save a plot; more() gives what the picture alone has in its layout. */
+export const pictures = (node, name, words, more = () => ({})) => ['svg', 'png'].map((format) => h('button', { type: 'button', onclick: () => save(node, format, name, more()) }, `${words ? `${words} ` : ''}${format.toUpperCase()}`));
 
 export const diverging = () => {
   const dark = window.matchMedia('(prefers-color-scheme: dark)').matches;

@@ -1,7 +1,8 @@
 // Measured against model over time: one drive or the sum, a navigator, marks and previews.
 
-import { attempt, bench, choices, fill, find, get, getArrays, h, settled, watts } from './dom.js';
-import { color, draw, on, save } from './plot.js';
+import { attempt, bench, choices, download, fill, find, get, getArrays, h, settled, watts } from './dom.js';
+import { color, draw, on, pictures } from './plot.js';
+import { judged } from './summary.js';
 
 let parts = null;
 let shown = null;
@@ -34,8 +35,7 @@ function build() {
     h('div', { class: 'row' }, from, '–', to, 's',
       h('button', { type: 'button', onclick: () => setWindow(span()) }, 'Show'),
       h('button', { type: 'button', onclick: () => marked(span()) }, 'Mark'),
-      h('button', { type: 'button', onclick: () => save(plot, 'svg', `traces_${bench.drive}`) }, 'SVG'),
-      h('button', { type: 'button', onclick: () => save(plot, 'png', `traces_${bench.drive}`) }, 'PNG')));
+      pictures(plot, 'traces'), h('button', { type: 'button', onclick: csv }, 'CSV')));
   const legend = h('p', { class: 'faint', id: 'traces-words' });
   parts = { plot, navigator, drives, from, to, legend };
   plot.tabIndex = 0;
@@ -44,8 +44,14 @@ function build() {
     if (work) { event.preventDefault(); work(); }
   });
   fill(find('traces-body'), drives, tools, plot, legend,
-    h('p', { class: 'faint' }, 'The whole recording: the darker, the larger the error of that drive. Drag across it to look at a part, press a row to see its drive.'),
+    h('p', { class: 'faint' }, 'The whole recording: the stronger the colour, the larger the error of that drive. Drag across it to look at a part, press a row to see its drive.'),
     navigator, exact);
+}
+
+function csv() {
+  const { t, measured, estimate, error } = shown;
+  const rows = [...t].map((time, index) => [time, measured[index], ...(error ? [estimate[index], error[index]] : [])].map((value) => Number(value.toPrecision(6))).join(','));
+  download(`${bench.drive}.csv`, `time_s,measured_w${error ? ',model_w,error_w' : ''}\n${rows.join('\n')}\n`);
 }
 
 function zoom(factor) {
@@ -159,8 +165,11 @@ export function render() {
   on(parts.plot, 'plotly_doubleclick', () => setWindow(whole()));
   [parts.from.value, parts.to.value] = bench.window.map((value) => value.toFixed(2));
   const coarse = bench.state.view.share < 1;
+  const { worst, scores } = bench.state.view;
+  const score = two && (bench.drive === 'sum' ? scores.total : scores.drives[bench.drive]);
+  const own = bench.window.every((value, index) => Math.abs(value - worst[index]) < 0.05);
   parts.legend.textContent = two
-    ? 'The twelve seconds in which the model is worst, until you choose others. The grey band of the error is the meter’s noise, which no model can follow. With the plot in focus, the arrow keys move, + and − zoom.'
+    ? `${score && score.rmse_w != null ? `${bench.drive}: the model ${judged(score)}. ` : ''}${own ? 'Shown are the seconds in which it is worst. ' : ''}Grey: the meter’s noise, which no model can follow.`
     : coarse ? `A first look: one part in ${Math.round(1 / bench.state.view.share)} of the recording, evenly spread, as it was measured. The whole of it is being read.`
     : 'The part of twelve seconds with the most power. Fit or load a model above to see it beside the measurement.';
   return done;

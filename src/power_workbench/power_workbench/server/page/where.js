@@ -1,7 +1,7 @@
 // Where the model fails: regimes in words, a map of the error over two quantities, marks both ways.
 
 import { attempt, bench, choices, fill, find, get, h, postArrays } from './dom.js';
-import { color, diverging, draw, on, save } from './plot.js';
+import { color, diverging, draw, on, pictures } from './plot.js';
 import { drawPoints, withPoints } from './points.js';
 import { place, render as renderTraces } from './traces.js';
 
@@ -61,9 +61,7 @@ function axes(names) {
   const fields = ['x0', 'x1', 'y0', 'y1'].map((key) => h('input', { type: 'number', step: 'any', 'aria-label': { x0: 'Across from', x1: 'Across to', y0: 'Up from', y1: 'Up to' }[key] }));
   const go = () => markBox([Number(fields[0].value), Number(fields[1].value)], [Number(fields[2].value), Number(fields[3].value)]);
   fill(parts.box, words(bench.x), fields[0], '–', fields[1], words(bench.y), fields[2], '–', fields[3],
-    h('button', { type: 'button', onclick: go }, 'Mark'),
-    h('button', { type: 'button', onclick: () => save(parts.plot, 'svg', `map_${own()}`, withPoints(parts.plot, ...chosen())) }, 'SVG'),
-    h('button', { type: 'button', onclick: () => save(parts.plot, 'png', `map_${own()}`, withPoints(parts.plot, ...chosen())) }, 'PNG'));
+    h('button', { type: 'button', onclick: go }, 'Mark'), pictures(parts.plot, 'map', '', () => withPoints(parts.plot, ...chosen())));
 }
 
 function setAxes(x, y) {

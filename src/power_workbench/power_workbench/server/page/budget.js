@@ -1,0 +1,169 @@
+// Where the power goes: bars by drive, phase or recording, flows, what would change it, hours.
+
+import { attempt, bench, choices, command, download, fill, find, get, h, percent, quantity, watts, whisker } from './dom.js';
+import { color, draw, pictures } from './plot.js';
+
+const ALL = 'all';
+let known = null;
+let found = null;
+let parts = null;
+let by = '';
+let member = '';
+
+const words = (name) => name.replaceAll('_', ' ');
+const unlike = (name) => (name === 'unexplained' ? color('faint') : null);
+
+function build() {
+  parts = {
+    origin: h('p', { class: 'faint' }), ways: h('div', { class: 'row' }), bars: h('div', { class: 'plot', id: 'plot-budget' }),
+    flow: h('div', { class: 'plot', id: 'plot-flow' }), levers: h('div'), table: h('div'), more: h('div', { class: 'row' }),
+    hours: h('span', { role: 'status' }), legend: h('ul', { class: 'legend' }),
+  };
+  parts.battery = h('input', { type: 'number', min: 0, step: 'any', 'aria-label': 'Battery in Wh', oninput: hours });
+  fill(find('budget-body'), parts.origin, parts.ways, h('div', { class: 'pair' }, h('div', {}, parts.legend, parts.bars), parts.flow),
+    h('div', { class: 'pair' }, parts.levers, h('div', {}, h('h3', {}, 'How long a battery lasts'), h('div', { class: 'row' }, h('label', {}, 'Battery ', parts.battery, ' Wh'), parts.hours), parts.table)), parts.more);
+}
+
+export async function update() {
+  const { budget } = bench.state;
+  find('budget').hidden = !budget.headline;
+  const now = JSON.stringify([budget, bench.state.at, bench.state.opened]);
+  if (!budget.headline || now === known) return;
+  known = now;
+  const news = await attempt(() => get('budget'));
+  if (!news || !news.rows) return;
+  found = news;
+  if (!parts) build();
+  render();
+}
+
+/** Rows of the shown member by what the bars stand for: their name and parts. */
+function groups() {
+  const { drives, meters } = bench.state.view;
+  const own = (name, phase = ALL, rows = found.rows) => rows.filter((row) => row.drive === name && row.phase === phase);
+  const every = [...new Set(found.rows.map((row) => row.drive))];
+  const single = new Set([...drives, ...meters]);
+  const kinds = every.filter((name) => name !== found.robot && !single.has(name));
+  const ways = { 'drive type': kinds, drive: every.filter((name) => name !== found.robot && single.has(name)) };
+  const lists = {};
+  for (const [way, names] of Object.entries(ways)) if (names.length > 1) lists[way] = names.map((name) => [name, own(name)]);
+  const phases = [...new Set(found.rows.map((row) => row.phase))].filter((phase) => own(member, phase).length);
+  if (phases.length > 1) lists['phase of the motion'] = phases.map((phase) => [phase === ALL ? 'all phases' : phase, own(member, phase)]);
+  if (found.recordings) lists.recording = found.recordings.map((one) => [one.name, own(member, ALL, one.rows)]);
+  return { every, lists, whole: own(member) };
+}
+
+const family = (effect) => found.families.find((one) => one.effects.includes(effect)) || found.families.find((one) => one.name === 'other');
+
+/** W by family. */
+function summed(rows) {
+  const out = new Map(found.families.map((one) => [one, 0]));
+  for (const row of rows) out.set(family(row.effect), out.get(family(row.effect)) + row.mean_w);
+  return [...out].filter(([, value]) => value);
+}
+
+function render() {
+  const names = [...new Set(found.rows.map((row) => row.drive))];
+  if (!names.includes(member)) member = found.robot;
+  const { lists, whole } = groups();
+  if (!lists[by]) [by] = Object.keys(lists);
+  parts.origin.textContent = `${found.chosen ? 'A model that the page chose' : 'By the present model'}: ${words(found.origin)}. Intervals hold nine of ten.`;
+  fill(parts.ways,
+    by ? choices('Bars by', 'budget-by', Object.keys(lists).map((way) => ({ value: way, label: way })), by, (way) => { by = way; render(); }) : null,
+    names.length > 1 ? h('label', {}, 'flows and parts of ', h('select', { onchange: (event) => { member = event.target.value; render(); } }, names.map((name) => h('option', { value: name, selected: name === member }, name)))) : null);
+  bars(by ? lists[by] : [[member, whole]]);
+  flow(whole);
+  levers();
+  table(whole);
+  hours();
+  fill(parts.more, pictures(parts.bars, 'budget', 'Bars', () => ({ showlegend: true })), pictures(parts.flow, 'flow', 'Flows'), h('button', { type: 'button', onclick: csv }, 'CSV'), command(bench.state.commands.budget));
+}
+
+function bars(list) {
+  const labels = list.map(([name]) => name);
+  const sums = list.map(([, rows]) => new Map(summed(rows)));
+  const metered = list.map(([, rows]) => rows.reduce((sum, row) => sum + row.mean_w, 0));
+  const seen = found.families.filter((one) => sums.some((own) => Math.abs(own.get(one) || 0) > 1e-3));
+  fill(parts.legend, seen.map((one) => { const key = h('i'); key.style.background = unlike(one.name) || one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
+  parts.bars.style.height = `${5.5 + 2.1 * list.length}rem`;
+  draw(parts.bars, `Mean power by ${by || 'part'}: ${labels.map((name, index) => `${name} ${watts(metered[index])}`).join(', ')}.`, () => [[
+    ...seen.map((one) => ({
+      type: 'bar', orientation: 'h', y: labels, x: sums.map((own) => own.get(one) || 0), name: one.words,
+      marker: { color: unlike(one.name) || one.color, pattern: one.name === 'unexplained' ? { shape: '/', size: 6 } : undefined }, hovertemplate: `%{y}: %{x:.3~g} W<extra>${one.words}</extra>`,
+    })),
+    { type: 'scatter', mode: 'markers', name: 'metered', y: labels, x: metered, marker: { symbol: 'line-ns', size: 22, line: { width: 3, color: color('text') } }, hovertemplate: '%{y}: %{x:.3~g} W metered<extra></extra>' },
+  ], {
+    barmode: 'relative', bargap: 0.3, margin: { l: 10, r: 12, t: 10, b: 42 },
+    xaxis: { title: { text: 'mean power in W' }, fixedrange: true, zeroline: true }, yaxis: { autorange: 'reversed', type: 'category', automargin: true, fixedrange: true },
+  }]);
+}
+
+/** Flows from the supply, and from joints that give back, to where the power ends: ribbons with labels outside. */
+function flow(rows) {
+  const sums = summed(rows);
+  const metered = rows.reduce((sum, row) => sum + row.mean_w, 0);
+  const tone = (one) => unlike(one.name) || one.color;
+  const sources = [['metered', metered, color('measured')], ...sums.filter(([, value]) => value < 0).map(([one, value]) => [one.words, -value, tone(one)])];
+  const sinks = sums.filter(([, value]) => value > 0).map(([one, value]) => [one.words, value, tone(one)]);
+  const total = sinks.reduce((sum, [, value]) => sum + value, 0) || 1;
+  const label = ([name, value]) => `${name.replace(/(.{12}\S*) /, '$1<br>')}<br>${watts(value)}${metered > 0 ? `, ${percent(value / metered)}` : ''}`;
+  const apart = (0.9 * total) / Math.max(sinks.length, 4);
+  const [shapes, annotations] = [[{ type: 'rect', x0: 0.44, x1: 0.48, y0: 0, y1: total, fillcolor: color('measured'), opacity: 0.8, line: { width: 0 } }], []];
+  for (const [flows, near, far, anchor] of [[sources, 0.44, 0, 'right'], [sinks, 0.48, 1, 'left']]) {
+    const gap = flows === sources ? 1.6 * apart : apart;
+    let level = 0;
+    let at = -0.5 * gap * (flows.length - 1);
+    for (const one of flows) {
+      const [, value, fill_] = one;
+      const middle = 0.5 * (near + far);
+      shapes.push({ type: 'path', fillcolor: fill_, opacity: 0.75, line: { width: 0 }, path: `M${near},${level}C${middle},${level} ${middle},${at} ${far},${at}L${far},${at + value}C${middle},${at + value} ${middle},${level + value} ${near},${level + value}Z` });
+      annotations.push({ x: far, y: at + 0.5 * value, xanchor: anchor, xshift: anchor === 'left' ? 5 : -5, align: anchor === 'left' ? 'left' : 'right', showarrow: false, text: label(one), font: { color: color('text'), size: 12 } });
+      level += value;
+      at += value + gap;
+    }
+  }
+  const half = 0.5 * apart * Math.max(sinks.length - 1, 1) + 0.02 * total;
+  parts.flow.style.height = `${4 + 3.4 * Math.max(sinks.length, 5)}rem`;
+  draw(parts.flow, `Flows of ${member}: ${[...sources, ...sinks].map((one) => label(one).replaceAll('<br>', ' ')).join('; ')}.`, () => [[{ type: 'scatter', x: [0, 1], y: [0, total], mode: 'markers', marker: { opacity: 0 }, hoverinfo: 'skip' }], {
+    shapes, annotations, margin: { l: 96, r: 118, t: 18, b: 18 }, dragmode: false,
+    xaxis: { visible: false, range: [0, 1], fixedrange: true }, yaxis: { visible: false, range: [total + half, -half], fixedrange: true },
+  }]);
+}
+
+const CHANGED = /^(\w+)=([\d.]+)$/;
+function changed(change) {
+  const [, name, factor] = CHANGED.exec(change) || [null, change, 1];
+  const by10 = Math.round(100 * (factor - 1));
+  return `${words(name)} ${by10 < 0 ? `−${-by10}` : `+${by10}`} %`;
+}
+
+function levers() {
+  const range = [Math.min(0, ...found.levers.map((one) => one.interval[0])), Math.max(0, ...found.levers.map((one) => one.interval[1]))];
+  const sorted = [...found.levers].sort((a, b) => a.mean_w - b.mean_w);
+  fill(parts.levers, h('h3', {}, 'What would change it'), sorted.length ? h('table', {},
+    h('caption', {}, 'Of the mean power, at the same motion of the joints; to the left saves'),
+    h('tbody', {}, sorted.map((one) => h('tr', {}, h('th', { scope: 'row' }, changed(one.change)), h('td', { class: 'number' }, signed(one.mean_w)), h('td', {}, whisker(one.mean_w, one.interval, range, 'W')))))) : null,
+  found.refused.map((reason) => h('p', { class: 'faint' }, `Not carried over: ${reason}.`)));
+}
+
+const signed = (value) => `${value < 0 ? '−' : '+'}${watts(Math.abs(value))}`;
+
+function table(rows) {
+  const sorted = [...rows].sort((a, b) => (a.effect === 'unexplained') - (b.effect === 'unexplained') || b.mean_w - a.mean_w);
+  const range = [Math.min(0, ...rows.map((row) => row.interval[0])), Math.max(...rows.map((row) => row.interval[1]))];
+  fill(parts.table, h('details', {}, h('summary', {}, `Parts of ${member} with their intervals`), h('table', {}, h('tbody', {},
+    sorted.map((row) => h('tr', {}, h('th', { scope: 'row' }, words(row.effect)), h('td', { class: 'number' }, watts(row.mean_w)), h('td', { class: 'number' }, percent(row.share)), h('td', {}, whisker(row.mean_w, row.interval, range, 'W'))))))));
+}
+
+/** Hours of a battery at the mean metered power. */
+function hours() {
+  const size = Number(parts.battery.value);
+  const rows = found.rows.filter((row) => row.drive === found.robot && row.phase === ALL);
+  const metered = rows.reduce((sum, row) => sum + row.mean_w, 0);
+  parts.hours.textContent = size > 0 && metered > 0 ? `lasts ${quantity(size / metered, 'h')} of this motion` : '';
+}
+
+function csv() {
+  const rows = (found.recordings || [{ name: bench.state.view.recordings[0], rows: found.rows }]).flatMap((one) => one.rows.map((row) => [one.name, row.drive, row.phase, row.effect, row.mean_w, ...row.interval, row.share, row.energy_wh].join(',')));
+  download('budget.csv', `recording,drive,phase,effect,mean_w,low_w,high_w,share,energy_wh\n${rows.join('\n')}\n`);
+}
