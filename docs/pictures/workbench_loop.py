@@ -46,7 +46,7 @@ def scenes(page: Any) -> Iterator[tuple[str, str]]:
     yield 'What is missing: the verdict and its rivals', '#missing'
     page.locator('.candidate').first.hover()
     page.locator('#plot-traces').get_by_text('error with').first.wait_for()
-    page.locator('#missing .row button.main').first.click()
+    page.locator('#next-step').click()
     page.locator('#stairs-words', has_text='From').wait_for()
     yield 'Added: the error falls', '#stairs'
 

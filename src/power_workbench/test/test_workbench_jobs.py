@@ -61,6 +61,17 @@ def test_a_cancelled_job_ends_with_its_process_and_the_next_one_runs(runner, hea
     assert after.state == 'done'
 
 
+def test_a_budget_is_told_beside_the_jobs_and_its_error_is_no_error_of_theirs(runner, heard):
+    missing = {'source': Source(('/no/such/bag',)), 'spec': ''}
+    runner.beside('budget', missing)
+    job = runner.run('effects', 'effects', {'files': []})
+    assert wait_until(lambda: {kind for kind, _ in heard} >= {'budget', 'done'}, 120)
+    assert job.state == 'done'
+    (told,) = (content for kind, content in heard if kind == 'budget')
+    assert told['spec'] == ''
+    assert '/no/such/bag' in told['content']['error']
+
+
 def test_a_worker_that_is_killed_is_an_error_and_not_a_wait(runner):
     job = runner.run('open', 'open', {'source': Source(('/no/such/bag',)), 'spec': ''})
     os.kill(runner.pid, 9)

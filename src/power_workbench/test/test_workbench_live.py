@@ -65,6 +65,7 @@ def test_the_page_follows_running_nodes_and_puts_a_note_into_the_card(
     )
     with served(tmp_path / 'page', NETWORKS) as bench:
         page = page_of(browser, bench.address)
+        page.get_by_role('button', name='Live', exact=True).click()
         page.get_by_label('Model to compare with').select_option(label='bags/ppn_small')
         page.get_by_role('button', name='Follow the running robot').click()
         page.locator('#live-now', has_text='error').wait_for()
@@ -103,6 +104,7 @@ def test_the_page_follows_running_nodes_and_puts_a_note_into_the_card(
 def test_the_page_says_that_nothing_is_published_and_what_to_start(browser, ros_domain, tmp_path):
     with served(tmp_path / 'page', NETWORKS) as bench:
         page = page_of(browser, bench.address)
+        page.get_by_role('button', name='Live', exact=True).click()
         page.get_by_role('button', name='Follow the running robot').click()
         said = page.locator('#live-said', has_text='no drive_supply heard for')
         said.wait_for()

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 import yaml
+from power_lab.budget.tables import headline
 from power_lab.commands.arguments import add as add_command
 from power_lab.commands.arguments import compare as compare_command
 from power_lab.commands.arguments import fit as fit_command
+from power_lab.session import Session
 from power_workbench.commands.arguments import replay_session as replay_command
 from power_workbench.sessions.steps import SessionRecord
 from workbench_page import BROWSER, page_of, served
@@ -81,6 +83,8 @@ def walked(bag, browser, tmp_path_factory):
         page = page_of(browser, bench.address, complaints)
         page.locator('#plot-traces .main-svg').first.wait_for()
         page.get_by_role('button', name='Fit', exact=True).wait_for()
+        page.locator('#plot-flow .main-svg').first.wait_for()
+        budget = page.locator('#headline').inner_text()
         for effect in EFFECTS[3:]:
             page.locator('label.choice', has_text=effect).first.click()
         page.get_by_role('button', name='Fit', exact=True).click()
@@ -132,6 +136,7 @@ def walked(bag, browser, tmp_path_factory):
     complaints = [text for text in complaints if 'Failed to load resource' not in text]
     return {
         'folder': folder,
+        'budget': budget,
         'session': session,
         'regime': by_regime,
         'box': by_box,
@@ -152,6 +157,11 @@ def test_the_page_names_the_hidden_effect_and_the_error_falls_when_it_is_added(w
     before, after = (sum(step.rmse_w.values()) for step in session.steps[1:])
     assert after < 0.7 * before
     assert walked['complaints'] == []
+
+
+def test_before_there_is_a_model_the_page_says_where_the_power_goes(walked, bag):
+    sentence = headline(Session.open(bag).budget().account)
+    assert walked['budget'] == f'{sentence[0].upper()}{sentence[1:]}.'
 
 
 def test_axe_finds_no_barrier_in_light_and_dark_nor_on_a_phone(walked):

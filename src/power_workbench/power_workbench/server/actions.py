@@ -17,6 +17,9 @@ from power_workbench.views import maps
 _Seconds = Annotated[float, Quantity(-1e9, 1e9, 's')]
 _Value = Annotated[float, Quantity(-1e12, 1e12)]
 _Text = Annotated[str, Printable(0, 4000)]
+Action = Callable[
+    [SessionManager, WorkbenchSession, Mapping[str, Any]], dict[str, Any] | bytes | None
+]
 
 
 @schema
@@ -115,29 +118,21 @@ def go(manager: SessionManager, session: WorkbenchSession, content: Mapping[str,
     session.go(parse(HistoryPlace, content, 'place').at)
 
 
-def diagnose(
-    manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
-) -> None:
-    """Begin to look for what is missing."""
-    session.diagnose()
+def _of_model(request: str) -> Action:
+    """An action that begins work on the present model."""
 
+    def begin(
+        manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
+    ) -> None:
+        session.begin(request)
 
-def discover(
-    manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]
-) -> None:
-    """Begin to learn what no catalogue has."""
-    session.discover()
-
-
-def report(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
-    """Begin to write the report."""
-    session.report()
+    return begin
 
 
 def record(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
     """Begin to record the proposed motion on the simulated bench."""
     given = parse(BenchDrive, content, 'bench')
-    session.bench(given.drive, given.seconds)
+    session.begin('bench', drive=given.drive, seconds=given.seconds)
 
 
 def line(manager: SessionManager, session: WorkbenchSession, content: Mapping[str, Any]) -> None:
@@ -202,15 +197,10 @@ def select(
     return answers.selected(found.content, points, answers.lit(view, found.rows, *place))
 
 
-ACTIONS: Mapping[
-    str,
-    Callable[[SessionManager, WorkbenchSession, Mapping[str, Any]], dict[str, Any] | bytes | None],
-] = {
+ACTIONS: Mapping[str, Action] = {
     'step': take,
     'go': go,
-    'diagnose': diagnose,
-    'discover': discover,
-    'report': report,
+    **{name: _of_model(name) for name in ('diagnose', 'discover', 'report')},
     'bench': record,
     'line': line,
     'cancel': cancel,

@@ -76,24 +76,25 @@ def state(session: WorkbenchSession) -> dict[str, Any]:
 
 
 def budget_state(session: WorkbenchSession) -> dict[str, Any]:
-    """Of the budget what changes the page: its sentence, or its error; empty until it is known."""
+    """Sentence of the budget, or its error; empty until it is known."""
     found = session.budget or {}
-    return {name: found[name] for name in ('headline', 'origin', 'chosen', 'error') if name in found}
+    return {name: found[name] for name in ('headline', 'origin', 'error') if name in found}
 
 
 def coefficients_before(session: WorkbenchSession) -> dict[str, Any]:
     """Coefficients that the last added or removed effects have changed, by effect and group."""
-    shaped = [step for step in session.record.done if step.kind in ('load', 'fit', 'add', 'remove')]
+    kinds = ('load', 'fit', 'add', 'remove')
+    shaped = [step for step in session.record.done if step.kind in kinds]
     if len(shaped) < 2 or shaped[-1].kind not in ('add', 'remove') or not shaped[-2].model:
         return {}
-    found: dict[str, Any] = {}
     try:
-        groups = read_yaml(session.folder / shaped[-2].model, 'model')['drives']
-    except (InputError, KeyError):
+        model = read_yaml(session.folder / shaped[-2].model, 'model')
+    except InputError:
         return {}
-    for group, own in groups.items():
+    found: dict[str, Any] = {name: {} for name in model['effects']}
+    for group, own in model['drives'].items():
         for effect, values in own['coefficients'].items():
-            found.setdefault(effect, {})[group] = values
+            found[effect][group] = values
     return found
 
 

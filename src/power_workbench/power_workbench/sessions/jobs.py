@@ -50,8 +50,8 @@ class JobRunner:
     One worker process, one job at a time.
 
     The listener is called in a thread of its own with (job, kind, content) for every message; a
-    cancelled job's messages are dropped with its process, and the next job starts a fresh one. What
-    is requested `beside` the jobs is told without one.
+    cancelled job's messages are dropped with its process, and the next job starts a fresh one.
+    What is requested `beside` the jobs is told without one.
     """
 
     def __init__(self, listener: Callable[[SessionJob | None, str, Any], None]) -> None:

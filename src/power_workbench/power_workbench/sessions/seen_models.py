@@ -16,10 +16,10 @@ _KEPT = 4  # views
 class SeenModels:
     """Views and budgets of the last models, the last diagnosis and result of `discover`."""
 
-    views: dict[Key, PowerView] = field(default_factory=dict)
-    found: dict[Key, Findings] = field(default_factory=dict)
-    learned: dict[Key, Mapping[str, Any]] = field(default_factory=dict)
-    budgets: dict[Key, Mapping[str, Any]] = field(default_factory=dict)
+    views: dict[Key | None, PowerView] = field(default_factory=dict)
+    found: dict[Key | None, Findings] = field(default_factory=dict)
+    learned: dict[Key | None, Mapping[str, Any]] = field(default_factory=dict)
+    budgets: dict[Key | None, Mapping[str, Any]] = field(default_factory=dict)
     lines: dict[Source, list[Mapping[str, Any]]] = field(default_factory=dict)
 
     def keep(self, key: Key, view: PowerView) -> None:

@@ -28,6 +28,14 @@ _STAGES = {
     'effects': 'Reading effects',
 }
 
+_WORK: Mapping[str, tuple[str, str, Mapping[str, tuple[str, str]]]] = {
+    'diagnose': ('Looking for what is missing', 'found', {}),
+    'discover': ('Discovering', 'learned', {'output': ('effects', '.py')}),
+    'report': ('Writing the report', '', {'output': ('report', '.html')}),
+    'bench': ('Simulated bench', '', {'motion': ('next', '.yaml'), 'output': ('recording', '')}),
+}
+"""Of the present model: words, where the result is kept, and files that it makes."""
+
 
 class WorkbenchSession:
     """
@@ -87,26 +95,22 @@ class WorkbenchSession:
     @property
     def view(self) -> PowerView | None:
         """The present model on the recordings, or what is known of it so far."""
-        key = self._key()
-        return self._seen.views.get(key, self._partial) if key else self._partial
+        return self._seen.views.get(self._key(), self._partial)
 
     @property
     def findings(self) -> Findings | None:
         """The diagnosis of the present model."""
-        key = self._key()
-        return self._seen.found.get(key) if key else None
+        return self._seen.found.get(self._key())
 
     @property
     def budget(self) -> Mapping[str, Any] | None:
-        """Where the power goes by the present model, None until it is known."""
-        key = self._key()
-        return self._seen.budgets.get(key) if key else None
+        """Energy budget by the present model, None until it is known."""
+        return self._seen.budgets.get(self._key())
 
     @property
     def learned(self) -> Mapping[str, Any] | None:
         """Result of `discover` on top of the present model."""
-        key = self._key()
-        return self._seen.learned.get(key) if key else None
+        return self._seen.learned.get(self._key())
 
     @property
     def lines(self) -> list[Mapping[str, Any]]:
@@ -167,47 +171,16 @@ class WorkbenchSession:
             self._refresh()
             self._bump()
 
-    def diagnose(self) -> None:
-        """Begin a diagnosis of the present model; InputError without one."""
-        key = self.judged
+    def begin(self, request: str, **given: Any) -> None:
+        """Begin work on the present model; InputError without one."""
+        key, (name, kept, files) = self.judged, _WORK[request]
+        made = {argument: self.fresh(*file) for argument, file in files.items()}
 
-        def keep(found: Findings) -> None:
-            self._seen.found = {key: found}
+        def keep(found: Any) -> None:
+            if kept:
+                setattr(self._seen, kept, {key: found})
 
-        self.start('Diagnosing', 'diagnose', {'source': key[0], 'spec': key[1]}, keep)
-
-    def discover(self) -> None:
-        """Begin to learn what no catalogue has."""
-        key = self.judged
-
-        def keep(found: Mapping[str, Any]) -> None:
-            self._seen.learned = {key: found}
-
-        arguments = {
-            'source': key[0],
-            'spec': key[1],
-            'output': self.fresh('effects', '.py'),
-        }
-        self.start('Discovering', 'discover', arguments, keep)
-
-    def report(self) -> None:
-        """Begin to write the report of the diagnosis."""
-        source, spec = self.judged
-        arguments = {'source': source, 'spec': spec, 'output': self.fresh('report', '.html')}
-        self.start('Report', 'report', arguments, lambda name: None)
-
-    def bench(self, drive: str, seconds: float | None = None) -> None:
-        """Begin to record the proposed motion with a drive of the simulated bench."""
-        source, spec = self.judged
-        arguments = {
-            'source': source,
-            'spec': spec,
-            'drive': drive,
-            'seconds': seconds,
-            'motion': self.fresh('next', '.yaml'),
-            'output': self.fresh('recording', ''),
-        }
-        self.start('Simulated bench', 'bench', arguments, lambda path: None)
+        self.start(name, request, {'source': key[0], 'spec': key[1], **made, **given}, keep)
 
     def look_at_log(self, file: str) -> None:
         """Begin to look into a log of others."""

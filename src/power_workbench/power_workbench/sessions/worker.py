@@ -143,7 +143,7 @@ class SessionWorker:
 
     def budget(self, source: Source, spec: str) -> dict[str, Any]:
         """
-        Where the power goes by the present model, or by one that is chosen where it has no effects.
+        Energy budget by the model, or by a chosen one where the model has no effects.
 
         Runs in a thread of its own beside the other requests.
         """
@@ -249,7 +249,7 @@ class SessionWorker:
 
         catalogue = source.catalogue()
         loaded = self._load(show, source)
-        show('progress', 'diagnosing: trying every effect of the catalogue')
+        show('progress', 'trying every effect of the catalogue')
         outcome = diagnose(loaded, load_model(spec, catalogue), spec, catalogue, seed)
         self._outcome = (source, spec, outcome)
         return outcome
@@ -267,8 +267,8 @@ class SessionWorker:
             known = tuple(one['sha256'] for one in self._loaded.identities)
             if source.sha256 and source.sha256 != known:
                 raise InputError(
-                    f'{", ".join(source.recordings)}: these are not the recordings that the session '
-                    'was made on (another sha256); open them anew'
+                    f'{", ".join(source.recordings)}: these are not the recordings that the '
+                    'session was made on (another sha256); open them anew'
                 )
             return self._loaded
 

@@ -71,9 +71,7 @@ def _latest(requests: 'SimpleQueue[Any]') -> Any:
     return found
 
 
-def _receive(
-    pipe: Connection, waiting: 'SimpleQueue[Any]', budgets: 'SimpleQueue[Any]'
-) -> None:
+def _receive(pipe: Connection, waiting: 'SimpleQueue[Any]', budgets: 'SimpleQueue[Any]') -> None:
     """Pass requests on; the process ends as soon as nobody is there for its answers."""
     try:
         while True:

@@ -39,7 +39,7 @@ function collapse(s) {
 /** Parts of the state that a section depends on, so that the rest of the page stays as it is. */
 const PARTS = [
   [(s) => [s.opened, s.view, s.model, s.budget, s.diagnosis, s.learned, s.commands, Boolean(s.job)], () => summary.update()],
-  [(s) => [s.budget, s.at, s.opened, Boolean(s.view)], (s) => { if (s.view) budget.update(); else find('budget').hidden = true; }],
+  [(s) => [s.budget, s.at, s.opened, Boolean(s.view)], () => budget.update()],
   [(s) => [s.opened, s.recordings], () => recordings.update()],
   [(s) => [s.opened.length, s.model, s.steps, s.at, s.effect_files], () => model.update()],
   [(s) => [s.log, s.made, Boolean(s.job)], () => logs.update()],
@@ -59,9 +59,9 @@ const PARTS = [
     find('next').hidden = !s.diagnosis || !s.model;
     if (s.diagnosis && s.model) next.update();
   }],
-  [(s) => [s.stairs, s.view && s.view.noise_w, s.lines, s.model, s.before], (s) => {
-    find('stairs').hidden = !s.stairs.length || !s.view;
-    if (s.stairs.length && s.view) missing.stairs();
+  [(s) => [s.stairs, s.view && [s.view.noise_w, s.view.scores], s.lines, s.model, s.before], (s) => {
+    find('stairs').hidden = !s.stairs.length || !s.view || !s.view.scores;
+    if (!find('stairs').hidden) missing.stairs();
   }],
   [(s) => [s.steps, s.at, s.model_file, s.files, Boolean(s.job)], (s) => {
     find('keep').hidden = !s.model;

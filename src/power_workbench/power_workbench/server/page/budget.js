@@ -25,10 +25,17 @@ function build() {
 }
 
 export async function update() {
-  const { budget } = bench.state;
-  find('budget').hidden = !budget.headline;
-  const now = JSON.stringify([budget, bench.state.at, bench.state.opened]);
-  if (!budget.headline || now === known) return;
+  const { budget, opened, at, view } = bench.state;
+  find('budget').hidden = !view || view.share < 1;
+  find('budget-body').setAttribute('aria-busy', String(!budget.headline));
+  if (!budget.headline) {
+    const words_ = budget.error ? `No budget: ${budget.error}.` : 'Working out where the power goes, beside whatever else is done…';
+    if (parts) parts.origin.textContent = words_;
+    else fill(find('budget-body'), h('p', {}, words_), budget.error ? null : h('progress', { 'aria-label': 'Working out the budget' }));
+    return;
+  }
+  const now = JSON.stringify([budget, at, opened]);
+  if (now === known) return;
   known = now;
   const news = await attempt(() => get('budget'));
   if (!news || !news.rows) return;

@@ -133,7 +133,7 @@ export function stairs() {
   const first = steps[0];
   find('stairs-words').textContent = `${steps.length > 1
     ? `From ${watts(first.rmse_w)} to ${watts(last.rmse_w)} in ${plural(steps.length - 1, 'step')}`
-    : `The first model is ${watts(first.rmse_w)} off`}; the meter’s noise is ${watts(view.noise_w)}. Error on unseen data (${view.scores && view.scores.held_out === 'cross-validated' ? '5-fold' : view.scores ? view.scores.held_out : ''}), rms over the drives.`;
+    : `The first model is ${watts(first.rmse_w)} off`}; the meter’s noise is ${watts(view.noise_w)}. Error on unseen data (${view.scores.held_out === 'cross-validated' ? '5-fold' : view.scores.held_out}), rms over the drives.`;
   const top = Math.max(...steps.map((one) => one.rmse_w), ...lines.map(([, level]) => level));
   draw(find('plot-stairs'), find('stairs-words').textContent, () => [[{
     type: 'bar', x: steps.map((_, index) => index), y: steps.map((one) => one.rmse_w), text: steps.map((one) => watts(one.rmse_w)), textposition: 'outside', cliponaxis: false,

@@ -71,14 +71,13 @@ export function update() {
     fill(find('summary'), head('Where do the watts go?'), h('p', { class: 'lead' }, 'Open a recording: this page shows where its power goes and what would save most, then what a model of it misses.'));
     return;
   }
-  const going = state.job ? '' : budget.error ? `No budget: ${budget.error}.` : 'Working out where the power goes…';
   const parts = [];
   if (view && view.scores) {
     const verdict = found && state.model;
     if (verdict) parts.push(h('p', { class: `kind ${TONES[found.verdict]}` }, kind(found)));
     parts.push(head(explained(view)));
     if (verdict) parts.push(h('p', { class: 'verdict', id: 'verdict' }, found.sentence.replaceAll('`', '')), measured(found, view));
-  } else parts.push(head(budget.headline ? `${capital(budget.headline)}.` : view ? going || 'The recording is open.' : 'Reading the recordings…'));
+  } else parts.push(head(budget.headline ? `${capital(budget.headline)}.` : view && view.share >= 1 ? 'The recording is open.' : 'Reading the recordings…'));
   if (view && (view.scores || !state.model) && view.share >= 1) {
     const [label, work, why] = step(state);
     parts.push(h('div', { class: 'row' }, h('button', { type: 'button', class: 'main', id: 'next-step', disabled: Boolean(state.job), onclick: work }, label), h('span', { class: 'faint' }, why)));
