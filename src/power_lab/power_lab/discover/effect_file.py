@@ -46,7 +46,7 @@ def effect_source(effects: Sequence[Written], source: Sequence[str]) -> str:
         'from numpy.typing import NDArray',
         'from power_estimator.effects import Effect, Excitation, Term, smooth_sign',
         '',
-        'Floats = Floats',
+        'Floats = NDArray[np.float64]',
         f'LEARNED_FROM = {tuple(source)!r}',
         '',
         '',
