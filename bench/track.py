@@ -29,8 +29,7 @@ from track_histories import CATALOGUE, Plan, history, plan
 from wattwalk_core.engine.options import Workplace, add_workplace
 from wattwalk_core.engine.task_engine import TaskEngine
 
-NEAR = 5
-"""Recordings that a date may be off by."""
+NEAR = 5  # recordings that a date may be off by
 SCORES = {
     'detected': 'found',
     'right_drive': 'drive',

@@ -20,8 +20,7 @@ from wattwalk_core.yaml_file import dump_yaml, read_yaml, shipped_file
 
 CONFIGS: Final = Path(__file__).parent / 'configs'
 GAITS: Final = Path(__file__).parent / 'gaits'
-POLICY: Final = 'policy'
-"""Folder of the exported policy in that of its run."""
+POLICY: Final = 'policy'  # folder of the exported policy in that of its run
 
 
 def gait_path(source: str) -> Path:

@@ -81,8 +81,7 @@ class TrainingSet:
     live: Singles  # features of the same samples as the live node forms them [T, D, 3]
     recordings: tuple[TrainingRecording, ...]
     paths: tuple[Path, ...] = ()
-    drives: tuple[str, ...] = ()
-    """Patterns of the drives that were asked for; none for all."""
+    drives: tuple[str, ...] = ()  # patterns of the drives that were asked for; none for all
 
     def as_live(self) -> AlignedDataset:
         """Return the data with the live node's features in place of the smoothed signals."""

@@ -13,8 +13,7 @@ from wattwalk_core.files import advice, write_whole
 from wattwalk_core.schema import Quantity, parse, schema
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 
-NONE = 'none'
-"""Entry `calibration` of the card of a recording to which none was applied."""
+NONE = 'none'  # entry `calibration` of the card of a recording to which none was applied
 _QUANTITIES = ('voltage', 'current')
 
 

@@ -13,8 +13,7 @@ from wattwalk_core.schema import Length, parse, schema
 from wattwalk_core.yaml_file import dump_yaml, parse_yaml, read_yaml
 
 FILE = 'card.yaml'
-NOTE = 'note'
-"""Key of a report on `diagnostics` whose value a recorder keeps in the card."""
+NOTE = 'note'  # key of a report on `diagnostics` whose value a recorder keeps in the card
 DRIVE_TYPES = ('HAA', 'HFE', 'KFE')
 _TEXTS = ('robot', 'unit', 'controller', 'terrain', 'notes', 'software', 'calibration', 'created')
 _COMPUTED: Literal['computed'] = 'computed'

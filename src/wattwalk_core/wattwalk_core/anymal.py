@@ -14,10 +14,8 @@ JOINT_TYPES: Final = ('HAA', 'HFE', 'KFE')
 JOINT_NAMES: Final = tuple(f'{leg}_{joint}' for leg in LEGS for joint in JOINT_TYPES)
 """Order of the 12 joints everywhere."""
 FOOT_NAMES: Final = tuple(f'{leg}_FOOT' for leg in LEGS)
-FRONT: Final = np.array([1.0, 1.0, -1.0, -1.0])
-"""1 for front legs, −1 for hind legs [4]."""
-LEFT: Final = np.array([1.0, -1.0, 1.0, -1.0])
-"""1 for left legs, −1 for right legs [4]."""
+FRONT: Final = np.array([1.0, 1.0, -1.0, -1.0])  # 1 for front legs, −1 for hind legs [4]
+LEFT: Final = np.array([1.0, -1.0, 1.0, -1.0])  # 1 for left legs, −1 for right legs [4]
 
 DEFAULT_POSE: Final = np.outer(FRONT, [0.0, 0.4, -0.8]).ravel() + 0.0
 """Joint angles of standing, rad [12]: HAA 0, HFE ±0.4, KFE ∓0.8 (front, hind)."""

@@ -6,5 +6,4 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
-Stamps = NDArray[np.int64]
-"""Times [ns] of a clock."""
+Stamps = NDArray[np.int64]  # times [ns] of a clock

@@ -156,8 +156,7 @@ class Printable:
         return core_schema.no_info_after_validator_function(check, handler(source))
 
 
-Name = Annotated[str, Printable()]
-"""Text that is not empty, is not long and may go to a terminal."""
+Name = Annotated[str, Printable()]  # text that is not empty, is not long and may go to a terminal
 
 
 def parse(kind: type[T], content: object, where: str) -> T:

@@ -70,8 +70,7 @@ class Ramps:
         return max(by_speed, math.pi * math.sqrt(0.5 * d / self.acceleration))
 
 
-JUMPS: Final = Ramps(math.inf, math.inf, math.inf)
-"""No limits: targets jump, for simulated drives."""
+JUMPS: Final = Ramps(math.inf, math.inf, math.inf)  # no limits: targets jump, for simulated drives
 
 
 @dataclass(frozen=True)

@@ -56,8 +56,7 @@ class Perceptron:
         return np.asarray(x @ weight + bias)
 
 
-Network = Callable[[Singles], Singles]
-"""Observations [..., size] to actions [..., 12]."""
+Network = Callable[[Singles], Singles]  # observations [..., size] to actions [..., 12]
 
 
 def network_of(contract: Contract, tensors: Mapping[str, Singles]) -> Network:

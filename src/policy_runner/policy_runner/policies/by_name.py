@@ -72,8 +72,7 @@ def shipped() -> tuple[str, ...]:
     return tuple(sorted(card.parent.name for card in SHIPPED.glob(f'*/{CARD}')))
 
 
-POLICIES: Final = (*TROTS, *shipped())
-"""Names of all policies."""
+POLICIES: Final = (*TROTS, *shipped())  # names of all policies
 
 
 def load_policy(source: str, *, trust_code: bool = False) -> Policy:

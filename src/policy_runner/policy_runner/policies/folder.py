@@ -25,8 +25,7 @@ from policy_runner.policies.observations import Observation
 FORMAT: Final = 'wattwalk_policy/1'
 CARD: Final = 'policy.yaml'
 WEIGHTS: Final = 'weights.safetensors'
-FALLBACK: Final = 'fallback.'
-"""Prefix of the tensors of a second network."""
+FALLBACK: Final = 'fallback.'  # prefix of the tensors of a second network
 SEEN_BY_FALLBACK: Final = ('base_velocity', 'gravity', 'command')
 """Observation terms by which the share of the second network goes."""
 

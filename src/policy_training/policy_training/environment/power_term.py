@@ -49,8 +49,7 @@ class PlantPower:
         return np.asarray(power.mean(axis=0).reshape(-1, _JOINTS))
 
 
-PLANT: Final = 'plant'
-"""In place of a model: what the plant's own circuit draws."""
+PLANT: Final = 'plant'  # in place of a model: what the plant's own circuit draws
 
 
 class PowerSource(Protocol):

@@ -53,8 +53,7 @@ class GaitSearchConfig:
     population: Annotated[int, Quantity(4, 256, '', 'gaits in a generation')] = 14
     trial: TrialConfig = field(default_factory=TrialConfig)
     step: Annotated[float, Quantity(0.01, 1.0, '', 'initial, share of the ranges')] = 0.15
-    task: str = ''
-    """The only task that is walked; empty for all."""
+    task: str = ''  # the only task that is walked; empty for all
 
     def __post_init__(self) -> None:
         if self.task and self.task not in {task.name for task in TASKS}:

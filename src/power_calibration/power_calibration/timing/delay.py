@@ -116,8 +116,7 @@ class Joint:
         return np.column_stack([np.ones_like(tau), tau * w, tau * tau, *moving, *losses])
 
 
-SHIFTS = np.arange(-20.0, 21.0) * 1e-3
-"""Shifts at which errors are computed, s."""
+SHIFTS = np.arange(-20.0, 21.0) * 1e-3  # shifts at which errors are computed, s
 _RATE = 100.0  # Hz, both sides are low-passed for it: flat to 25 Hz
 _SPAN = 30.0  # s, fitted where power varies most
 _STEPS = 8

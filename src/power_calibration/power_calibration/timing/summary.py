@@ -129,8 +129,7 @@ def clock_quality(recording: Recording) -> ClockQuality | None:
     return ClockQuality(-1e6 * slope, time, time - device - origin - slope * device)
 
 
-SHIFTS_SHOWN = (0.001, 0.0025, 0.005, 0.01)
-"""Shifts whose effect on power is reported, s."""
+SHIFTS_SHOWN = (0.001, 0.0025, 0.005, 0.01)  # shifts whose effect on power is reported, s
 FREQUENCIES_SHOWN = (5.0, 12.5, 25.0, 50.0, 100.0)
 """Frequencies at which the smoothing's gain is reported, Hz."""
 GRID = 400.0  # Hz, on which alignment smooths

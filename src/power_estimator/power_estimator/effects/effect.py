@@ -76,8 +76,7 @@ class Effect:
     excitation: Excitation = Excitation('not given by its author')
     acts_on: Literal['power', 'torque', 'speed'] = 'power'
     kind: Literal['physics', 'measurement', 'discrepancy'] = 'physics'
-    needs_joint_torque: bool = False
-    """The torque of the motor contains the effect already."""
+    needs_joint_torque: bool = False  # the torque of the motor contains the effect already
     ties: tuple[str, ...] = ()  # effects that no recording can tell from it
     near: tuple[str, ...] = ()  # effects that only its excitation tells from it
     rests_on: tuple[str, ...] = ()  # effects that it changes: it cannot stand for them
@@ -94,8 +93,7 @@ class Effect:
     The regressors follow what was seconds before (heat, backlash, rest) from each gap on, so
     that a recording must not be cut into pieces.
     """
-    needs_time: bool = False
-    """Operating points do not show it: it acts while something changes."""
+    needs_time: bool = False  # operating points do not show it: it acts while something changes
     torque_slope: Callable[[Signals, Floats], Floats | None] | None = None
     """(signals, coefficients) → derivative of its power by the motor's torque, W/(N·m) [T, D]."""
     drawn_slope: Callable[..., Floats | None] | None = None

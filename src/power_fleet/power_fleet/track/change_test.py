@@ -12,8 +12,7 @@ from wattwalk_core.arrays import Floats
 from power_fleet.track.history import DriveHistory
 
 LEAST_RECORDINGS = 8
-ALONE = '~'
-"""Before the name of an estimate that moves alone, whatever caused it."""
+ALONE = '~'  # before the name of an estimate that moves alone, whatever caused it
 LEAST_SIDE = 3  # recordings before a change and after it
 _LEAST_RAMP = 4  # recordings
 _RAMP_STEPS = 18  # places at which ramps begin or end

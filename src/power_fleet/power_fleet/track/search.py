@@ -12,8 +12,7 @@ from power_fleet.track.change_test import ALONE, LEAST_RECORDINGS, Change, Chang
 from power_fleet.track.history import DriveHistory
 from power_fleet.track.recording_fit import TIME_OFFSET
 
-FALSE_ALARMS = 0.05
-"""Share of quiet histories that raise any alarm, over all drives and effects."""
+FALSE_ALARMS = 0.05  # share of quiet histories that raise any alarm, over all drives and effects
 _OF_COEFFICIENTS = 0.04  # of them; the rest is for growth of what the model misses
 _ORDERS = 199
 _MOST_CHANGES = 3  # of a drive

@@ -22,8 +22,7 @@ from power_fleet.track.history import DriveHistory
 from power_fleet.track.reading import Request
 from power_fleet.track.search import chance_of, random_orders
 
-NAME = 'unmodelled'
-"""Hypothesis that the model misses more than before."""
+NAME = 'unmodelled'  # hypothesis that the model misses more than before
 SHARE = 0.01
 """Share of quiet histories in which it is raised: of the false alarms of all of `track`."""
 _POOLED = 8  # recordings before and after, the nearest

@@ -32,8 +32,7 @@ from power_lab.compare.comparison import describe_state
 Masks = Mapping[str, Bools]
 
 _TORQUE_SCALE: Final = 0.03  # error of torque sensors as they are sold; of computed torque ×5
-DRAWS = 200
-"""Draws of what is uncertain: ten of them lie beyond either bound of 90 %."""
+DRAWS = 200  # draws of what is uncertain: ten of them lie beyond either bound of 90 %
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ from power_lab.structure.shapes import LearnedShape, learn
 from power_lab.structure.words import in_words
 
 MOST_EFFECTS = 3
-CERTAINTY = 0.05
-"""Chance at which a share that is explained counts as chance."""
+CERTAINTY = 0.05  # chance at which a share that is explained counts as chance
 FLOOR, FLOOR_SHARE_OF_RMS = 0.15, 0.004
 """W, and share of the rms power: less structure than this is that of formulas not quite exact."""
 _MOST_SAMPLED = 3.0

@@ -140,8 +140,7 @@ class Primitive:
 
 
 _NEARLY_A_TURN = 0.1  # rad
-_WIDEST = 0.75
-"""Share of the driver's range that a window may fill."""
+_WIDEST = 0.75  # share of the driver's range that a window may fill
 
 
 @lru_cache(maxsize=8)

@@ -10,10 +10,8 @@ from power_lab.discover.search import Expression
 from power_lab.structure.drivers import Family
 from power_lab.structure.shapes import LearnedShape
 
-KEEPS = 0.9
-"""Share of the shape's gain that a formula must keep to be called one."""
-CLOSE = 0.85
-"""Share of the best score from which on an option comes into question."""
+KEEPS = 0.9  # share of the shape's gain that a formula must keep to be called one
+CLOSE = 0.85  # share of the best score from which on an option comes into question
 _NEAR_BEST, _LEAST_OF_BEST = 0.995, 0.95
 """
 Share of the best formula's gain that a smaller one must keep, or all but what is too small to be

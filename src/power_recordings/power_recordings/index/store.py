@@ -57,8 +57,7 @@ class Stamp:
 
 T = TypeVar('T')
 
-ENVIRONMENT = 'WATTWALK_INDEX'
-"""Variable that names the file of the index; empty for none."""
+ENVIRONMENT = 'WATTWALK_INDEX'  # variable that names the file of the index; empty for none
 VERSION = 1
 _APPLICATION = 0x77617474  # 'watt', in the header of the file
 _MAGIC = b'SQLite format 3\0'

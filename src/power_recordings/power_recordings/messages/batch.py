@@ -7,8 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-LARGEST: Final = 256 << 20
-"""Bytes of a chunk, packed or not."""
+LARGEST: Final = 256 << 20  # bytes of a chunk, packed or not
 # What all chunks of a file may unpack to: far more than recordings, far less than zip bombs.
 ROOM: Final = 256 << 20  # bytes
 RATIO: Final = 200

@@ -14,8 +14,7 @@ from sim_bridge.offline.session import Event, SessionPart
 from sim_bridge.sensors.blocks import BusColumns
 from sim_bridge.sensors.meter import DeviceClock
 
-START_NS: Final = 1_750_000_000_000_000_000
-"""ROS time of step 0 in offline runs."""
+START_NS: Final = 1_750_000_000_000_000_000  # ROS time of step 0 in offline runs
 
 
 @dataclass(frozen=True)

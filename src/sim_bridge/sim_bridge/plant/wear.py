@@ -21,8 +21,7 @@ WEARS: Final[Mapping[str, tuple[str, ...]]] = {
     'power_gain': ('current_gain',),
 }
 """Parameters of a drive, or of its meter, that a factor multiplies, by the effect's name."""
-OFFSET: Final = 'current_offset'
-"""Offset of a current sensor, A, which is added."""
+OFFSET: Final = 'current_offset'  # offset of a current sensor, A, which is added
 
 
 def check_wear(wear: Mapping[str, Mapping[str, float]]) -> None:

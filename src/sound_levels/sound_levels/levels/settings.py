@@ -8,8 +8,7 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.schema import Quantity
 
 WEIGHTINGS: Final = ('A', 'C', 'Z')
-TIMES: Final = {'fast': 0.125, 'slow': 1.0}
-"""Time constants of IEC 61672-1, s."""
+TIMES: Final = {'fast': 0.125, 'slow': 1.0}  # time constants of IEC 61672-1, s
 METHODS: Final = ('auto', 'clap', 'step', 'gait', 'none')
 _LIMITS: Final = {
     'level': ('--level', Quantity(40.0, 160.0, 'dB')),

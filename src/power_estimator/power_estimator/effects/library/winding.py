@@ -6,11 +6,9 @@ from wattwalk_core.arrays import Floats
 from power_estimator.effects.effect import Effect, Excitation, Term, share_of_top
 from power_estimator.effects.signals.state import Signals
 
-REFERENCE = 25.0
-"""°C at which the copper loss has its nominal coefficient."""
+REFERENCE = 25.0  # °C at which the copper loss has its nominal coefficient
 
-COPPER = 0.0039
-"""Relative growth of copper's resistance per kelvin."""
+COPPER = 0.0039  # relative growth of copper's resistance per kelvin
 
 
 def _saturation(signals: Signals, **_: float) -> Floats:

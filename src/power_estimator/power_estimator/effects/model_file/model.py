@@ -20,8 +20,7 @@ from power_estimator.effects.signals.sizing import with_torque
 from power_estimator.effects.signals.state import Carried, Signals
 from power_estimator.model import Needs, PowerModel
 
-RATE: Final = 400.0
-"""Hz of the samples that effects multiply, not smoothed."""
+RATE: Final = 400.0  # Hz of the samples that effects multiply, not smoothed
 NOMINAL: Final = {'position': 0.0, 'voltage': 48.0, 'temperature': 40.0}  # beside torque and speed
 _ROWS = (4, 8, 16, 32)  # of memory that is tried; derivatives see three
 _ALL = 512

@@ -23,8 +23,7 @@ from power_estimator.effects.signals.reducer import (
 from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.effects.signals.sizing import drive_scale, torque_constants, with_torque
 
-WHOLE = 'robot'
-"""Name of the meter of a whole robot."""
+WHOLE = 'robot'  # name of the meter of a whole robot
 _LAG_LIMIT = 0.02  # s
 _UNRESOLVED, _MOST_UNRESOLVED = 4.0, 1 / 7
 _MOVING = 0.05  # rad/s

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from power_recordings.alignment.filters import windowed_sinc
 from wattwalk_core.arrays import Floats, Singles
 
-CUTOFF = 12.5
-"""Hz, of the zero-phase low-pass that products and power pass alike (Section II-A)."""
+CUTOFF = 12.5  # Hz, of the zero-phase low-pass that products and power pass alike (Section II-A)
 REDUCED_RATE = 50.0
 HALF_WIDTH = 0.2  # s, of the low-pass
 EARLIEST, LATEST, SHIFT_STEP = -0.006, 0.022, 0.001

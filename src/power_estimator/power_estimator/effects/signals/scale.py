@@ -9,10 +9,8 @@ from wattwalk_core.arrays import Bools, Floats
 
 TORQUE, SPEED, VOLTAGE = 40.0, 8.0, 48.0
 """N·m, rad/s and V of the reference drive, a leg joint of an ANYmal."""
-REFERENCE = (1.0, 1.0, 1.0, 1.0, 1.0)
-"""Factors of the reference drive."""
-STANDSTILL = 0.05
-"""Speed of the reference drive in rad/s below which friction's sign fades out."""
+REFERENCE = (1.0, 1.0, 1.0, 1.0, 1.0)  # factors of the reference drive
+STANDSTILL = 0.05  # speed of the reference drive in rad/s below which friction's sign fades out
 
 _WHOLE = str.maketrans('', '', '()')
 _POWERS = {'²': 2, '³': 3}
