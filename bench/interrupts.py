@@ -28,7 +28,7 @@ from power_recordings.reading.reader import Recording
 from rich.console import Console
 from rich.table import Table
 from runtimes import reserved
-from soak_bags import told_lost
+from soak_devices import told_lost
 from wattwalk_core.errors import InputError
 from wattwalk_core.processes import ChildProcess, ProcessError
 

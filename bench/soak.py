@@ -26,7 +26,7 @@ import runtimes
 from rich.console import Console
 from rich.progress import Progress
 from soak_account import Account, Check, Counters, account, markdown, supply_account
-from soak_bags import messages, rows
+from soak_devices import messages, rows
 from soak_system import SoakError, System, fill_disk, until
 
 Event = tuple[float, str, Callable[[], None]]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from power_recordings.reading.reader import Recording
-from soak_bags import told_lost
+from soak_devices import told_lost
 from wattwalk_core.processes import wait_until
 
 LIVE = 'import sys; from wattwalk_bringup.commands.arguments import live as main; sys.exit(main())'

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from soak_account import BagRows, Counters, account, markdown, supply_account
-from soak_bags import told_came, told_lost
-from soak_devices import current_numbers, numbered, position_numbers
+from soak_devices import current_numbers, numbered, position_numbers, told_came, told_lost
 
 
 def ms(count):

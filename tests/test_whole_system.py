@@ -9,7 +9,7 @@ import pytest
 from power_recordings.alignment.align import load_aligned
 from power_recordings.reading.reader import Recording
 from priority import prefer
-from soak_bags import told_lost
+from soak_devices import told_lost
 
 ROOT = Path(__file__).resolve().parents[1]
 NETWORK = ROOT / 'bags' / 'ppn_small'

@@ -9,7 +9,7 @@ from rclpy.clock import Clock, ROSClock
 from rclpy.context import Context
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle, NotInitializedException
-from rclpy.impl import arguments, names
+from rclpy.impl import arguments
 from rclpy.impl.graph import NodeEntities
 from rclpy.impl.parameters import Parameters
 from rclpy.logging import RcutilsLogger, get_logger
@@ -68,12 +68,12 @@ class Node(Parameters):
         self._tell()
 
     def _set_names(self, node_name: str, namespace: str) -> None:
-        names.validate_node_name(node_name)
+        arguments.validate_node_name(node_name)
         self._name = self._arguments.node_name(node_name)
-        names.validate_node_name(self._name)
+        arguments.validate_node_name(self._name)
         namespace = self._arguments.namespace(node_name, namespace or '/')
         self._namespace = namespace if namespace.startswith('/') else f'/{namespace}'
-        names.validate_namespace(self._namespace)
+        arguments.validate_namespace(self._namespace)
 
     @property
     def context(self) -> Context:
@@ -142,7 +142,7 @@ class Node(Parameters):
     def _resolve(self, name: str, is_service: bool, only_expand: bool = False) -> str:
         if not isinstance(name, str):
             raise TypeError(f'a name must be a str, got {type(name)}')
-        absolute = names.expand(name, self._name, self._namespace, is_service)
+        absolute = arguments.expand(name, self._name, self._namespace, is_service)
         if only_expand:
             return absolute
         return self._arguments.topic(absolute, self._name, self._namespace, is_service)

@@ -5,8 +5,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from ros2cli.main import CommandError
-from ros2cli.messages import fill, parse_values
-from ros2cli.verbs import Verbs, add_spin_time, direct_node, discover, wait_until
+from ros2cli.verbs import (
+    Verbs,
+    add_spin_time,
+    direct_node,
+    discover,
+    fill,
+    parse_values,
+    wait_until,
+)
 
 
 def _list(options: argparse.Namespace) -> None:

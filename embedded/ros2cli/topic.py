@@ -8,8 +8,17 @@ from statistics import pstdev
 from typing import Any
 
 from ros2cli.main import CommandError
-from ros2cli.messages import field, fill, parse_values, to_yaml
-from ros2cli.verbs import Verbs, add_spin_time, direct_node, discover, wait_until
+from ros2cli.verbs import (
+    Verbs,
+    add_spin_time,
+    direct_node,
+    discover,
+    field,
+    fill,
+    parse_values,
+    to_yaml,
+    wait_until,
+)
 
 HIDDEN = '/_'
 

@@ -8,8 +8,8 @@ from drive_bench.motion.joint_limits import JointLimits, limits_of
 from drive_bench.motion.plan import Plan, SegmentPlayer, WavePath
 from drive_bench.motion.segment_path import Mounting, Ramps
 from drive_bench.motion.segments import Segment
-from drive_bench.run.drive_names import resolve
 from drive_bench.run.motion_run import MotionRun
+from drive_bench.run.options import resolve
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from policy_runner.supervisor.safety import SafetyConfig

@@ -20,8 +20,7 @@ from power_daq.acquisition.receiver import Receiver
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import READY, BusDescription
 from power_daq.clock.mapping import RosTime
-from power_daq.ethercat.acquisition import SegmentAcquisition
-from power_daq.ethercat.health import SegmentHealth
+from power_daq.ethercat.acquisition import SegmentAcquisition, SegmentHealth
 from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.soem import SoemSegment, longest_call
 

@@ -286,7 +286,7 @@ def failing(*arguments):
 BagWriter.write = failing
 """
 _FULL = """
-from power_recordings.writing.card_file import CardFile
+from power_recordings.writing.metadata import CardFile
 from wattwalk_core.files import RecordingError
 def full(*_):
     if len(times) == 3: raise RecordingError('no room for the card')

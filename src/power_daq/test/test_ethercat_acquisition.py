@@ -9,12 +9,10 @@ import pytest
 from kept_log import KeptLog
 from power_daq.acquisition.bus_acquisition import SampleQueue
 from power_daq.clock.mapping import RosTime
-from power_daq.ethercat.acquisition import SegmentAcquisition, SegmentPatience
-from power_daq.ethercat.health import SegmentHealth
+from power_daq.ethercat.acquisition import SegmentAcquisition, SegmentHealth, SegmentPatience
 from power_daq.ethercat.mapping import SegmentMapping
-from power_daq.ethercat.segment import SegmentError
 from power_daq.ethercat.soem import longest_call
-from power_daq.ethercat.terminals import SlaveIdentity
+from power_daq.ethercat.terminals import SegmentError, SlaveIdentity
 from power_recordings.calibration import Calibration
 from wattwalk_core.nodes.diagnostics import Level
 

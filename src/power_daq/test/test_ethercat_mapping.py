@@ -6,8 +6,14 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from power_daq.ethercat.mapping import ChannelMapping, SegmentMapping
-from power_daq.ethercat.segment import SegmentError, assert_settings, check_inputs, check_order
-from power_daq.ethercat.terminals import TYPES, SlaveIdentity
+from power_daq.ethercat.terminals import (
+    TYPES,
+    SegmentError,
+    SlaveIdentity,
+    assert_settings,
+    check_inputs,
+    check_order,
+)
 from wattwalk_core.errors import InputError
 
 from drive_power_msgs.msg import DriveSupply

@@ -1,7 +1,6 @@
 from power_daq.supply.answers import InstrumentIdentity, ScpiError
 from power_daq.supply.energy_counters import Balance, Energy
-from power_daq.supply.health import SupplyHealth
-from power_daq.supply.poller import PollState
+from power_daq.supply.poller import PollState, SupplyHealth
 from wattwalk_core.nodes.diagnostics import Level
 
 NAMES = ('LF_HAA', 'LF_HFE', 'LF_KFE', 'RF_HAA', 'RF_HFE')

@@ -8,7 +8,7 @@ from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.per_recording import in_step
 from power_estimator.effects.training import material
-from power_estimator.judge.together import together
+from power_estimator.judge.estimator import together
 from power_lab.diagnose.diagnosis import Diagnoser
 from power_lab.diagnose.measurement_check import check_measurement
 from power_lab.diagnose.next_recording import separating_motion

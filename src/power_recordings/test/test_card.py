@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 from power_recordings.card import Card
-from power_recordings.writing.card_file import CardFile
+from power_recordings.writing.metadata import CardFile
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import RecordingError
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from power_lab.challenge.bench_run import record_on_bench, shortened
+from power_lab.challenge.bench_recording import record_on_bench, shortened
 from power_lab.diagnose.next_recording import Motion
 from power_recordings.reading.reader import Recording
 from power_workbench.files.folders import Folders

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from energy_balance import friction_parts
-from sim_bridge.plant.circuit import Circuit
+from sim_bridge.plant.circuit import Bus, Circuit
 from sim_bridge.plant.drive import Drives, Friction, JointCommand
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import STEP, Simulation
-from sim_bridge.plant.supply import Bus
 from sim_bridge.plant.world import Stand, stand_world
 
 DRIVE = ('LF_KFE',)

@@ -1,6 +1,5 @@
 import numpy as np
-from sim_bridge.offline.memory import gather
-from sim_bridge.offline.telemetry import Rows, Telemetry
+from sim_bridge.offline.telemetry import Rows, Telemetry, gather
 
 
 def stretch(first, **commands):

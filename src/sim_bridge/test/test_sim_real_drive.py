@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sim_bridge.plant.circuit import Circuit
+from sim_bridge.plant.circuit import Bus, Circuit
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Effects, Plant
 from sim_bridge.plant.simulation import STEP, Simulation
-from sim_bridge.plant.supply import Bus
 from sim_bridge.plant.world import Stand, stand_world, walking_world
 from sim_bridge.sensors.blocks import Instruments
 from wattwalk_core.anymal import DEFAULT_POSE

@@ -18,11 +18,9 @@ from wattwalk_core.nodes.services import offer
 
 from drive_bench.motion.file import MotionFile
 from drive_bench.motion.joint_limits import limits_of
-from drive_bench.run.drive_names import resolve
-from drive_bench.run.monitor import present
 from drive_bench.run.motion_policy import MotionPolicy
-from drive_bench.run.motion_run import Command, MotionRun
-from drive_bench.run.options import RunOptions
+from drive_bench.run.motion_run import Command, MotionRun, present
+from drive_bench.run.options import RunOptions, resolve
 from drive_bench.run.recording import MotionRecording
 from drive_power_msgs.msg import DriveSupply
 

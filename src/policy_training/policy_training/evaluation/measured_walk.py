@@ -11,8 +11,8 @@ from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.reading.reader import Recording
 from sim_bridge.offline.controllers import PolicyWalk
-from sim_bridge.offline.memory import gather
 from sim_bridge.offline.run import OfflineRun
+from sim_bridge.offline.telemetry import gather
 from sim_bridge.plant.drive import JointCommand
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import STEP, Simulation

@@ -3,10 +3,9 @@
 import time
 from collections.abc import Mapping
 
-from wattwalk_core.nodes.diagnostics import Level, Report
+from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report
 
 from power_daq.acquisition.bus_acquisition import Acquisition, BusState, SampleQueue
-from power_daq.acquisition.count_changes import CountChanges
 from power_daq.acquisition.receiver import Interleaver
 from power_daq.bus.connection import BusSettings
 from power_daq.bus.description import BusDescription

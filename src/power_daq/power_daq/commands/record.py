@@ -10,7 +10,7 @@ from power_recordings.card import Card
 from power_recordings.messages.cdr import full_name
 from power_recordings.messages.types import TYPES, message_class
 from power_recordings.writing.background import BackgroundRecorder
-from power_recordings.writing.card_file import CardFile
+from power_recordings.writing.metadata import CardFile
 from power_recordings.writing.writer import BagWriter, make_way
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import check_room

@@ -9,8 +9,7 @@ from typing import Any
 
 from wattwalk_core.errors import InputError
 
-from power_daq.ethercat.segment import SegmentError
-from power_daq.ethercat.terminals import SlaveIdentity
+from power_daq.ethercat.terminals import SegmentError, SlaveIdentity
 
 _US = 1_000_000
 _STATE_TIMEOUT = 2.0

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from power_recordings.card import NOTE
 from power_recordings.messages.types import message_class
 from power_recordings.writing.background import BackgroundRecorder, RecordingProgress
-from power_recordings.writing.card_file import CardFile
+from power_recordings.writing.metadata import CardFile
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node

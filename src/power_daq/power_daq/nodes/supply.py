@@ -19,10 +19,9 @@ from drive_power_msgs.msg import DriveSupply
 from power_daq.supply.answers import Reading
 from power_daq.supply.battery import BatteryPublisher
 from power_daq.supply.energy_counters import EnergyCounter, PowerBalance
-from power_daq.supply.health import SupplyHealth
 from power_daq.supply.instrument import Instrument, InstrumentSettings
 from power_daq.supply.output import LARGEST_CURRENT, LARGEST_VOLTAGE, OutputRequest
-from power_daq.supply.poller import Poller
+from power_daq.supply.poller import Poller, SupplyHealth
 
 _PERIOD = 1.0
 _QUERIES = 32

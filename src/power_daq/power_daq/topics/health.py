@@ -2,9 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
-from wattwalk_core.nodes.diagnostics import Level, Report
+from wattwalk_core.nodes.diagnostics import CountChanges, Level, Report
 
-from power_daq.acquisition.count_changes import CountChanges
 from power_daq.topics.republisher import Republisher
 
 _NAMED = 4

@@ -1,6 +1,6 @@
 """Estimates of power models where they were not fitted."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -12,8 +12,10 @@ from wattwalk_core.errors import InputError
 from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.blocks import Blocks
-from power_estimator.effects.fit.fitter import measurement_terms
+from power_estimator.effects.fit.design import Active, Structure
+from power_estimator.effects.fit.fitter import Fitter, measurement_terms
 from power_estimator.effects.fit.folds import Folds
+from power_estimator.effects.fit.per_recording import OWN_TERMS, in_step, own_delays, own_terms
 from power_estimator.effects.fit.settings import FitSettings
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.prepared import Prepared, prepare
@@ -29,10 +31,39 @@ from power_estimator.judge.held_out import (
 )
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import HeldOut
-from power_estimator.judge.together import together
 from power_estimator.loader import base_of
 from power_estimator.model import PowerModel
 from power_estimator.proxies import Proxy
+
+_LIKE_A_DELAY = ('rotor_inertia', 'spring')
+
+
+def together(
+    own: Material, structure: Structure, catalogue: Catalogue, apart: Collection[str] = OWN_TERMS
+) -> tuple[Material, tuple[Active, ...], Floats]:
+    """
+    Recordings in step, the terms of their measurement, and their own delays, s [R].
+
+    Delays and the terms that are named apart are each recording's own.
+    """
+    prepared = own.prepared
+    steady = prepared.steady
+    terms = measurement_terms(catalogue, shaft='shaft' in structure.names, steady=steady)
+    alike = [
+        catalogue[name]
+        for name in _LIKE_A_DELAY
+        if name in catalogue
+        and not any(known.partition('@')[0] == name for known in structure.names)
+        and catalogue[name].usable(prepared.signals)
+    ]
+    whole = structure.plus(*own.structure([Active.of(effect) for effect in alike]).actives, *terms)
+
+    def fitter(alone: Prepared) -> Fitter:
+        return replace(own, prepared=alone).fitter(per_drive=True)
+
+    delays = own_delays(prepared, whole, fitter)
+    aligned = replace(own, prepared=in_step(prepared, delays))
+    return aligned, own_terms(terms, len(prepared.recordings), apart), delays
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,58 @@
 """A motion recorded with one drive of the simulated bench."""
 
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+from drive_bench.motion.file import MotionFile
+from drive_bench.motion.joint_limits import limits_of
+from drive_bench.motion.segment_path import JUMPS, Mounting
+from sim_bridge.offline.motions import MotionController
 from sim_bridge.plant.parameters import Plant
+from sim_bridge.plant.world import Stand
 from wattwalk_core.anymal import JOINT_NAMES
 from wattwalk_core.errors import InputError
 
-from power_lab.challenge.bench_motion import BenchMotion
 from power_lab.challenge.challenge import Challenge, unseal
+from power_lab.diagnose.next_recording import Motion
+
+_GRAVITY = 9.81
+_LENGTH = 0.45  # m, of the pendulum
+_INERTIA = 0.03  # kg·m², of the disc beside it
+_SPARE = 1.15  # the pendulum carries this much more than the largest load
+_LEAST_LOAD = 3.0  # N·m, so that there is something to swing
+
+
+class BenchMotion(MotionController):
+    """
+    The segments of a motion file as commands to the drive of a stand.
+
+    The pendulum is as heavy as the largest load asks for. A held load is an angle at which the
+    pendulum pulls as much; at speed the load swings between plus and minus the largest one. The
+    node `drive_bench run` goes by the same plan, with ramps where this one jumps.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """InputError for a file that is no motion, with the entry that is wrong."""
+        motion = MotionFile.load(path)
+        self.load = max(_LEAST_LOAD, motion.strongest)
+        super().__init__(motion, Mounting(_SPARE * self.load), JUMPS)
+        self.name = f'motion {path.stem}'
+        self.drives = motion.drives
+
+    @property
+    def seconds(self) -> float:
+        """Length of all segments."""
+        return self.motion.seconds
+
+    @property
+    def stand(self) -> Stand:
+        """The pendulum that can put on the loads."""
+        mass = _SPARE * self.load / (_GRAVITY * _LENGTH)
+        return Stand(_INERTIA, mass, _LENGTH)
 
 
 def record_motion(
@@ -46,3 +91,55 @@ def record_motion(
     card = run.card('bench', notes='simulated drive with a pendulum on a stand', unit=name)
     write_bag(output, run, card, overwrite=overwrite, progress=progress)
     return drive, motion.seconds
+
+
+_TRIED = 4.0  # s of motion, from which the time for all of it is told
+_LEAST = 1.0  # s of a segment
+
+
+def shortened(motion: Motion, seconds: float) -> Motion:
+    """The motion with all segments cut by one factor; waves keep a period, the others 1 s."""
+    whole = sum(float(segment['seconds']) for segment in motion.segments)
+    factor = min(seconds / max(whole, 1e-9), 1.0)
+
+    def cut(segment: Mapping[str, Any]) -> dict[str, Any]:
+        before = float(segment['seconds'])
+        least = max(_LEAST, 1.0 / float(segment.get('frequency') or _LEAST))
+        return {**segment, 'seconds': min(before, max(round(factor * before, 1), least))}
+
+    return replace(motion, segments=tuple(cut(segment) for segment in motion.segments))
+
+
+def record_on_bench(
+    proposed: Motion,
+    drive: str,
+    file: Path,
+    output: Path,
+    riddle: Path | None,
+    tell: Callable[[str], None],
+) -> None:
+    """Save a motion fitted to its drive's limits, and record it; tell how long that will take."""
+    from sim_bridge.plant.parameters import Plant  # slow to import: the simulator
+
+    from power_lab.challenge.bench_recording import record_motion  # imports the simulator
+
+    motion = proposed.within(limits_of(proposed.drives, None))
+    motion.save(file)
+    plant = Plant.load('anymal_c')
+    with tempfile.TemporaryDirectory() as scratch:
+        trial = Path(scratch) / 'trial.yaml'
+        first = replace(motion, segments=motion.segments[:1])
+        shortened(first, _TRIED).save(trial)
+        began = time.monotonic()
+        how: dict[str, Any] = {'drive': drive, 'challenge': riddle}
+        _, seconds = record_motion(trial, Path(scratch) / 'trial', plant, **how)
+        needed = (time.monotonic() - began) / seconds * motion.seconds
+    tell(
+        f'recording {motion.seconds:.0f} s of {drive} on the simulated bench, which takes about '
+        f'{_in_words(needed)}'
+    )
+    record_motion(file, output, plant, **how)
+
+
+def _in_words(seconds: float) -> str:
+    return f'{seconds:.0f} s' if seconds < 90 else f'{seconds / 60:.0f} min'

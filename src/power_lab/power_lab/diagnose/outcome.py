@@ -10,10 +10,10 @@ from power_estimator.effects import Catalogue, Signals
 from power_estimator.effects.fit.design import Structure
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import LEAST_SECONDS, material
+from power_estimator.judge.estimator import together
 from power_estimator.judge.held_out import power_under
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
-from power_estimator.judge.together import together
 from power_estimator.model import PowerModel
 from power_estimator.posterior.judged import JudgedEffects
 

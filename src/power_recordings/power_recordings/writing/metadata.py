@@ -1,11 +1,14 @@
 """The metadata.yaml of a rosbag2 bag, version 9, as ROS 2 Jazzy writes it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from wattwalk_core.errors import InputError
 from wattwalk_core.yaml_file import dump_yaml
+
+from power_recordings.card import Card
 
 VERSION = 9
 _FOREVER = {'sec': 9223372036, 'nsec': 854775807}
@@ -104,3 +107,51 @@ def information(
         'custom_data': None,
         'ros_distro': 'jazzy',
     }
+
+
+class CardFile:
+    """
+    `card.yaml` in the folder of a recording, written anew with each fact that comes.
+
+    given: the user's entries, which go before what sources tell. RecordingError where the disk
+    refuses.
+    """
+
+    def __init__(self, given: Card, folder: Path) -> None:
+        self._given, self._folder = given, folder
+        self._sources: list[Card] = []
+        self._drives: tuple[str, ...] = ()
+        self._saved = given
+        given.save(folder)
+
+    def add_source(self, source: Card) -> None:
+        """Take what a source tells of its drives: torque, velocity and calibration."""
+        if source not in self._sources:
+            self._sources.append(source)
+            self._save()
+
+    def add_mark(self, stamp_ns: int, text: str) -> None:
+        """Take a note of the time stamp_ns."""
+        self._given = self._given.with_mark(stamp_ns, text)
+        self._save()
+
+    def add_drives(self, measured: Sequence[str]) -> None:
+        """Take the names of the measured drives."""
+        self._drives = tuple(measured)
+        self._save()
+
+    def _save(self) -> None:
+        card = self._given
+        applied = ', '.join(dict.fromkeys(s.calibration for s in self._sources if s.calibration))
+        if not card.torque and not card.torque_unit:
+            torque = {drive: at for s in self._sources for drive, at in s.torque.items()}
+            unit = {drive: name for s in self._sources for drive, name in s.torque_unit.items()}
+            card = replace(card, torque=torque, torque_unit=unit)
+        card = replace(
+            card, drives=card.drives or self._drives, calibration=card.calibration or applied
+        )
+        derived = [drive for s in self._sources for drive in s.derived_velocity]
+        card = card.with_derived_velocity(derived)
+        if card != self._saved:
+            card.save(self._folder)
+            self._saved = card

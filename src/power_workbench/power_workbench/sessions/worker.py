@@ -15,7 +15,7 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded, load
 from power_estimator.loader import load_model
 from power_lab.budget.tables import headline
-from power_lab.challenge.bench_run import record_on_bench, shortened
+from power_lab.challenge.bench_recording import record_on_bench, shortened
 from power_lab.compare.comparison import compare
 from power_lab.session import Session
 from power_lab.structure.words import in_words

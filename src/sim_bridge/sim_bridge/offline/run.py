@@ -22,9 +22,8 @@ from wattwalk_core.interruption import DeferredSignals, Interrupted
 
 import sim_bridge
 from sim_bridge.offline.controllers import Controller, make_controller
-from sim_bridge.offline.memory import gather
 from sim_bridge.offline.session import Event, Pushes, SimulatedSession
-from sim_bridge.offline.telemetry import START_NS, Telemetry, Wire
+from sim_bridge.offline.telemetry import START_NS, Telemetry, Wire, gather
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import PlantBlock, Simulation
 from sim_bridge.plant.terrain import FLAT, TERRAINS, rough

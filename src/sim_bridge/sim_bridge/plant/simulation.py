@@ -9,10 +9,9 @@ import mujoco
 import numpy as np
 from wattwalk_core.arrays import Floats
 
-from sim_bridge.plant.circuit import Circuit
+from sim_bridge.plant.circuit import Bus, Circuit
 from sim_bridge.plant.drive import Drives, JointCommand
 from sim_bridge.plant.parameters import Plant
-from sim_bridge.plant.supply import Bus
 from sim_bridge.plant.world import World, fallen
 
 STEP: Final = 0.0005  # s

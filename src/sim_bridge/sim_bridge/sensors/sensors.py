@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from wattwalk_core.anymal import GRAVITY
 from wattwalk_core.arrays import Floats
 
+from sim_bridge.plant.circuit import Electronics
 from sim_bridge.plant.parameters import Plant
 from sim_bridge.plant.simulation import JOINT_PERIOD, STEP, PlantBlock
-from sim_bridge.plant.supply import Electronics
 from sim_bridge.sensors.meter import LowPass
 
 Steps = NDArray[np.int64]

@@ -11,7 +11,7 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
-from power_recordings.importing.sources import arrays
+from power_recordings.importing.sources import heads
 from power_recordings.importing.sources.source import (
     LogBlock,
     LogColumn,
@@ -60,7 +60,7 @@ class Hdf5File:
         with reading(path, 'HDF5 file'), h5py.File(path, 'r') as file:
             file.visititems(visit)
         check_room(path, self.size, sum(claimed))
-        self._columns = arrays.table_columns(str(path), shapes)
+        self._columns = heads.table_columns(str(path), shapes)
 
     def columns(self) -> Sequence[LogColumn]:
         """Return all columns."""
@@ -81,7 +81,7 @@ class Hdf5File:
                     yield LogBlock(stream, values)
 
     def _values(self, file: Any, address: str, rows: slice) -> Floats:
-        name, index = arrays.split(address, self._fields)
+        name, index = heads.split(address, self._fields)
         dataset, field = self._fields[name]
         data = file[dataset]
         axis = int(np.argmax(data.shape))

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from power_recordings.importing.sources.arrays import ArrayLog
+from power_recordings.importing.sources.heads import ArrayLog
 from power_recordings.importing.sources.isolated import load_isolated
 from power_recordings.importing.sources.source import LogSource, reading
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 
-from power_recordings.importing.sources.arrays import ArrayLog
+from power_recordings.importing.sources.heads import ArrayLog
 from power_recordings.importing.sources.source import MOST_COLUMNS, LogSource, number, reading
 
 _LARGEST: Final = 32 << 20  # bytes; in memory they take twenty times as much

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import printable
 
-from power_recordings.importing.sources.arrays import ArrayLog
+from power_recordings.importing.sources.heads import ArrayLog
 from power_recordings.importing.sources.isolated import load_isolated
 from power_recordings.importing.sources.source import LogSource, reading
 
