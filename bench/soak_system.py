@@ -1,10 +1,8 @@
 """The processes of a soak: DAQ, supply node and recorders, on one clock that can be stepped."""
 
-import mmap
 import re
 import resource
 import signal
-import struct
 import sys
 import threading
 import time
@@ -12,56 +10,16 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from pkgutil import resolve_name
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from soak_devices import SoakDrives, SoakSupply
+from stepped_clock import ClockFile
 from wattwalk_core.processes import ChildProcess, wait_until
 
-_OFFSET = struct.Struct('<q')
-_time_ns = time.time_ns
-
-
-class ClockFile:
-    """The offset of a clock, ns, in a file of eight bytes."""
-
-    def __init__(self, path: Path) -> None:
-        if not path.exists():
-            path.write_bytes(_OFFSET.pack(0))
-        with path.open('r+b') as file:
-            self._map = mmap.mmap(file.fileno(), _OFFSET.size)
-
-    @property
-    def offset(self) -> int:
-        """Of the clock that is shown from the machine's, ns."""
-        return int(_OFFSET.unpack_from(self._map)[0])
-
-    def step(self, seconds: float) -> None:
-        """Step the clock of all processes that use the file."""
-        _OFFSET.pack_into(self._map, 0, self.offset + round(1e9 * seconds))
-
-    def install(self) -> None:
-        """Let `time.time` and `time.time_ns` of this process show it from now on."""
-        time.time_ns = lambda: _time_ns() + self.offset  # type: ignore[assignment]
-        time.time = lambda: 1e-9 * (_time_ns() + self.offset)  # type: ignore[assignment]
-
-
-def main() -> int:
-    """Run a command with the clock of the file."""
-    path, function, *arguments = sys.argv[1:]
-    ClockFile(Path(path)).install()
-    sys.argv = [function, *arguments]
-    return int(resolve_name(function)(arguments) or 0)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())
-
-
 PATIENCE = 120.0  # s
-_SHIM = Path(__file__).with_name('soak_system.py')
+_SHIM = Path(__file__).with_name('stepped_clock.py')
 _LEFT = 300_000  # bytes that are left for the recording
 
 

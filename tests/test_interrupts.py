@@ -7,7 +7,7 @@ import pytest
 @pytest.fixture
 def fed(node_process):
     """Messages at 1 kHz in the test's domain."""
-    node_process.python(interrupts.__file__, '--feed')
+    node_process.python(interrupts.__file__)
 
 
 @pytest.mark.parametrize('node', interrupts.CHEAP)

@@ -3,7 +3,7 @@
 import pytest
 from import_fuzz import MUTATIONS, fault, mutated
 
-COUNT, BLOCKS = 300, 6  # bench/import_fuzz.py does thousands
+COUNT, BLOCKS = 300, 6
 
 
 @pytest.mark.parametrize('block', range(BLOCKS))

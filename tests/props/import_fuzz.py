@@ -2,23 +2,14 @@
 Imports of mutated tables: each ends in one line of error, or in the recording that it should be.
 
 Tables of one drive with other heads, separators, decimal marks, encodings, rows of units and
-dates, gaps, sentinels, clocks and damaged bytes are imported in one process. Printed: how many
-were imported and refused, what was wrong with any, and the peak memory.
-
-    python bench/import_fuzz.py [--count 2000] [--seed 0]
+dates, gaps, sentinels, clocks and damaged bytes.
 """
 
-import argparse
 import contextlib
 import io
-import resource
-import sys
-import tempfile
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from shutil import rmtree
 
 import numpy as np
 from power_recordings.commands.arguments import import_logs as import_main
@@ -223,32 +214,3 @@ def fault(table: MutatedTable, folder: Path) -> tuple[int, str]:
         return 0, f'{known.sum()} of {len(found)} torques known'
     worst = float(np.abs(found - torque_at(t))[known].max())
     return 0, f'torque is off by {worst:.3g} N·m' if worst > _TOLERANCE else ''
-
-
-def main() -> None:
-    """Run and print."""
-    parser = argparse.ArgumentParser(description='Import mutated tables.')
-    parser.add_argument('--count', type=int, default=2000, help='tables (2000)')
-    parser.add_argument('--seed', type=int, default=0, help='of the first table (0)')
-    options = parser.parse_args()
-    codes: Counter[int] = Counter()
-    faults = []
-    with tempfile.TemporaryDirectory() as folder:
-        for seed in range(options.seed, options.seed + options.count):
-            table = mutated(seed)
-            code, wrong = fault(table, Path(folder) / str(seed))
-            codes[code] += 1
-            rmtree(Path(folder) / str(seed))
-            if wrong:
-                faults.append(f'seed {seed} ({", ".join(table.done)}): {wrong}')
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print('\n'.join(faults))
-    print(
-        f'{options.count} tables: {codes[0]} imported, {codes[2]} refused in one line, '
-        f'{len(faults)} with something wrong; {peak:.0f} MiB at most'
-    )
-    sys.exit(bool(faults))
-
-
-if __name__ == '__main__':
-    main()

@@ -4,11 +4,10 @@ Nodes interrupted at random moments from the start of their process on, with mes
 Each turn starts a node, sends it SIGINT or SIGTERM at a moment of the node's first seconds, and
 says how it ended. None may end in a traceback, with another code than that of its own end or of
 the signal, or not at all; a bag has every sample but those that its recorder said were lost.
-`before the suite` counts signals before its first line, which the interpreter prints, or loses,
-in its own way. Runs on the runtime of this Python.
+`before the suite` is a signal before its first line, which the interpreter prints, or loses, in
+its own way. Runs on the runtime of this Python; with its own program it feeds the nodes.
 """
 
-import argparse
 import os
 import random
 import re
@@ -17,22 +16,16 @@ import signal
 import sys
 import tempfile
 import time
-from collections import Counter
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from power_recordings.reading.reader import Recording
-from rich.console import Console
-from rich.table import Table
-from runtimes import reserved
 from soak_devices import told_lost
 from wattwalk_core.errors import InputError
 from wattwalk_core.processes import ChildProcess, ProcessError
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 MOTION = 'format: motion/1\ndrives: [LF_KFE]\nsegments: [{mode: rest, seconds: 60}]\n'
 PATIENCE = 20.0  # s from the signal to the end
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -82,11 +75,11 @@ def executable(package: str, name: str) -> Path:
     return found
 
 
-def interrupted(node: str, seed: int, latest: float | None = None) -> Ending:
+def interrupted(node: str, seed: int) -> Ending:
     """Run a node until a signal at a moment that the seed gives; tell how it ended."""
     package, until, arguments = NODES[node]
     chance = random.Random(seed)
-    number, moment = chance.choice(SIGNALS), chance.uniform(0.0, latest or until)
+    number, moment = chance.choice(SIGNALS), chance.uniform(0.0, until)
     folder = Path(tempfile.mkdtemp(prefix='interrupt'))
     (folder / 'rest.yaml').write_text(MOTION)
     names = {
@@ -183,69 +176,5 @@ def feed() -> int:
     return run_node(Feeder, [])
 
 
-def main() -> int:
-    """Run the turns, print a table by node; 1 where one did not end as it should."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--count', type=int, default=1000, help='turns, over all nodes')
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--jobs', type=int, default=2, help='turns at the same time')
-    parser.add_argument('--nodes', nargs='+', choices=NODES, default=list(NODES))
-    parser.add_argument('--latest', type=float, metavar='S', help='moment at the latest')
-    parser.add_argument('--feed', action='store_true', help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.feed:
-        return feed()
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        # Started in the background of a shell; the nodes would inherit deafness to Ctrl-C.
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-    turns = [
-        (options.nodes[i % len(options.nodes)], options.seed + i) for i in range(options.count)
-    ]
-    with reserved() as domain, tempfile.TemporaryDirectory() as folder:
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-        command = [sys.executable, __file__, '--feed']
-        with ChildProcess(command, Path(folder) / 'feed.log') as feeder:
-            with ThreadPoolExecutor(options.jobs) as pool:
-                running = [pool.submit(interrupted, *turn, options.latest) for turn in turns]
-                endings = _collected(running)
-                pool.shutdown(cancel_futures=True)
-            feeder.check()
-    return _print(options.nodes, endings)
-
-
-def _collected(running: list[Future[Ending]]) -> list[Ending]:
-    """Return how the turns ended; those of until Ctrl-C, where that comes before the last."""
-    endings = []
-    with suppress(KeyboardInterrupt):
-        for turn in as_completed(running):
-            endings.append(turn.result())
-            if len(endings) % 50 == 0:
-                print(f'{len(endings)} turns', file=sys.stderr, flush=True)
-    return endings
-
-
-def _print(nodes: list[str], endings: list[Ending]) -> int:
-    table = Table('node', 'turns', 'in order', _EARLY, 'else', 'exit codes')
-    for node in nodes:
-        of_node = [ending for ending in endings if ending.node == node]
-        how = Counter(ending.how for ending in of_node)
-        codes = Counter(ending.code for ending in of_node)
-        table.add_row(
-            *(node, str(len(of_node)), str(how.pop('in order', 0))),
-            str(how.pop(_EARLY, 0)),
-            ', '.join(f'{count} {word}' for word, count in how.items()) or '–',
-            ', '.join(f'{code}: {count}' for code, count in codes.most_common()),
-        )
-    Console(width=140).print(table)
-    wrong = [end for end in endings if end.how not in GOOD]
-    for end in wrong:
-        print(f'--- {end.node}, signal {end.signal} at {end.moment:.3f} s: {end.how}')
-        print(end.output[-3000:])
-    early = max((end.moment for end in endings if end.how == _EARLY), default=0.0)
-    print(f'{len(wrong)} of {len(endings)} ended wrongly; latest before the suite {early:.2f} s')
-    return 1 if wrong else 0
-
-
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(feed())
