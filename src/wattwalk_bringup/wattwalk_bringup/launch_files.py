@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Final
 
-from wattwalk_bringup import node_group
+from wattwalk_bringup import tether
 from wattwalk_bringup.node_group import PATIENCE, SOUND_ENDS
 from wattwalk_bringup.node_set import NodeCommand, commands
 from wattwalk_bringup.settings import BringupSettings, arguments, as_text
 
 _INTERRUPT, _TERMINATE = (str(seconds) for _, seconds in PATIENCE)
-_PREFIX: Final = f"'{sys.executable}' -SE '{node_group.__file__}' {os.getpid()}"
+_PREFIX: Final = f"'{sys.executable}' -SE '{tether.__file__}' {os.getpid()}"
 
 
 class NodeFailedError(Exception):

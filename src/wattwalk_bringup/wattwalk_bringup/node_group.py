@@ -8,37 +8,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
-from rich.box import SIMPLE_HEAD
-from rich.live import Live
-from rich.table import Table
-from rich.text import Text
-from wattwalk_core.console import output
 from wattwalk_core.processes import ChildProcess, wait_until
 
+from wattwalk_bringup import tether
 from wattwalk_bringup.node_set import NodeCommand
-
-_PR_SET_PDEATHSIG = 1
-
-
-def main(parent: int, *program: str) -> None:
-    """Replace this process by the program, unless its parent is gone already."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    if sys.platform == 'linux':
-        import ctypes  # once SIGINT is held back
-
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT, 0, 0, 0)
-        if os.getppid() != parent:
-            sys.exit(f'process {parent} is gone')
-    if os.path.basename(program[0]) == 'ros2':
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    os.execv(program[0], program)
-
-
-if __name__ == '__main__':
-    main(int(sys.argv[1]), *sys.argv[2:])
-
 
 _LOGGED: Final = re.compile(r'^\[(\w+)\] \[[\d.]+\] \[[\w.]+\]: ')
 _ESCAPES: Final = re.compile(r'\x1b\[[0-9;]*[A-Za-z]')
@@ -105,7 +80,7 @@ class RunningNode:
 
     def __init__(self, command: NodeCommand, line: Sequence[str], folder: Path) -> None:
         self.name = command.name
-        tethered = [sys.executable, '-SE', __file__, str(os.getpid()), *line]
+        tethered = [sys.executable, '-SE', tether.__file__, str(os.getpid()), *line]
         self.process = ChildProcess(tethered, folder / f'{command.name}.log')
         self.log = LogFollower(self.process.log)
         self.since = time.monotonic()
@@ -227,72 +202,3 @@ def started(commands: Sequence[NodeCommand], folder: Path) -> Iterator[NodeGroup
         yield group
     finally:
         group.kill()
-
-
-class Display(Protocol):
-    """Shows nodes and the lines that they have logged since the last time."""
-
-    def show(self, nodes: Sequence[RunningNode]) -> None:
-        """Look at each node and show it."""
-
-
-class PlainDisplay:
-    """A line for each line of a log and each change of a state, after the name of the node."""
-
-    def __init__(self) -> None:
-        self._states: dict[str, str] = {}
-
-    def show(self, nodes: Sequence[RunningNode]) -> None:
-        """Print what is new."""
-        for node in nodes:
-            for line in node.update():
-                print(f'{node.name}: {line}', flush=True)
-            if self._states.get(node.name) != node.state:
-                self._states[node.name] = node.state
-                print(f'{node.name}: {node.state}', flush=True)
-
-
-class TableDisplay:
-    """A table of node, state, time in it, share of a core and last line of the log."""
-
-    def __init__(self, live: Live) -> None:
-        self._live = live
-
-    def show(self, nodes: Sequence[RunningNode]) -> None:
-        """Draw the table anew."""
-        for node in nodes:
-            node.update()
-        self._live.update(_table(nodes))
-
-
-def _table(nodes: Sequence[RunningNode]) -> Table:
-    table = Table(box=SIMPLE_HEAD, expand=True)
-    for title in ('node', 'state'):
-        table.add_column(title, no_wrap=True)
-    for title in ('since', 'CPU'):
-        table.add_column(title, justify='right', no_wrap=True)
-    table.add_column('last line', no_wrap=True, overflow='ellipsis', ratio=1)
-    now = time.monotonic()
-    for node in nodes:
-        style = 'red' if node.state.startswith('failed') else ''
-        last = ''.join(c if c.isprintable() else ' ' for c in node.log.last)
-        table.add_row(
-            node.name,
-            Text(node.state, style),
-            f'{now - node.since:.0f} s',
-            f'{node.cpu_share:.0%}',
-            Text(last, 'yellow' if last.startswith(('warn', 'error', 'fatal')) else ''),
-        )
-    return table
-
-
-@contextmanager
-def display() -> Iterator[Display]:
-    """Return the display for stdout."""
-    console = output()
-    if not console.is_terminal:
-        yield PlainDisplay()
-        return
-
-    with Live(console=console, refresh_per_second=4) as live:
-        yield TableDisplay(live)

@@ -38,8 +38,8 @@ def test_the_body_of_an_entry_point_is_imported_once_its_arguments_are_read(
     (tmp_path / 'slow_body.py').write_text('def run(number):\n    return number + 1\n')
     monkeypatch.syspath_prepend(str(tmp_path))
 
-    @entry_point('slow_body:run')
-    def count(args):
+    @entry_point('slow_body:run', 'Counts.', '')
+    def count(parser, args):
         if not args:
             raise InputError('give a number')
         return int(args[0])

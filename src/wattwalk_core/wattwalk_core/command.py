@@ -14,7 +14,8 @@ from wattwalk_core.errors import InputError
 from wattwalk_core.interruption import Interrupted, RaisedSignals
 from wattwalk_core.quoting import printable
 
-Entry = Callable[[Sequence[str] | None], int]
+Arguments = Sequence[str] | None
+Entry = Callable[[Arguments], int]
 
 _LONGEST: Final = 2000
 _EXTRAS: Final = {
@@ -65,18 +66,28 @@ def command(body: Callable[[Sequence[str] | None], int | None]) -> Entry:
     return main
 
 
-def entry_point(body: str) -> Callable[[Callable[[Sequence[str] | None], object]], Entry]:
+def entry_point(
+    body: str, description: str, epilog: str, *, name: str | None = None
+) -> Callable[[Callable[[argparse.ArgumentParser, Arguments], object]], Entry]:
     """
-    Turn a parser of arguments into a command whose body gets the parsed options.
+    Turn a function that adds arguments to a parser and parses them into a command.
 
-    body: `module:function`, imported once the arguments are read, so that `--help` and errors in
-    arguments wait for no library.
+    body: `module:function`, which takes what the function returns; it is imported once the
+    arguments are read, so that `--help` and errors in arguments wait for no library. epilog: its
+    lines are printed as they are. name: of the command, else the function's.
     """
 
-    def decorate(read: Callable[[Sequence[str] | None], object]) -> Entry:
+    def decorate(read: Callable[[argparse.ArgumentParser, Arguments], object]) -> Entry:
         @wraps(read)
-        def main(args: Sequence[str] | None = None) -> int | None:
-            options = read(args)
+        def main(args: Arguments = None) -> int | None:
+            parser = argparse.ArgumentParser(
+                prog=f'ros2 run {body.partition(".")[0]} {name or read.__name__}',
+                description=description,
+                epilog=epilog,
+                formatter_class=argparse.RawDescriptionHelpFormatter,
+                allow_abbrev=False,
+            )
+            options = read(parser, args)
             found: int | None = resolve_name(body)(options)
             return found
 
@@ -97,17 +108,6 @@ def _say(message: object) -> None:
     """Print one line, in which control characters of names and files are escaped."""
     name = sys.argv[0].rsplit('/', 1)[-1]
     print(printable(f'{name}: {message}', _LONGEST), file=sys.stderr)
-
-
-def command_parser(name: str, description: str, epilog: str) -> argparse.ArgumentParser:
-    """Return a parser for `ros2 run NAME`; the lines of the epilog are printed as they are."""
-    return argparse.ArgumentParser(
-        prog=f'ros2 run {name}',
-        description=description,
-        epilog=epilog,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
 
 
 def own_arguments(args: Sequence[str] | None = None) -> list[str]:

@@ -62,7 +62,12 @@ def write_json(path: Path, content: Any) -> None:
     write_whole(path, text + '\n')
 
 
-def check_suffix(path: Path | None, option: str, suffixes: Sequence[str]) -> None:
-    """Raise InputError for the path of an option that ends in none of the suffixes."""
-    if path is not None and path.suffix not in suffixes:
-        raise InputError(f'{option} {str(path)!r}: end it in {", ".join(suffixes)}')
+def ending(option: str, *suffixes: str) -> Callable[[str], Path]:
+    """Return the type of an option that is a file's path; InputError for other suffixes."""
+
+    def path(text: str) -> Path:
+        if Path(text).suffix not in suffixes:
+            raise InputError(f'{option} {text!r}: end it in {", ".join(suffixes)}')
+        return Path(text)
+
+    return path

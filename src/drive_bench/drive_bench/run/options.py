@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from wattwalk_core.command import command_parser
 from wattwalk_core.errors import InputError
 
 from drive_bench.motion.file import MOTIONS, Load, MotionFile, find_motion, listing
 from drive_bench.motion.segment_path import Mounting
 
 PATIENCE: Final = 30.0  # s
-_EPILOG: Final = """\
+EPILOG: Final = """\
 Without --record the motion starts with --start, or on the service start, and the services stop and
 estop end it. With --record the command waits for drive_supply and joint_states, starts the
 recorder, then the motion, ends the bag, writes its card and checks it; there is no service start,
@@ -135,13 +134,8 @@ class _List(argparse.Action):
         parser.exit()
 
 
-def parse(arguments: Sequence[str]) -> RunOptions:
+def parse(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> RunOptions:
     """Parse the arguments, those for ROS removed; SystemExit 2 for unknown ones."""
-    parser = command_parser(
-        'drive_bench run',
-        'Put drives through a motion, safely; with --record, record, file and check it, too.',
-        _EPILOG,
-    )
     add = parser.add_argument
     add('motion', metavar='MOTION', help=f'{", ".join(MOTIONS)}, or a motion/1 file')
     add('--list', nargs=0, action=_List, help='list the motions with their modes and end')

@@ -1,13 +1,12 @@
 """Arguments of the commands."""
 
-import argparse
 import os
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Final
 
-from wattwalk_core.command import command_parser, entry_point
-from wattwalk_core.console import check_suffix
+from wattwalk_core.command import Arguments, entry_point
+from wattwalk_core.console import ending
 from wattwalk_core.errors import InputError
 
 from policy_training.evaluation.tasks import TASKS
@@ -22,14 +21,12 @@ examples:
 """
 
 
-@entry_point('policy_training.commands.blend:run')
-def blend(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of blend."""
-    parser = command_parser(
-        'policy_training blend',
-        'Join two learned policies into one that is economical in balance and sturdy out of it.',
-        _BLEND,
-    )
+@entry_point(
+    'policy_training.commands.blend:run',
+    'Join two learned policies into one that is economical in balance and sturdy out of it.',
+    _BLEND,
+)
+def blend(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('policy', metavar='POLICY', help='acts in balance; the gait clock is its')
     add('fallback', metavar='FALLBACK', help='acts elsewhere')
@@ -53,14 +50,12 @@ examples:
 _DEFAULT_TASKS: Final = tuple(task.name for task in TASKS)
 
 
-@entry_point('policy_training.commands.evaluate:run')
-def evaluate(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of evaluate."""
-    parser = command_parser(
-        'policy_training evaluate',
-        'Measure what policies draw on the simulated robot, and how well they walk.',
-        _EVALUATE,
-    )
+@entry_point(
+    'policy_training.commands.evaluate:run',
+    'Measure what policies draw on the simulated robot, and how well they walk.',
+    _EVALUATE,
+)
+def evaluate(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('--policies', nargs='+', default=[], metavar='DIR', help='names, folders or runs')
     add('--bags', nargs='+', default=[], metavar='NAME=BAG', help='recordings of running nodes')
@@ -77,7 +72,7 @@ def evaluate(args: Sequence[str] | None = None) -> argparse.Namespace:
     add('--threads', type=int, default=0, metavar='N', help='of the trials; 0: one per core')
     add('--trust-code', action='store_true', help='run TorchScript files, which are code')
     add('--json', type=Path, metavar='F', help='write the figures')
-    add('--report', type=Path, metavar='F.html', help='write a page')
+    add('--report', type=ending('--report', '.html'), metavar='F.html', help='write a page')
     add('--video', type=Path, metavar='DIR', help='write each walk as a picture beside its watts')
     options = parser.parse_args(args)
     if not 5.0 <= options.duration <= 600.0:
@@ -86,7 +81,6 @@ def evaluate(args: Sequence[str] | None = None) -> argparse.Namespace:
         raise InputError('nothing to evaluate; name policies, or recordings with --bags')
     if options.trials < 0 or options.unit < 0 or options.seed < 0:
         raise InputError('--trials, --unit and --seed must not be negative')
-    check_suffix(options.report, '--report', ('.html',))
     if options.video is not None and 'DISPLAY' not in os.environ:
         os.environ.setdefault('MUJOCO_GL', 'egl')  # before mujoco is imported
     return options
@@ -103,19 +97,17 @@ examples:
 """
 
 
-@entry_point('policy_training.commands.export:run')
-def export(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of export."""
-    parser = command_parser(
-        'policy_training export',
-        'Write a learned policy as TorchScript, from observations [N, size] to actions [N, 12].',
-        _EXPORT,
-    )
+@entry_point(
+    'policy_training.commands.export:run',
+    'Write a learned policy as TorchScript, from observations [N, size] to actions [N, 12].',
+    _EXPORT,
+)
+def export(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument('policy', metavar='POLICY', help='name, folder or run')
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='FILE.pt')
-    options = parser.parse_args(args)
-    check_suffix(options.output, '--output', ('.pt',))
-    return options
+    parser.add_argument(
+        '-o', '--output', type=ending('--output', '.pt'), required=True, metavar='FILE.pt'
+    )
+    return parser.parse_args(args)
 
 
 _OPTIMISE_GAIT = """\
@@ -133,15 +125,13 @@ A gait for each task draws less than one for all (give each of the four its sear
 """
 
 
-@entry_point('policy_training.commands.optimise_gait:run')
-def optimise_gait(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of optimise_gait."""
-    parser = command_parser(
-        'policy_training optimise_gait',
-        'Search the scripted gait that draws least power over all tasks, by CMA-ES, with pushed '
-        'robots in the objective.',
-        _OPTIMISE_GAIT,
-    )
+@entry_point(
+    'policy_training.commands.optimise_gait:run',
+    'Search the scripted gait that draws least power over all tasks, by CMA-ES, with pushed '
+    'robots in the objective.',
+    _OPTIMISE_GAIT,
+)
+def optimise_gait(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the search')
     add('--resume', action='store_true', help='go on with the search in that folder')
@@ -174,14 +164,12 @@ examples:
 """
 
 
-@entry_point('policy_training.commands.train:run')
-def train(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of train."""
-    parser = command_parser(
-        'policy_training train',
-        'Train a walking policy with PPO, with predicted power in its reward.',
-        _TRAIN,
-    )
+@entry_point(
+    'policy_training.commands.train:run',
+    'Train a walking policy with PPO, with predicted power in its reward.',
+    _TRAIN,
+)
+def train(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('--config', default='baseline', help='file, or a shipped one: baseline, pmp, …')
     add('-o', '--output', type=Path, required=True, metavar='RUN', help='folder of the run')

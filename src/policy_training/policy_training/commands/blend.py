@@ -10,7 +10,6 @@ from policy_training.learning.run_folder import policy_source
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     blend_policies(
         learned_folder(policy_source(options.policy)),
         learned_folder(policy_source(options.fallback)),

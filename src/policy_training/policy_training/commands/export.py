@@ -9,7 +9,6 @@ from policy_training.learning.run_folder import policy_source
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     folder = learned_folder(policy_source(options.policy))
     contract = write_torchscript(folder, options.output)
     print(f'wrote {options.output} and {contract}')

@@ -23,7 +23,6 @@ from policy_training.learning.gait_search import (
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     folder = GaitSearchFolder(options.output)
     if options.join:
         _join(options)

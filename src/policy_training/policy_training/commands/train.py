@@ -14,7 +14,6 @@ from policy_training.learning.training import imitate_expert, make_learner, trai
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     changes = _changes(options)
     _check_device(options.device)
 

@@ -1,13 +1,12 @@
 """Arguments of the commands."""
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from wattwalk_core.command import command_parser, entry_point, own_arguments
+from wattwalk_core.command import Arguments, entry_point, own_arguments
 from wattwalk_core.console import (
     PICTURES,
-    check_suffix,
+    ending,
 )
 from wattwalk_core.errors import InputError
 
@@ -25,20 +24,25 @@ examples:
 """
 
 
-@entry_point('power_calibration.commands.calibrate:run')
-def calibrate(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of calibrate."""
-    parser = command_parser(
-        'power_calibration calibrate',
-        'Compare one drive of a recording with the log of a certified power analyser. Fits '
-        'gain and offset of voltage and current with intervals, states the bandwidth, and writes '
-        'the file that the DAQ node applies.',
-        _CALIBRATE,
-    )
+@entry_point(
+    'power_calibration.commands.calibrate:run',
+    'Compare one drive of a recording with the log of a certified power analyser. Fits '
+    'gain and offset of voltage and current with intervals, states the bandwidth, and writes '
+    'the file that the DAQ node applies.',
+    _CALIBRATE,
+)
+def calibrate(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('recording', type=Path, metavar='BAG')
     add('--reference', type=Path, required=True, metavar='CSV', help="the analyser's log")
-    add('-o', '--output', type=Path, required=True, metavar='YAML', help='file to write')
+    add(
+        '-o',
+        '--output',
+        type=ending('--output', '.yaml', '.yml'),
+        required=True,
+        metavar='YAML',
+        help='file to write',
+    )
     add('--drive', metavar='NAME', help='the drive in the log, if several were measured')
     add(
         '--columns',
@@ -54,10 +58,13 @@ def calibrate(args: Sequence[str] | None = None) -> argparse.Namespace:
         help='keep its other channels; if it was applied to the recording, the two are combined',
     )
     add('--json', type=Path, metavar='F', help='results as JSON')
-    add('--report', type=Path, metavar='F', help='page (.html) or picture (.png, .svg, .pdf)')
+    add(
+        '--report',
+        type=ending('--report', '.html', *PICTURES),
+        metavar='F',
+        help='page (.html) or picture (.png, .svg, .pdf)',
+    )
     options = parser.parse_args(own_arguments(args))
-    check_suffix(options.report, '--report', ('.html', *PICTURES))
-    check_suffix(options.output, '--output', ('.yaml', '.yml'))
     if not options.reference.is_file():
         raise InputError(f'cannot read {options.reference}: there is no such file')
     return options
@@ -71,20 +78,21 @@ examples:
 """
 
 
-@entry_point('power_calibration.commands.sync:run')
-def sync(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of sync."""
-    parser = command_parser(
-        'power_calibration sync',
-        'Measure the delay of electrical samples against joint samples, the error '
-        'of power that it causes, and the regularity of the stamps of each stream.',
-        _SYNC,
-    )
+@entry_point(
+    'power_calibration.commands.sync:run',
+    'Measure the delay of electrical samples against joint samples, the error '
+    'of power that it causes, and the regularity of the stamps of each stream.',
+    _SYNC,
+)
+def sync(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('recording', type=Path, metavar='BAG')
     add('--drives', nargs='+', metavar='NAME', help='only these')
     add('--json', type=Path, metavar='F', help='results as JSON')
-    add('--report', type=Path, metavar='F', help='page (.html) or picture (.png, .svg, .pdf)')
-    options = parser.parse_args(own_arguments(args))
-    check_suffix(options.report, '--report', ('.html', *PICTURES))
-    return options
+    add(
+        '--report',
+        type=ending('--report', '.html', *PICTURES),
+        metavar='F',
+        help='page (.html) or picture (.png, .svg, .pdf)',
+    )
+    return parser.parse_args(own_arguments(args))

@@ -1,10 +1,9 @@
 """Arguments of the commands."""
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from wattwalk_core.command import command_parser, entry_point, node_options
+from wattwalk_core.command import Arguments, entry_point, node_options
 from wattwalk_core.errors import InputError
 from wattwalk_core.quoting import quoted
 
@@ -16,14 +15,12 @@ example, one minute of two topics:
 """
 
 
-@entry_point('power_daq.commands.record:run')
-def record(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of record."""
-    parser = command_parser(
-        'power_daq record',
-        "Records the suite's topics to a rosbag2 MCAP bag, until Ctrl-C.",
-        _RECORD,
-    )
+@entry_point(
+    'power_daq.commands.record:run',
+    "Records the suite's topics to a rosbag2 MCAP bag, until Ctrl-C.",
+    _RECORD,
+)
+def record(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument(
         '-o', '--output', type=Path, required=True, metavar='BAG', help='new folder of the bag'
     )
@@ -56,15 +53,13 @@ example, a map of yours (docs/how-to/own_bus.md), where the robot has its own jo
 """
 
 
-@entry_point('power_daq.commands.topics:run')
-def topics(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of topics."""
-    parser = command_parser(
-        'power_daq topics',
-        'Publishes drive_supply, joint_states and supply from whatever topics a robot has, '
-        'by the map of an import.',
-        _TOPICS,
-    )
+@entry_point(
+    'power_daq.commands.topics:run',
+    'Publishes drive_supply, joint_states and supply from whatever topics a robot has, '
+    'by the map of an import.',
+    _TOPICS,
+)
+def topics(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument(
         '--map', required=True, metavar='NAME|FILE', help='import map: ready by name, or a file'
     )
@@ -85,15 +80,13 @@ examples:
 """
 
 
-@entry_point('power_daq.commands.watch:run')
-def watch(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of watch."""
-    parser = command_parser(
-        'power_daq watch',
-        'Shows what a running measurement measures: watts of each drive, the '
-        'supply, energy, estimates, losses, clocks, the bus and the recorder.',
-        _WATCH,
-    )
+@entry_point(
+    'power_daq.commands.watch:run',
+    'Shows what a running measurement measures: watts of each drive, the '
+    'supply, energy, estimates, losses, clocks, the bus and the recorder.',
+    _WATCH,
+)
+def watch(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument('--duration', type=float, default=0.0, metavar='S', help='end after that')
     parser.add_argument(
         '--save', type=Path, metavar='F.svg', help='at the end, write the last view as a picture'
@@ -120,15 +113,13 @@ example, EtherCAT terminals (as root):
 """
 
 
-@entry_point('power_daq.nodes.daq:run')
-def daq(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of daq."""
-    parser = command_parser(
-        'power_daq daq',
-        'Publishes the supply of each drive at 1 kHz and joint states at 400 Hz, '
-        'from a CAN FD bus; or the supply alone, from EtherCAT terminals.',
-        _DAQ,
-    )
+@entry_point(
+    'power_daq.nodes.daq:run',
+    'Publishes the supply of each drive at 1 kHz and joint states at 400 Hz, '
+    'from a CAN FD bus; or the supply alone, from EtherCAT terminals.',
+    _DAQ,
+)
+def daq(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument('--bus', metavar='NAME', help='ready bus description: odrive, moteus')
     parser.add_argument(
         '--drives', nargs='+', metavar='DRIVE=NODE', help='node numbers of its drives'
@@ -161,13 +152,11 @@ the energy counter back to zero:
 """
 
 
-@entry_point('power_daq.nodes.supply:run')
-def supply(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of supply."""
-    parser = command_parser(
-        'power_daq supply',
-        'Publishes voltage and current of a bench supply at 100 Hz, from SCPI over '
-        'TCP; counts energy and sets it against the drives.',
-        _SUPPLY,
-    )
+@entry_point(
+    'power_daq.nodes.supply:run',
+    'Publishes voltage and current of a bench supply at 100 Hz, from SCPI over '
+    'TCP; counts energy and sets it against the drives.',
+    _SUPPLY,
+)
+def supply(parser: ArgumentParser, args: Arguments) -> Namespace:
     return node_options(parser, args)

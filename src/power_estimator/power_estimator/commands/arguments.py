@@ -1,12 +1,11 @@
 """Arguments of the commands."""
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from power_recordings.commands.arguments import add_doubts
-from wattwalk_core.command import command_parser, entry_point, node_options
-from wattwalk_core.console import PICTURES, check_suffix
+from wattwalk_core.command import Arguments, entry_point, node_options
+from wattwalk_core.console import PICTURES, ending
 from wattwalk_core.engine.options import add_workplace
 from wattwalk_core.errors import InputError
 
@@ -15,7 +14,7 @@ from power_estimator.proxies import PROXIES
 from power_estimator.training.trainer_config import TrainerConfig
 
 
-def add_training(parser: argparse.ArgumentParser, *, epochs: int = TrainerConfig.epochs) -> None:
+def add_training(parser: ArgumentParser, *, epochs: int = TrainerConfig.epochs) -> None:
     """Add recordings, the run folder and the settings of a training."""
     add = parser.add_argument
     add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
@@ -26,7 +25,7 @@ def add_training(parser: argparse.ArgumentParser, *, epochs: int = TrainerConfig
     add('--resume', action='store_true', help='continue a run that was stopped')
 
 
-def add_cross_validation(parser: argparse.ArgumentParser, *, folds: int) -> None:
+def add_cross_validation(parser: ArgumentParser, *, folds: int) -> None:
     """Add drive types, the split of the data and the style of figures."""
     add = parser.add_argument
     add('--folds', type=int, default=folds, help=f'folds of the cross-validation ({folds})')
@@ -35,16 +34,14 @@ def add_cross_validation(parser: argparse.ArgumentParser, *, folds: int) -> None
     add('--dark', action='store_true', help='figures on a dark ground')
 
 
-@entry_point('power_estimator.commands.benchmark:run')
-def benchmark(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of benchmark."""
-    parser = command_parser(
-        'power_estimator benchmark',
-        'Compare power models on recordings: R², errors in W and in energy, all on samples that '
-        'they were not fitted to. Proxies are ' + ', '.join(PROXIES) + '.',
-        'example: ros2 run power_estimator benchmark bags/walk --models ppn:runs/first '
-        'torque_squared mechanical_power --json benchmark.json',
-    )
+@entry_point(
+    'power_estimator.commands.benchmark:run',
+    'Compare power models on recordings: R², errors in W and in energy, all on samples that '
+    'they were not fitted to. Proxies are ' + ', '.join(PROXIES) + '.',
+    'example: ros2 run power_estimator benchmark bags/walk --models ppn:runs/first '
+    'torque_squared mechanical_power --json benchmark.json',
+)
+def benchmark(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('bags', nargs='+', type=Path, metavar='BAG', help='recordings with measured drives')
     add(
@@ -58,24 +55,24 @@ def benchmark(args: Sequence[str] | None = None) -> argparse.Namespace:
     add('--drives', nargs='+', default=[], metavar='NAME', help='names or patterns, as *_KFE')
     add_doubts(parser)
     add('--json', type=Path, metavar='FILE', help='write the table there')
-    add('--picture', type=Path, metavar='PNG', help='draw the estimates and the R² there')
-    add('--dark', action='store_true', help='pictures on a dark ground')
-    options = parser.parse_args(args)
-    check_suffix(options.picture, '--picture', PICTURES)
-    return options
-
-
-@entry_point('power_estimator.commands.distil:run')
-def distil(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of distil."""
-    parser = command_parser(
-        'power_estimator distil',
-        'Train a small network on the outputs of a trained one, and compare their R² and '
-        'their cost per policy step of 20 ms with many robots. The result is a run folder like '
-        'any other.',
-        'example: ros2 run power_estimator distil runs/paper bags/paper/* -o runs/small '
-        '--hidden 32',
+    add(
+        '--picture',
+        type=ending('--picture', *PICTURES),
+        metavar='PNG',
+        help='draw the estimates and the R² there',
     )
+    add('--dark', action='store_true', help='pictures on a dark ground')
+    return parser.parse_args(args)
+
+
+@entry_point(
+    'power_estimator.commands.distil:run',
+    'Train a small network on the outputs of a trained one, and compare their R² and '
+    'their cost per policy step of 20 ms with many robots. The result is a run folder like '
+    'any other.',
+    'example: ros2 run power_estimator distil runs/paper bags/paper/* -o runs/small --hidden 32',
+)
+def distil(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('teacher', type=Path, metavar='TEACHER', help='run folder or file of the trained network')
     add_training(parser)
@@ -98,14 +95,12 @@ examples:
 """
 
 
-@entry_point('power_estimator.commands.export:run')
-def export(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of export."""
-    parser = command_parser(
-        'power_estimator export',
-        'Write a trained network as a module of plain torch, for the reward of any simulator.',
-        _EXPORT,
-    )
+@entry_point(
+    'power_estimator.commands.export:run',
+    'Write a trained network as a module of plain torch, for the reward of any simulator.',
+    _EXPORT,
+)
+def export(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('model', metavar='RUN', help='run folder or file of a network; see distil for a small one')
     add('-o', '--output', type=Path, required=True, metavar='DIR', help='folder to write')
@@ -123,15 +118,13 @@ def export(args: Sequence[str] | None = None) -> argparse.Namespace:
     return options
 
 
-@entry_point('power_estimator.commands.replay:run')
-def replay(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of replay."""
-    parser = command_parser(
-        'power_estimator replay',
-        'Estimate the power of every drive in a recording, as the live node would.',
-        'example: ros2 run power_estimator replay bags/walk --model ppn:runs/first '
-        '-o bags/walk_estimate',
-    )
+@entry_point(
+    'power_estimator.commands.replay:run',
+    'Estimate the power of every drive in a recording, as the live node would.',
+    'example: ros2 run power_estimator replay bags/walk --model ppn:runs/first '
+    '-o bags/walk_estimate',
+)
+def replay(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument('bag', type=Path, help='recording with what the model needs')
     parser.add_argument('--model', required=True, help='ppn:RUN, model.yaml, …')
     parser.add_argument('-o', '--output', type=Path, required=True, help='new bag')
@@ -143,17 +136,15 @@ HIDDEN = (8, 16, 32, 64, 100, 150)
 HISTORY = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 
 
-@entry_point('power_estimator.commands.sweep:run')
-def sweep(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of sweep."""
-    parser = command_parser(
-        'power_estimator sweep',
-        'Train networks of several sizes (with carried state) and, at 100 units, of '
-        'several histories (windowed), test them on the same held-out data, and draw where more '
-        'no longer helps. Costs are µs per sample of twelve drives on this machine.',
-        'example: ros2 run power_estimator sweep bags/paper/* -o runs/sweep '
-        '--hidden 16 32 64 100 150 --history 0.05 0.1 0.2 0.3 0.5',
-    )
+@entry_point(
+    'power_estimator.commands.sweep:run',
+    'Train networks of several sizes (with carried state) and, at 100 units, of '
+    'several histories (windowed), test them on the same held-out data, and draw where more '
+    'no longer helps. Costs are µs per sample of twelve drives on this machine.',
+    'example: ros2 run power_estimator sweep bags/paper/* -o runs/sweep '
+    '--hidden 16 32 64 100 150 --history 0.05 0.1 0.2 0.3 0.5',
+)
+def sweep(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_training(parser, epochs=12)
     add_workplace(parser, 'networks')
     add_cross_validation(parser, folds=1)
@@ -163,15 +154,13 @@ def sweep(args: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-@entry_point('power_estimator.commands.train:run')
-def train(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of train."""
-    parser = command_parser(
-        'power_estimator train',
-        'Train a Power Prediction Network per drive type on recordings and test it '
-        'and the usual proxies on held-out parts of them.',
-        'example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',
-    )
+@entry_point(
+    'power_estimator.commands.train:run',
+    'Train a Power Prediction Network per drive type on recordings and test it '
+    'and the usual proxies on held-out parts of them.',
+    'example: ros2 run power_estimator train bags/walk_1 bags/walk_2 -o runs/first',
+)
+def train(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_training(parser)
     add_workplace(parser, 'networks')
     add_cross_validation(parser, folds=6)
@@ -189,13 +178,10 @@ example, against the measurement, shown on diagnostics:
 """
 
 
-@entry_point('power_estimator.live.node:run')
-def estimate(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of estimate."""
-    parser = command_parser(
-        'power_estimator estimate',
-        'Estimates the electrical power of every drive at 50 Hz from joint_states '
-        'and joint_commands.',
-        _ESTIMATE,
-    )
+@entry_point(
+    'power_estimator.live.node:run',
+    'Estimates the electrical power of every drive at 50 Hz from joint_states and joint_commands.',
+    _ESTIMATE,
+)
+def estimate(parser: ArgumentParser, args: Arguments) -> Namespace:
     return node_options(parser, args)

@@ -11,7 +11,6 @@ from power_estimator.evaluation.tables import print_scores
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     check_recordings(options.bags)
 
     with progress('reading, aligning and estimating'):

@@ -28,7 +28,6 @@ from power_estimator.training.trainer_config import TrainerConfig
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     place = Workplace.of(options)
 
     check_recordings(options.bags)

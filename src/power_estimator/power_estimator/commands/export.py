@@ -8,7 +8,6 @@ from power_estimator.portable.export import export
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     model = Path(str(options.model).removeprefix('ppn:'))
     checkpoint = Checkpoint.load(model)
     for file in export(checkpoint, options.output, options.drives, options.sample_rate):

@@ -17,7 +17,6 @@ from power_estimator.loader import load_model
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     check_recordings([options.bag])
 
     console = Console(stderr=True)

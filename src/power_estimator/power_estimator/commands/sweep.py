@@ -23,7 +23,6 @@ PICTURE = 'sweep.png'
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     place = Workplace.of(options)
 
     check_recordings(options.bags)

@@ -1,48 +1,38 @@
 """Arguments of the commands."""
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from power_lab.commands import arguments as common
-from wattwalk_core.command import entry_point
-from wattwalk_core.console import check_suffix
+from wattwalk_core.command import Arguments, entry_point
 from wattwalk_core.engine.options import add_workplace
 from wattwalk_core.errors import InputError
 
 
-@entry_point('power_fleet.commands.track:run')
-def track(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of track."""
-    parser = common.lab_parser(
-        'track',
-        'Fit one model to each of many recordings and find what changes over time: an effect of '
-        'a drive, or an error of its meter. At most one of twenty quiet histories raises an '
-        'alarm. Recordings are taken in the order of their time.',
-        'example: ros2 run power_fleet track bags/day_* --model base.yaml --json t.json '
-        '--report t.html',
-        package='power_fleet',
-    )
+@entry_point(
+    'power_fleet.commands.track:run',
+    'Fit one model to each of many recordings and find what changes over time: an effect of '
+    'a drive, or an error of its meter. At most one of twenty quiet histories raises an '
+    'alarm. Recordings are taken in the order of their time.',
+    'example: ros2 run power_fleet track bags/day_* --model base.yaml --json t.json '
+    '--report t.html',
+)
+def track(parser: ArgumentParser, args: Arguments) -> Namespace:
+    common.add_effects_path(parser)
     common.add_bags(parser)
     parser.add_argument('--model', required=True, metavar='MODEL.yaml', help='model of effects')
     add_workplace(parser, 'recordings')
     common.add_outputs(parser)
-    options = parser.parse_args(args)
-    check_suffix(options.report, '--report', ('.html',))
-    return options
+    return parser.parse_args(args)
 
 
-@entry_point('power_fleet.commands.challenge:run')
-def challenge(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of challenge."""
-    parser = common.lab_parser(
-        'challenge',
-        'Record two simulated robots over months, in one of which a drive or its meter may '
-        'change. The answer is sealed in the folder.',
-        'example: ros2 run power_fleet challenge --seed 7 -o bags/fleet',
-        effects=False,
-        package='power_fleet',
-    )
+@entry_point(
+    'power_fleet.commands.challenge:run',
+    'Record two simulated robots over months, in one of which a drive or its meter may '
+    'change. The answer is sealed in the folder.',
+    'example: ros2 run power_fleet challenge --seed 7 -o bags/fleet',
+)
+def challenge(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('--seed', type=int, required=True, metavar='N', help='draws what is hidden')
     add('-o', '--output', type=Path, required=True, metavar='FOLDER', help='folder to write')
@@ -59,16 +49,12 @@ def challenge(args: Sequence[str] | None = None) -> argparse.Namespace:
     return options
 
 
-@entry_point('power_fleet.commands.challenge:reveal')
-def reveal(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of reveal."""
-    parser = common.lab_parser(
-        'reveal',
-        'Open the sealed answer of a fleet.',
-        'example: ros2 run power_fleet reveal bags/fleet',
-        effects=False,
-        package='power_fleet',
-    )
+@entry_point(
+    'power_fleet.commands.challenge:reveal',
+    'Open the sealed answer of a fleet.',
+    'example: ros2 run power_fleet reveal bags/fleet',
+)
+def reveal(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument('folder', type=Path, metavar='FOLDER', help='written by challenge')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the answer as JSON')
     return parser.parse_args(args)

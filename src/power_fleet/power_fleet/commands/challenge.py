@@ -13,7 +13,6 @@ from power_fleet.fleet_challenge import draw_fleet, record_fleet
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run challenge with its options; return the exit code."""
     challenge = draw_fleet(options.seed, options.recordings, options.duration, DRIVES)
     with TaskEngine(Workplace.of(options)) as engine:
         for number, bag in enumerate(record_fleet(challenge, options.output, engine), 1):
@@ -29,7 +28,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def reveal(options: argparse.Namespace) -> int:
-    """Run reveal with its options; return the exit code."""
     answer = unseal(options.folder)
     if not answer.get('fleet'):
         raise InputError(

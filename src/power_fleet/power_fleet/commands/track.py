@@ -21,7 +21,6 @@ from power_fleet.track.reading import Request
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     check_recordings([path for path in options.bags if not path.exists()])
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)

@@ -1,35 +1,29 @@
 """Arguments of the commands."""
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
 
 from power_recordings.commands.arguments import add_doubts
-from wattwalk_core.command import command_parser, entry_point
-from wattwalk_core.console import check_suffix
+from wattwalk_core.command import Arguments, entry_point
+from wattwalk_core.console import ending
 from wattwalk_core.engine.options import add_workplace
 from wattwalk_core.errors import InputError
 
 
-def lab_parser(
-    name: str, description: str, epilog: str, *, effects: bool = True, package: str = 'power_lab'
-) -> argparse.ArgumentParser:
-    """A parser with the arguments that every command has."""
-    made = command_parser(f'{package} {name}', description, epilog)
-    if effects:
-        made.add_argument(
-            '--effects-path',
-            nargs='+',
-            action='extend',
-            default=[],
-            type=Path,
-            metavar='FILE.py',
-            help='your own effects; these files are run, so name only what you trust',
-        )
-    return made
+def add_effects_path(parser: ArgumentParser) -> None:
+    """Files of the user's own effects."""
+    parser.add_argument(
+        '--effects-path',
+        nargs='+',
+        action='extend',
+        default=[],
+        type=Path,
+        metavar='FILE.py',
+        help='your own effects; these files are run, so name only what you trust',
+    )
 
 
-def add_bags(made: argparse.ArgumentParser) -> None:
+def add_bags(made: ArgumentParser) -> None:
     """Recordings and drives."""
     made.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings')
     made.add_argument(
@@ -42,47 +36,52 @@ def add_bags(made: argparse.ArgumentParser) -> None:
     add_doubts(made)
 
 
-def add_outputs(made: argparse.ArgumentParser, *, report: bool = True) -> None:
+def add_outputs(made: ArgumentParser, *, report: bool = True) -> None:
     """Arguments for files of results."""
     made.add_argument('--json', type=Path, metavar='FILE', help='write the result as JSON')
     if report:
-        made.add_argument('--report', type=Path, metavar='FILE.html', help='write a page to read')
+        made.add_argument(
+            '--report',
+            type=ending('--report', '.html'),
+            metavar='FILE.html',
+            help='write a page to read',
+        )
 
 
-@entry_point('power_lab.commands.add:run')
-def add(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of add."""
-    parser = lab_parser(
-        'add',
-        'Add an effect to a model: all coefficients are fitted anew, the history is kept.',
-        'example: ros2 run power_lab add load_friction --to base.yaml --bag bags/walk '
-        '-o better.yaml',
-    )
+@entry_point(
+    'power_lab.commands.add:run',
+    'Add an effect to a model: all coefficients are fitted anew, the history is kept.',
+    'example: ros2 run power_lab add load_friction --to base.yaml --bag bags/walk -o better.yaml',
+)
+def add(parser: ArgumentParser, args: Arguments) -> Namespace:
+    add_effects_path(parser)
     add = parser.add_argument
     add('effects', nargs='+', metavar='EFFECT', help='what to add')
     add('--to', required=True, type=Path, metavar='MODEL.yaml', help='the model as it is')
     add('--bag', required=True, nargs='+', type=Path, metavar='BAG', help='recordings to fit on')
     add('--drives', nargs='+', default=[], metavar='NAME', help='only these')
     add_doubts(parser)
-    add('-o', '--output', type=Path, required=True, metavar='MODEL.yaml', help='file to write')
+    add(
+        '-o',
+        '--output',
+        type=ending('-o', '.yaml'),
+        required=True,
+        metavar='MODEL.yaml',
+        help='file to write',
+    )
     add('--per', choices=('type', 'drive'), help='who shares coefficients; as in the model')
     add('--seed', type=int, default=0, help='of the bootstrap')
     add_outputs(parser, report=False)
-    options = parser.parse_args(args)
-    check_suffix(options.output, '-o', ('.yaml',))
-    return options
+    return parser.parse_args(args)
 
 
-@entry_point('power_lab.commands.challenge:run')
-def challenge(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of challenge."""
-    parser = lab_parser(
-        'challenge',
-        'Record a walk of a simulated robot with an effect hidden in its drives (or none, or one '
-        'that no catalogue knows). The answer is sealed in the bag.',
-        'example: ros2 run power_lab challenge --seed 7 -o bags/riddle',
-        effects=False,
-    )
+@entry_point(
+    'power_lab.commands.challenge:run',
+    'Record a walk of a simulated robot with an effect hidden in its drives (or none, or one '
+    'that no catalogue knows). The answer is sealed in the bag.',
+    'example: ros2 run power_lab challenge --seed 7 -o bags/riddle',
+)
+def challenge(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('--seed', type=int, required=True, metavar='N', help='draws what is hidden')
     add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
@@ -100,15 +99,12 @@ def challenge(args: Sequence[str] | None = None) -> argparse.Namespace:
     return options
 
 
-@entry_point('power_lab.commands.challenge:reveal')
-def reveal(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of reveal."""
-    parser = lab_parser(
-        'reveal',
-        'Open the sealed answer of a challenge.',
-        'example: ros2 run power_lab reveal bags/riddle --diagnosis why.json',
-        effects=False,
-    )
+@entry_point(
+    'power_lab.commands.challenge:reveal',
+    'Open the sealed answer of a challenge.',
+    'example: ros2 run power_lab reveal bags/riddle --diagnosis why.json',
+)
+def reveal(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('bag', type=Path, metavar='BAG', help='written by challenge')
     add('--diagnosis', type=Path, metavar='FILE.json', help='what diagnose --json wrote')
@@ -116,16 +112,15 @@ def reveal(args: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-@entry_point('power_lab.commands.budget:run')
-def budget(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of budget."""
-    parser = lab_parser(
-        'budget',
-        'Where the metered power goes: by effect, drive, type of drive and phase of the motion, '
-        'with 90 % intervals, and what changes of the drives would save. Without a model one is '
-        'chosen by its error on held-out data. Several recordings are compared with the first.',
-        'example: ros2 run power_lab budget bags/walk --battery 907Wh --report budget.html',
-    )
+@entry_point(
+    'power_lab.commands.budget:run',
+    'Where the metered power goes: by effect, drive, type of drive and phase of the motion, '
+    'with 90 % intervals, and what changes of the drives would save. Without a model one is '
+    'chosen by its error on held-out data. Several recordings are compared with the first.',
+    'example: ros2 run power_lab budget bags/walk --battery 907Wh --report budget.html',
+)
+def budget(parser: ArgumentParser, args: Arguments) -> Namespace:
+    add_effects_path(parser)
     add_bags(parser)
     add = parser.add_argument
     add('--model', metavar='MODEL.yaml', help='model of effects (default: one is chosen)')
@@ -142,9 +137,7 @@ def budget(args: Sequence[str] | None = None) -> argparse.Namespace:
     add('--seed', type=int, default=0, help='of the intervals')
     add_workplace(parser, 'recordings read')
     add_outputs(parser)
-    options = parser.parse_args(args)
-    check_suffix(options.report, '--report', ('.html',))
-    return options
+    return parser.parse_args(args)
 
 
 def _watt_hours(text: str) -> float:
@@ -152,22 +145,21 @@ def _watt_hours(text: str) -> float:
     try:
         hours = float(value) * {'Wh': 1.0, 'kWh': 1e3, '': 1.0}[unit]
     except (KeyError, ValueError):
-        raise argparse.ArgumentTypeError(f'{text!r}: give watt hours, as 907Wh') from None
+        raise ArgumentTypeError(f'{text!r}: give watt hours, as 907Wh') from None
     if not 0.0 < hours < 1e6:
-        raise argparse.ArgumentTypeError(f'{text!r} lies outside 0..1000 kWh')
+        raise ArgumentTypeError(f'{text!r} lies outside 0..1000 kWh')
     return hours
 
 
-@entry_point('power_lab.commands.compare:run')
-def compare(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of compare."""
-    parser = lab_parser(
-        'compare',
-        'Compare power models with measurements on held-out data: error, bias, energy, and the '
-        'regimes in which each model is worst.',
-        'example: ros2 run power_lab compare bags/walk --models base.yaml better.yaml '
-        'mechanical_power --report compare.html',
-    )
+@entry_point(
+    'power_lab.commands.compare:run',
+    'Compare power models with measurements on held-out data: error, bias, energy, and the '
+    'regimes in which each model is worst.',
+    'example: ros2 run power_lab compare bags/walk --models base.yaml better.yaml '
+    'mechanical_power --report compare.html',
+)
+def compare(parser: ArgumentParser, args: Arguments) -> Namespace:
+    add_effects_path(parser)
     add_bags(parser)
     parser.add_argument(
         '--models',
@@ -179,25 +171,28 @@ def compare(args: Sequence[str] | None = None) -> argparse.Namespace:
     add_workplace(parser, 'recordings read')
     add_outputs(parser)
     options = parser.parse_args(args)
-    check_suffix(options.report, '--report', ('.html',))
     if len(set(options.models)) < len(options.models):
         raise InputError(f'--models names a model twice: {", ".join(options.models)}')
     return options
 
 
-@entry_point('power_lab.commands.diagnose:run')
-def diagnose(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of diagnose."""
-    parser = lab_parser(
-        'diagnose',
-        'Find the physical effect that a power model misses, or say honestly that these '
-        'recordings cannot tell. Ends with 0 for every verdict.',
-        'example: ros2 run power_lab diagnose bags/walk --model base.yaml --report why.html',
-    )
+@entry_point(
+    'power_lab.commands.diagnose:run',
+    'Find the physical effect that a power model misses, or say honestly that these '
+    'recordings cannot tell. Ends with 0 for every verdict.',
+    'example: ros2 run power_lab diagnose bags/walk --model base.yaml --report why.html',
+)
+def diagnose(parser: ArgumentParser, args: Arguments) -> Namespace:
+    add_effects_path(parser)
     add_bags(parser)
     add = parser.add_argument
     add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
-    add('--motion', type=Path, metavar='FILE.yaml', help='write what to record next')
+    add(
+        '--motion',
+        type=ending('--motion', '.yaml'),
+        metavar='FILE.yaml',
+        help='write what to record next',
+    )
     add(
         '--limits',
         nargs='?',
@@ -209,27 +204,30 @@ def diagnose(args: Sequence[str] | None = None) -> argparse.Namespace:
     add('--seed', type=int, default=0, help='of the bootstrap')
     add_workplace(parser, 'recordings read')
     add_outputs(parser)
-    options = parser.parse_args(args)
-    check_suffix(options.report, '--report', ('.html',))
-    check_suffix(options.motion, '--motion', ('.yaml',))
-    return options
+    return parser.parse_args(args)
 
 
-@entry_point('power_lab.commands.discover:run')
-def discover(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of discover."""
-    parser = lab_parser(
-        'discover',
-        'Learn what a model misses and no catalogue has: what it depends on, its shape and a '
-        'formula, written as an effect that add takes. Where nothing is found no file is written. '
-        'Of several recordings the last tests what the others show, unless --test names one.',
-        'example: ros2 run power_lab discover bags/walk --test bags/other --model base.yaml '
-        '-o effect.py --report why.html',
-    )
+@entry_point(
+    'power_lab.commands.discover:run',
+    'Learn what a model misses and no catalogue has: what it depends on, its shape and a '
+    'formula, written as an effect that add takes. Where nothing is found no file is written. '
+    'Of several recordings the last tests what the others show, unless --test names one.',
+    'example: ros2 run power_lab discover bags/walk --test bags/other --model base.yaml '
+    '-o effect.py --report why.html',
+)
+def discover(parser: ArgumentParser, args: Arguments) -> Namespace:
+    add_effects_path(parser)
     add_bags(parser)
     add = parser.add_argument
     add('--model', required=True, metavar='MODEL', help='model.yaml, ppn:RUN or a proxy')
-    add('-o', '--output', type=Path, required=True, metavar='FILE.py', help='effects to write')
+    add(
+        '-o',
+        '--output',
+        type=ending('-o', '.py'),
+        required=True,
+        metavar='FILE.py',
+        help='effects to write',
+    )
     add(
         '--test',
         nargs='+',
@@ -240,22 +238,16 @@ def discover(args: Sequence[str] | None = None) -> argparse.Namespace:
     )
     add('--seed', type=int, default=0, help='of the bootstrap')
     add_outputs(parser)
-    options = parser.parse_args(args)
-    check_suffix(options.output, '-o', ('.py',))
-    check_suffix(options.report, '--report', ('.html',))
-    return options
+    return parser.parse_args(args)
 
 
-@entry_point('power_lab.commands.drives:run')
-def drives(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of drives."""
-    parser = lab_parser(
-        'drives',
-        'List the library of real drives that were identified from public logs, show one, or '
-        'write it as an actuator with its power.',
-        'example: ros2 run power_lab drives mn8014_sspg_7 --export mujoco',
-        effects=False,
-    )
+@entry_point(
+    'power_lab.commands.drives:run',
+    'List the library of real drives that were identified from public logs, show one, or '
+    'write it as an actuator with its power.',
+    'example: ros2 run power_lab drives mn8014_sspg_7 --export mujoco',
+)
+def drives(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('name', nargs='?', metavar='NAME', help='drive to show; without one all are listed')
     add('--export', choices=('mujoco', 'mjlab'), help='print the actuator: MJCF, or Python')
@@ -266,16 +258,12 @@ def drives(args: Sequence[str] | None = None) -> argparse.Namespace:
     return options
 
 
-@entry_point('power_lab.commands.execute:run')
-def execute(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of execute."""
-    parser = lab_parser(
-        'execute',
-        'Record the motion that diagnose asked for (--motion) with one drive of the simulated '
-        'bench.',
-        'example: ros2 run power_lab execute next.yaml --drive LF_KFE -o bags/next',
-        effects=False,
-    )
+@entry_point(
+    'power_lab.commands.execute:run',
+    'Record the motion that diagnose asked for (--motion) with one drive of the simulated bench.',
+    'example: ros2 run power_lab execute next.yaml --drive LF_KFE -o bags/next',
+)
+def execute(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('motion', type=Path, metavar='MOTION.yaml', help='written by diagnose --motion')
     add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
@@ -288,19 +276,24 @@ def execute(args: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(args)
 
 
-@entry_point('power_lab.commands.fit:run')
-def fit(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of fit."""
-    parser = lab_parser(
-        'fit',
-        'Fit a power model made of named effects; errors of the measurement are fitted beside '
-        'them.',
-        'example: ros2 run power_lab fit bags/walk --effects shaft,copper_loss,idle -o base.yaml',
-    )
+@entry_point(
+    'power_lab.commands.fit:run',
+    'Fit a power model made of named effects; errors of the measurement are fitted beside them.',
+    'example: ros2 run power_lab fit bags/walk --effects shaft,copper_loss,idle -o base.yaml',
+)
+def fit(parser: ArgumentParser, args: Arguments) -> Namespace:
+    add_effects_path(parser)
     add_bags(parser)
     add = parser.add_argument
     add('--effects', nargs='+', required=True, metavar='NAME,…', help='what is active')
-    add('-o', '--output', type=Path, required=True, metavar='MODEL.yaml', help='file to write')
+    add(
+        '-o',
+        '--output',
+        type=ending('-o', '.yaml'),
+        required=True,
+        metavar='MODEL.yaml',
+        help='file to write',
+    )
     add('--per', choices=('type', 'drive'), default='type', help='who shares coefficients')
     add('--base', metavar='MODEL', help='add the effects to this model: ppn:RUN or a proxy')
     add(
@@ -312,26 +305,29 @@ def fit(args: Sequence[str] | None = None) -> argparse.Namespace:
     add('--seed', type=int, default=0, help='of the bootstrap')
     add_outputs(parser, report=False)
     options = parser.parse_args(args)
-    check_suffix(options.output, '-o', ('.yaml',))
     if options.base and options.base.endswith('.yaml'):
         raise InputError(f'--base {options.base!r}: give ppn:RUN or a proxy; add effects by add')
     return options
 
 
-@entry_point('power_lab.commands.to_plant:run')
-def to_plant(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of to_plant."""
-    parser = lab_parser(
-        'to_plant',
-        "Write a plant file for the simulator with a model's effects at their fitted strength.",
-        'example: ros2 run power_lab to_plant better.yaml -o plant.yaml && '
-        'ros2 run sim_bridge sim --offline --plant plant.yaml -o bags/like_the_robot',
-    )
+@entry_point(
+    'power_lab.commands.to_plant:run',
+    "Write a plant file for the simulator with a model's effects at their fitted strength.",
+    'example: ros2 run power_lab to_plant better.yaml -o plant.yaml && '
+    'ros2 run sim_bridge sim --offline --plant plant.yaml -o bags/like_the_robot',
+)
+def to_plant(parser: ArgumentParser, args: Arguments) -> Namespace:
+    add_effects_path(parser)
     add = parser.add_argument
     add('model', type=Path, metavar='MODEL.yaml', help='fitted model')
     add('--plant', default='anymal_c', metavar='FILE', help='plant to start from')
-    add('-o', '--output', type=Path, required=True, metavar='PLANT.yaml', help='file to write')
+    add(
+        '-o',
+        '--output',
+        type=ending('-o', '.yaml'),
+        required=True,
+        metavar='PLANT.yaml',
+        help='file to write',
+    )
     add_outputs(parser, report=False)
-    options = parser.parse_args(args)
-    check_suffix(options.output, '-o', ('.yaml',))
-    return options
+    return parser.parse_args(args)

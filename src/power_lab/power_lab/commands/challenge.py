@@ -14,7 +14,6 @@ DRIVES = ('LF_HAA', 'LF_HFE', 'LF_KFE')
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run challenge with its options; return the exit code."""
     from sim_bridge.offline.run import run_offline  # a bus, which analyses do without
 
     challenge = draw(options.seed)
@@ -45,7 +44,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def reveal(options: argparse.Namespace) -> int:
-    """Run reveal with its options; return the exit code."""
     answer = unseal(options.bag)
     if answer.get('fleet'):
         raise InputError(

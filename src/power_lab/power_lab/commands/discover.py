@@ -16,7 +16,6 @@ from power_lab.session import Session
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     check_recordings([*options.bags, *options.test])
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)

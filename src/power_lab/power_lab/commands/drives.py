@@ -14,7 +14,6 @@ from power_lab.report.tables import print_model
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     found = [load_drive(name) for name in ([options.name] if options.name else names())]
     if options.json is not None:
         content = [

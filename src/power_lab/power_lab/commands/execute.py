@@ -9,7 +9,6 @@ from power_lab.challenge.bench_recording import record_motion
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     plant = Plant.load(options.plant)
     MotionFile.load(options.motion)
 

@@ -12,7 +12,6 @@ from power_lab.challenge.plant_export import to_plant
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     model = read_model(options.model, load_catalogue(options.effects_path))
     plant, strengths = to_plant(model, Plant.load(options.plant))
     with together():

@@ -1,10 +1,9 @@
 """Arguments of the commands."""
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from wattwalk_core.command import command_parser, entry_point, own_arguments
+from wattwalk_core.command import Arguments, entry_point, own_arguments
 
 _IMPORT_LOGS = """example:
   ros2 run power_recordings import hops.mat --list > hops.yaml   # look, edit the map
@@ -12,7 +11,7 @@ _IMPORT_LOGS = """example:
   ros2 run power_recordings info bags/hops"""
 
 
-def add_doubts(made: argparse.ArgumentParser) -> None:
+def add_doubts(made: ArgumentParser) -> None:
     """Recordings that are refused unless one insists."""
     made.add_argument(
         '--slow-meter',
@@ -30,15 +29,14 @@ def add_doubts(made: argparse.ArgumentParser) -> None:
     )
 
 
-@entry_point('power_recordings.commands.import_logs:run')
-def import_logs(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of import_logs."""
-    parser = command_parser(
-        'power_recordings import',
-        'Turn logs (csv, xlsx, parquet, feather, mat, HDF5, JSON, hebilog, ROS 1 and '
-        '2 bags) into one recording.',
-        _IMPORT_LOGS,
-    )
+@entry_point(
+    'power_recordings.commands.import_logs:run',
+    'Turn logs (csv, xlsx, parquet, feather, mat, HDF5, JSON, hebilog, ROS 1 and '
+    '2 bags) into one recording.',
+    _IMPORT_LOGS,
+    name='import',
+)
+def import_logs(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('logs', nargs='+', type=Path, metavar='LOG', help='log file or bag folder')
     add('--map', metavar='NAME|FILE', help='ready map by name, or a YAML file (format: import/1)')
@@ -49,14 +47,12 @@ def import_logs(args: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(own_arguments(args))
 
 
-@entry_point('power_recordings.commands.example:run')
-def example(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of example."""
-    parser = command_parser(
-        'power_recordings example',
-        'Write a recording to try the other commands with: 25 s of a simulated walk.',
-        'example:\n  ros2 run power_recordings example -o walk_small',
-    )
+@entry_point(
+    'power_recordings.commands.example:run',
+    'Write a recording to try the other commands with: 25 s of a simulated walk.',
+    'example:\n  ros2 run power_recordings example -o walk_small',
+)
+def example(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('-o', '--output', type=Path, metavar='BAG', required=True, help='its folder')
     return parser.parse_args(own_arguments(args))
@@ -67,17 +63,15 @@ _INDEX = """example:
   ros2 run power_recordings index --export tables"""
 
 
-@entry_point('power_recordings.commands.index:run')
-def index(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of index."""
-    parser = command_parser(
-        'power_recordings index',
-        'List the recordings that the index knows. `info` and `power_fleet track` keep in it what '
-        'they worked out, so that a second run takes no time; --add reads the cards alone. It is '
-        'a cache that may be deleted: a file that WATTWALK_INDEX names, else '
-        '~/.cache/wattwalk/recordings.sqlite3.',
-        _INDEX,
-    )
+@entry_point(
+    'power_recordings.commands.index:run',
+    'List the recordings that the index knows. `info` and `power_fleet track` keep in it what '
+    'they worked out, so that a second run takes no time; --add reads the cards alone. It is '
+    'a cache that may be deleted: a file that WATTWALK_INDEX names, else '
+    '~/.cache/wattwalk/recordings.sqlite3.',
+    _INDEX,
+)
+def index(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('--add', nargs='+', type=Path, default=[], metavar='FOLDER', help='read cards in folders')
     add('--robot', default='', help='only of this robot')
@@ -99,15 +93,13 @@ _INFO = """example:
   ros2 run power_recordings info bags/walk_small --json info.json"""
 
 
-@entry_point('power_recordings.commands.info:run')
-def info(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of info."""
-    parser = command_parser(
-        'power_recordings info',
-        'Rates, gaps, updates of the electrical signals, units judged by physics, and '
-        'coverage of recordings.',
-        _INFO,
-    )
+@entry_point(
+    'power_recordings.commands.info:run',
+    'Rates, gaps, updates of the electrical signals, units judged by physics, and '
+    'coverage of recordings.',
+    _INFO,
+)
+def info(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG')
     parser.add_argument('--json', type=Path, metavar='F', help='also write the figures as JSON')
     return parser.parse_args(own_arguments(args))

@@ -1,27 +1,24 @@
 """Arguments of the commands."""
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from power_lab.commands import arguments as common
 from power_recordings.commands.arguments import add_doubts
-from wattwalk_core.command import entry_point
+from wattwalk_core.command import Arguments, entry_point
 from wattwalk_core.errors import InputError
 
 PORT = 8421
 
 
-@entry_point('power_workbench.commands.open:run')
-def open(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of open."""
-    parser = common.lab_parser(
-        'open',
-        'Open the workbench: compare a model with recordings, see where it fails, find out what '
-        'it misses, add it and watch the error fall, on one page in the browser.',
-        'example: ros2 run power_workbench open bags/walk_small --model base.yaml',
-        package='power_workbench',
-    )
+@entry_point(
+    'power_workbench.commands.open:run',
+    'Open the workbench: compare a model with recordings, see where it fails, find out what '
+    'it misses, add it and watch the error fall, on one page in the browser.',
+    'example: ros2 run power_workbench open bags/walk_small --model base.yaml',
+)
+def open(parser: ArgumentParser, args: Arguments) -> Namespace:
+    common.add_effects_path(parser)
     add = parser.add_argument
     add('bags', nargs='*', type=Path, metavar='BAG', help='recordings, or folders with some')
     add('--model', metavar='MODEL', help='model.yaml, ppn:RUN or a proxy to begin with')
@@ -55,17 +52,13 @@ def open(args: Sequence[str] | None = None) -> argparse.Namespace:
     return options
 
 
-@entry_point('power_workbench.commands.replay_session:run')
-def replay_session(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of replay_session."""
-    parser = common.lab_parser(
-        'replay_session',
-        'Take the steps of a workbench session again and compare the held-out errors with those '
-        'that the session kept. Ends with 0 if they are the same, with 1 if not.',
-        'example: ros2 run power_workbench replay_session workbench/20261123-101500-1a2b -o again',
-        effects=False,
-        package='power_workbench',
-    )
+@entry_point(
+    'power_workbench.commands.replay_session:run',
+    'Take the steps of a workbench session again and compare the held-out errors with those '
+    'that the session kept. Ends with 0 if they are the same, with 1 if not.',
+    'example: ros2 run power_workbench replay_session workbench/20261123-101500-1a2b -o again',
+)
+def replay_session(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('session', type=Path, metavar='SESSION', help='its folder, or its session.yaml')
     add('-o', '--output', type=Path, metavar='FOLDER', help='keep the models there')

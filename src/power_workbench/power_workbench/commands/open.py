@@ -9,7 +9,6 @@ from power_workbench.server.serving import Opening, serve
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     catalogue = load_catalogue(options.effects_path)
     if options.model:
         common.check_models([options.model], catalogue)

@@ -12,7 +12,6 @@ from power_workbench.sessions.steps import SessionRecord
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command with its options; return the exit code."""
     session = SessionRecord.read(options.session)
     folder = options.session if options.session.is_dir() else options.session.parent
     if session.effect_files and not options.run_effects:

@@ -1,14 +1,13 @@
 """Arguments of the commands."""
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from drive_bench.motion.file import MOTIONS, listing
 from drive_bench.motion.segments import UNITS
 from policy_runner.policies.by_name import POLICIES
 from wattwalk_core.anymal import JOINT_NAMES
-from wattwalk_core.command import command_parser, entry_point, node_options, own_arguments
+from wattwalk_core.command import Arguments, entry_point, node_options, own_arguments
 from wattwalk_core.engine.options import Workplace, add_workplace
 from wattwalk_core.errors import InputError
 
@@ -29,14 +28,12 @@ examples:
 """
 
 
-@entry_point('sim_bridge.commands.bench:run')
-def bench(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of bench."""
-    parser = command_parser(
-        'sim_bridge bench',
-        'Record one simulated drive on a stand, as fast as the machine can.',
-        _BENCH,
-    )
+@entry_point(
+    'sim_bridge.commands.bench:run',
+    'Record one simulated drive on a stand, as fast as the machine can.',
+    _BENCH,
+)
+def bench(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('motion', metavar='MOTION', help=f'{", ".join(MOTIONS)}, or a motion/1 file')
     add('-o', '--output', type=Path, required=True, metavar='BAG', help='folder to write')
@@ -80,14 +77,12 @@ examples:
 """
 
 
-@entry_point('sim_bridge.commands.record:run')
-def record(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of record."""
-    parser = command_parser(
-        'sim_bridge record',
-        'Make a set of recordings of the simulated robot, to train and judge on.',
-        _RECORD,
-    )
+@entry_point(
+    'sim_bridge.commands.record:run',
+    'Make a set of recordings of the simulated robot, to train and judge on.',
+    _RECORD,
+)
+def record(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('set', choices=(*SECONDS, 'ageing'), help='which recordings to make')
     add('--plan', type=Path, metavar='FILE.yaml', help='of the set ageing: wear and days')
@@ -117,14 +112,12 @@ examples:
 """
 
 
-@entry_point('sim_bridge.commands.sim:run')
-def sim(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of sim."""
-    parser = command_parser(
-        'sim_bridge sim',
-        'The simulated robot, its drives and their power meter.',
-        _SIM,
-    )
+@entry_point(
+    'sim_bridge.commands.sim:run',
+    'The simulated robot, its drives and their power meter.',
+    _SIM,
+)
+def sim(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('--offline', action='store_true', help='write a bag as fast as the machine can')
     offline = parser.add_argument_group('with --offline')
@@ -154,15 +147,12 @@ Needs root, for raw sockets. example, on a cable of two virtual ends:
 """
 
 
-@entry_point('sim_bridge.commands.ethercat_segment:run')
-def ethercat_segment(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of ethercat_segment."""
-    parser = command_parser(
-        'sim_bridge ethercat_segment',
-        'Emulates an EK1100 and an EL3102 for each two voltages, to try power_daq '
-        'without hardware.',
-        _ETHERCAT_SEGMENT,
-    )
+@entry_point(
+    'sim_bridge.commands.ethercat_segment:run',
+    'Emulates an EK1100 and an EL3102 for each two voltages, to try power_daq without hardware.',
+    _ETHERCAT_SEGMENT,
+)
+def ethercat_segment(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument('--interface', required=True, metavar='NAME', help='such as ecat1')
     parser.add_argument(
         *('--volts', '-v'),
@@ -186,13 +176,11 @@ example, what the simulated robot draws (its own supply goes to another topic):
 """
 
 
-@entry_point('sim_bridge.instruments.supply_node:run')
-def supply_instrument(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of supply_instrument."""
-    parser = command_parser(
-        'sim_bridge supply_instrument',
-        'A simulated bench supply that speaks SCPI over TCP, to try power_daq supply '
-        'without hardware.',
-        _SUPPLY_INSTRUMENT,
-    )
+@entry_point(
+    'sim_bridge.instruments.supply_node:run',
+    'A simulated bench supply that speaks SCPI over TCP, to try power_daq supply '
+    'without hardware.',
+    _SUPPLY_INSTRUMENT,
+)
+def supply_instrument(parser: ArgumentParser, args: Arguments) -> Namespace:
     return node_options(parser, args)

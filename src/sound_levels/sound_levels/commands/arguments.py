@@ -1,10 +1,9 @@
 """Arguments of the command."""
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from wattwalk_core.command import command_parser, entry_point, own_arguments
+from wattwalk_core.command import Arguments, entry_point, own_arguments
 
 from sound_levels.levels.settings import METHODS, TIMES, WEIGHTINGS
 
@@ -20,15 +19,13 @@ examples:
 """
 
 
-@entry_point('sound_levels.commands.sound:run')
-def sound(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of sound."""
-    parser = command_parser(
-        'sound_levels sound',
-        'Sound levels over time (IEC 61672-1) of sound files, by policy, in dB SPL '
-        'with a calibrator; statistics, differences with intervals, third-octave spectra.',
-        _SOUND,
-    )
+@entry_point(
+    'sound_levels.commands.sound:run',
+    'Sound levels over time (IEC 61672-1) of sound files, by policy, in dB SPL '
+    'with a calibrator; statistics, differences with intervals, third-octave spectra.',
+    _SOUND,
+)
+def sound(parser: ArgumentParser, args: Arguments) -> Namespace:
     add = parser.add_argument
     add('files', nargs='*', type=Path, metavar='WAV', help='wav, flac, …; 8 to 192 kHz')
     add(

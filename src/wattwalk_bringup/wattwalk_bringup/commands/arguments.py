@@ -1,9 +1,8 @@
 """Arguments of the command."""
 
-import argparse
-from collections.abc import Sequence
+from argparse import ArgumentParser, Namespace
 
-from wattwalk_core.command import command_parser, entry_point, own_arguments
+from wattwalk_core.command import Arguments, entry_point, own_arguments
 
 from wattwalk_bringup.settings import arguments
 
@@ -20,15 +19,13 @@ example, settings of your own:
 """
 
 
-@entry_point('wattwalk_bringup.commands.live:run')
-def live(args: Sequence[str] | None = None) -> argparse.Namespace:
-    """Arguments of live."""
-    parser = command_parser(
-        'wattwalk_bringup live',
-        'The simulated robot or the DAQ of a real one, policy runner, estimator and recorder: '
-        'started together, shown in one terminal, ended as one.',
-        _LIVE,
-    )
+@entry_point(
+    'wattwalk_bringup.commands.live:run',
+    'The simulated robot or the DAQ of a real one, policy runner, estimator and recorder: '
+    'started together, shown in one terminal, ended as one.',
+    _LIVE,
+)
+def live(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument(
         '--config', default='sim', metavar='FILE', help='YAML file, or one of sim (default), robot'
     )

@@ -10,7 +10,8 @@ from pathlib import Path
 from wattwalk_core.interruption import DeferredSignals
 from wattwalk_core.quoting import printable
 
-from wattwalk_bringup.node_group import display, started
+from wattwalk_bringup.display import display
+from wattwalk_bringup.node_group import started
 from wattwalk_bringup.node_set import commands
 from wattwalk_bringup.settings import BringupSettings
 
