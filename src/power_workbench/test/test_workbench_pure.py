@@ -12,7 +12,7 @@ from power_lab.diagnose.next_recording import Motion
 from power_recordings.reading.reader import Recording
 from power_workbench.files.folders import Folders
 from power_workbench.sessions.steps import SessionRecord, SessionStep
-from power_workbench.views import maps
+from power_workbench.views import maps, moments
 from power_workbench.views.pyramid import Pyramid, masked
 from power_workbench.views.view import PowerView, StateWords
 from wattwalk_core.errors import InputError
@@ -251,3 +251,33 @@ def test_the_bench_records_a_motion_that_was_cut_and_tells_how_long_it_takes(tmp
     assert recording.drive_supply().names == ('LF_KFE',)
     (sentence,) = said
     assert re.fullmatch(r'recording 10 s of LF_KFE .* takes about \d+ (s|min)', sentence)
+
+
+def test_the_map_tells_mean_rms_and_time_of_a_cell_apart():
+    speed = [0.0, 1.0] * 40
+    error = [1.0, 2.0, -1.0, 2.0] * 20  # cancels at rest, 2 W at 1 rad/s
+    shown = view(error, [0.0, 1.0] * 40, speed)
+    found = maps.error_map(shown, 'A', 'velocity', 'torque')
+    cells = {name: [v for row in found[name] for v in row if v] for name in ('rms', 'seconds')}
+    assert cells['rms'] == [1.0, 2.0]
+    assert cells['seconds'] == pytest.approx([0.8, 0.8])
+    assert [abs(v) for row in found['mean'] for v in row if v is not None] == [0.0, 2.0]
+
+
+def test_spikes_are_counted_and_said_to_be_of_no_state_where_the_state_recurs_without_them():
+    error = [0.1, -0.1] * 500
+    for at in (100, 300, 500, 700, 900):
+        error[at] = 6.0
+    found = moments.moments(view(error, [0.0, 1.0] * 500, [0.0, 1.0] * 500), 'A')
+    assert found['spikes'].startswith('5 spikes of 6 to 6 W, most of them 20 ms long, hold 95%')
+    assert 'no effect of the state claims them' in found['spikes']
+    still = moments.moments(view([0.1, -0.1] * 100, [0.0] * 200, [0.0, 1.0] * 100), 'A')
+    assert still == {'spikes': '', 'stretches': []}
+
+
+def test_a_second_far_worse_than_the_rest_is_told_with_its_share():
+    error = [0.1, -0.1] * 250 + [3.0, -3.0] * 25 + [0.1, -0.1] * 250
+    found = moments.moments(view(error, [0.0] * 1050, [0.0, 1.0] * 525), 'A')
+    (stretch,) = found['stretches']
+    assert (stretch['start'], stretch['stop']) == (10.0, 11.0)
+    assert stretch['words'] == '10 to 11 s: 3 W rms, 30 times the usual, 98% of the squared error'

@@ -126,6 +126,11 @@ def bins(values: Floats, residual: Floats, count: int = 24) -> list[Bin]:
     return out
 
 
+def digits(value: float) -> str:
+    """Three digits without a power of ten."""
+    return f'{float(f"{value:.3g}"):.10g}'
+
+
 def standstill(scale: DriveScale, drive: int) -> float:
     """Speed in rad/s below which a drive is at rest in the words of a regime."""
     return _Edges.of(*scale.of(drive)[:2]).still
@@ -243,7 +248,7 @@ def _by_range(name: str, error: Floats, key: str, values: Floats, total: float) 
             share = float(mean**2 * rows[a:b].sum() / max(total, 1e-12))
             if best is None or share > best.share:
                 low, high = float(edges[a]), float(edges[b])
-                words = f'{key} {low:.3g} to {high:.3g} {UNITS[key]}'
+                words = f'{key} {digits(low)} to {digits(high)} {UNITS[key]}'
                 seconds = float(rows[a:b].sum()) / _RATE
                 best = Regime(name, (words,), {key: (low, high)}, mean, seconds, share)
     return [best] if best is not None and best.share >= _LEAST_SHARE else []

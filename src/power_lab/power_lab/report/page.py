@@ -16,7 +16,7 @@ from power_lab.diagnose.outcome import Outcome
 from power_lab.report import figures
 from power_lab.report.staircase import Stairs
 from power_lab.structure.candidates import CONSTANT_TORQUE
-from power_lab.structure.words import in_words
+from power_lab.structure.words import in_words, verdict_in_words
 
 Floats = NDArray[np.float64]
 
@@ -24,22 +24,15 @@ _HIGHEST = 2.5  # times the highest error, of lines that are drawn
 
 _COLOR_NAMES = ('orange', 'blue', 'green')
 
-KINDS = {
-    'named': 'Named',
-    'ambiguous': 'Ambiguous',
-    'none_of_the_above': 'None of the above',
-    'no_evidence': 'No evidence',
-}
-
-
 def write_diagnosis(
     path: Path, outcome: Outcome, also: Sequence[str], catalogue: Catalogue
 ) -> None:
     """The page of `diagnose`; also: models whose error is drawn beside the staircase."""
     diagnosis = outcome.diagnosis
     prepared = outcome.diagnoser.fitter.prepared
-    page = Page(f'{KINDS[diagnosis.verdict]}: {outcome.model.name}')
-    page.add(f'<p class="kind {diagnosis.verdict}">{KINDS[diagnosis.verdict]}</p>')
+    kind = verdict_in_words(diagnosis.verdict, len(diagnosis.effects))
+    page = Page(f'{kind}: {outcome.model.name}')
+    page.add(f'<p class="kind {diagnosis.verdict}">{kind}</p>')
     page.add(f'<h1 id="verdict">{escape(outcome.sentence)}</h1>')
     page.facts(
         {
@@ -241,7 +234,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
     rows = outcome.rows
     page.text(
         'By how much the error on held-out data falls when one effect is added to the model and '
-        'everything is fitted anew. Coloured bars may be the best; grey ones are ruled out.'
+        'everything is fitted anew. Coloured bars are plausible; grey ones are ruled out.'
     )
     shown = rows[:10]
     page.add(
@@ -255,7 +248,7 @@ def _section_candidates(page: Page, outcome: Outcome) -> None:
         )
     )
     page.table(
-        ['effect', 'error falls by', 'coefficient', '95 % interval', 'of drive', 'may be it'],
+        ['effect', 'error falls by', 'coefficient', '95 % interval', 'of drive', 'plausible'],
         [
             [
                 in_words(row.name),
@@ -333,10 +326,10 @@ def _section_measurement(page: Page, outcome: Outcome) -> None:
     page.heading('Is the measurement sound?')
     page.text(
         'Errors of the meter and the sensors are part of every fit, so that they are not taken '
-        'for physics. One matters if leaving it alone would cost more than can be judged.'
+        'for physics. One is significant if the error from ignoring it is more than can be judged.'
     )
     page.table(
-        ['error', 'value', '95 % interval', 'would cost', 'of drive', 'matters'],
+        ['error', 'value', '95 % interval', 'error if ignored', 'of drive', 'significant'],
         [
             [
                 name.replace('_', ' '),

@@ -166,7 +166,7 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
             'in pieces spread over the recordings'
         )
     table = _table('candidates: by how much the held-out error falls with each')
-    for column in ('effect', 'W', 'coefficient', '95 % interval', 'may be it'):
+    for column in ('effect', 'W', 'coefficient', '95 % interval', 'plausible'):
         table.add_column(column, justify='right' if column == 'W' else 'left')
     for row in content['candidates'][:_SHOWN]:
         low, high = row['interval']
@@ -179,8 +179,8 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
             'yes' if row['in_confidence_set'] else '',
         )
     console.print(table)
-    terms = _table('measurement: what its errors would cost')
-    for column in ('error', 'W', 'value', '95 % interval', 'matters'):
+    terms = _table('measurement: error if its faults are ignored')
+    for column in ('error', 'W', 'value', '95 % interval', 'significant'):
         terms.add_column(column, justify='right' if column == 'W' else 'left')
     for name, term in content['measurement'].items():
         low, high = term['interval']

@@ -51,6 +51,16 @@ def coefficient_in_words(effect: str, symbol: str) -> str:
     return _COEFFICIENTS.get((effect, symbol), symbol)
 
 
+def verdict_in_words(verdict: str, found: int) -> str:
+    """A verdict as a heading; found: effects that it names."""
+    return {
+        'named': f'Found: {found} missing effect{"" if found == 1 else "s"}',
+        'ambiguous': 'Several effects are plausible',
+        'none_of_the_above': 'Not fully explained by known effects',
+        'no_evidence': 'Nothing more to find in this recording',
+    }[verdict]
+
+
 def in_words(name: str) -> str:
     """The effect in everyday words."""
     return IN_WORDS.get(name, name.replace('_', ' '))

@@ -20,6 +20,7 @@ from power_workbench.server import actions, answers
 from power_workbench.sessions.manager import SessionManager
 from power_workbench.sessions.session import WorkbenchSession
 from power_workbench.views import maps
+from power_workbench.views.moments import moments
 
 _PAGE = Path(__file__).parent / 'page'
 _KINDS = {'.html': 'text/html', '.js': 'text/javascript', '.css': 'text/css'}
@@ -149,6 +150,7 @@ def application(manager: SessionManager) -> Starlette:
             Route(f'{here}/budget', of_session(lambda session, _: dict(session.budget or {}))),
             Route(f'{here}/strip', of_session(_strip)),
             Route(f'{here}/map', of_session(_map)),
+            Route(f'{here}/moments', of_session(_moments)),
             Route(f'{here}/preview', of_session(_preview)),
             Route(f'{here}/files/{{name}}', of_session(_file)),
             *(
@@ -215,6 +217,10 @@ def _strip(session: WorkbenchSession, request: Request) -> Any:
 def _map(session: WorkbenchSession, request: Request) -> Any:
     names = (request.query_params.get(key, '') for key in ('drive', 'x', 'y'))
     return maps.error_map(answers.view_of(session), *names)
+
+
+def _moments(session: WorkbenchSession, request: Request) -> Any:
+    return moments(answers.view_of(session), request.query_params.get('drive', ''))
 
 
 def _preview(session: WorkbenchSession, request: Request) -> Response:

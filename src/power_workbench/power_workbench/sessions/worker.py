@@ -18,7 +18,7 @@ from power_lab.budget.tables import headline
 from power_lab.challenge.bench_recording import record_on_bench, shortened
 from power_lab.compare.comparison import compare
 from power_lab.session import Session
-from power_lab.structure.words import in_words
+from power_lab.structure.words import in_words, verdict_in_words
 from power_recordings.reading.bag_folder import find
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import read_bytes, write_whole
@@ -131,6 +131,7 @@ class SessionWorker:
         """Return which effect the present model misses."""
         outcome = self._diagnosed(show, source, spec, seed)
         content = outcome.json()
+        content['kind'] = verdict_in_words(outcome.verdict, len(content['effects']))
         for row in content['candidates']:
             row['words'] = in_words(row['name'])
         singles = {one.name: one for one in outcome.diagnosis.singles}

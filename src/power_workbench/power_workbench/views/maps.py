@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.signals.reducer import REDUCED_RATE
-from power_lab.compare.regimes import UNITS, bins
+from power_lab.compare.regimes import UNITS, bins, digits
 from wattwalk_core.errors import InputError
 
 from power_workbench.views.view import PowerView, Singles
 
 Mask = NDArray[np.bool_]
 
-_CELLS = 26  # of a map along one quantity
-_LEAST = 3  # rows in a cell that is shown
+_CELLS = 8, 26  # of a map along one quantity
+_FILL = 8  # rows in a cell, were they spread evenly
+_LEAST, _SHARE = 3, 2000  # rows in a cell that is shown, and the least of so many
 _SHOWN = 1500  # points on a map
 _TAIL = 0.002  # of the values, beyond the map's edges
 STRIDE = 'stride_phase'
@@ -61,29 +62,39 @@ def error_of(view: PowerView, drive: str) -> Singles:
 
 def error_map(view: PowerView, drive: str, x: str, y: str) -> dict[str, Any]:
     """
-    Mean error of a drive over two quantities, and over the first alone.
+    Error of a drive over two quantities, and over the first alone.
 
-    Cells with fewer than three rows are empty. Returns edges, middles and `z` [y][x] in W, and
-    `curve`, the mean error over x.
+    Cells with fewer than three rows, or under 1/2000 of all, are empty. Returns their middles, and as [y][x] the `mean` and
+    `rms` of the error in W and the `seconds`; `limits` of the colours in W, which hold 97 % of the
+    time; `curve`: middle, mean, rms and seconds of ranges of x.
     """
     across, up, error = values_of(view, x, drive), values_of(view, y, drive), error_of(view, drive)
     good = np.isfinite(across) & np.isfinite(up) & np.isfinite(error)
-    if good.sum() < _LEAST:
-        return {'x': [], 'y': [], 'z': [], 'curve': [], 'limit': 1.0}
+    least = max(_LEAST, int(good.sum()) // _SHARE)
+    if good.sum() < least:
+        return {'x': [], 'y': [], 'mean': [], 'rms': [], 'seconds': [], 'curve': [], 'limits': {}}
     across, up, error = across[good], up[good], error[good]
-    edges = [_edges(across), _edges(up)]
-    sums, *_ = np.histogram2d(up, across, bins=[edges[1], edges[0]], weights=error)
-    rows, *_ = np.histogram2d(up, across, bins=[edges[1], edges[0]])
+    count = int(np.clip(np.sqrt(len(error) / _FILL), *_CELLS))
+    edges = [_edges(across, count), _edges(up, count)]
+    rows, sums, squares = (
+        np.histogram2d(up, across, bins=[edges[1], edges[0]], weights=weights)[0]
+        for weights in (None, error, np.square(error))
+    )
     with np.errstate(invalid='ignore', divide='ignore'):
-        mean = np.where(rows >= _LEAST, sums / rows, np.nan)
-    found = np.abs(mean[np.isfinite(mean)])
+        mean = np.where(rows >= least, sums / rows, np.nan)
+        rms = np.where(rows >= least, np.sqrt(squares / rows), np.nan)
     curve = bins(across.astype(np.float64), -error.astype(np.float64))
     return {
         'x': rounded(_middles(edges[0])),
         'y': rounded(_middles(edges[1])),
-        'z': [rounded(row) for row in mean],
-        'curve': [[short_one(0.5 * (b.low + b.high)), short_one(b.mean)] for b in curve],
-        'limit': short_one(float(np.quantile(found, 0.97)) if found.size else 1.0),
+        'mean': [rounded(row) for row in mean],
+        'rms': [rounded(row) for row in rms],
+        'seconds': [rounded(row) for row in rows / REDUCED_RATE],
+        'limits': {'mean': _limit(np.abs(mean), rows), 'rms': _limit(rms, rows)},
+        'curve': [
+            rounded([0.5 * (b.low + b.high), b.mean, b.rmse, b.count / REDUCED_RATE])
+            for b in curve
+        ],
         'x_unit': UNITS_OF.get(x, ''),
         'y_unit': UNITS_OF.get(y, ''),
     }
@@ -160,10 +171,11 @@ def _chosen(view: PowerView, drive: str, rows: Mask, words: str) -> Chosen:
     mean, within = float(inside.mean()), _rms(inside)
     side = 'too low' if mean < 0 else 'too high'
     content |= {'bias_w': round(mean, 5), 'rmse_w': round(within, 5)}
-    sentence = f'{where}: the model is {abs(mean):.2g} W {side} on average, {within:.2g} W rms'
+    sentence = f'{where}: the model is {digits(abs(mean))} W {side} on average, '
+    sentence += f'{digits(within)} W rms'
     if outside.size:
         content['rmse_outside_w'] = round(_rms(outside), 5)
-        sentence += f' inside against {_rms(outside):.2g} W outside'
+        sentence += f' inside against {digits(_rms(outside))} W outside'
     share = float(np.square(inside, dtype=np.float64).sum())
     share /= max(float(np.square(error[known], dtype=np.float64).sum()), 1e-12)
     content['share'] = round(share, 4)
@@ -184,15 +196,26 @@ def _limits(name: str, limits: Sequence[float]) -> tuple[float, float]:
 
 def _in_words(bounds: Mapping[str, Sequence[float]]) -> str:
     return ', '.join(
-        f'{name.replace("_", " ")} {min(limits):.3g} to {max(limits):.3g} '
+        f'{name.replace("_", " ")} {digits(min(limits))} to {digits(max(limits))} '
         f'{UNITS_OF.get(name, "")}'.rstrip()
         for name, limits in bounds.items()
     )
 
 
-def _edges(values: Singles) -> NDArray[np.float64]:
+def _limit(values: NDArray[np.float64], rows: NDArray[np.float64]) -> float | None:
+    """Value that 97 % of the rows in the shown cells do not exceed."""
+    known = np.isfinite(values)
+    if not known.any():
+        return None
+    order = np.argsort(values[known])
+    reached = np.cumsum(rows[known][order])
+    place = np.searchsorted(reached, 0.97 * reached[-1])
+    return short_one(float(values[known][order][place]))
+
+
+def _edges(values: Singles, count: int) -> NDArray[np.float64]:
     low, high = np.quantile(values, [_TAIL, 1.0 - _TAIL]).tolist()
-    return np.linspace(low, high + 1e-9, _CELLS + 1)
+    return np.linspace(low, high + 1e-9, count + 1)
 
 
 def _middles(edges: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -113,8 +113,8 @@ function flow(rows) {
   const sources = [['metered', metered, color('measured')], ...sums.filter(([, value]) => value < 0).map(([one, value]) => [one.words, -value, tone(one)])];
   const sinks = sums.filter(([, value]) => value > 0).map(([one, value]) => [one.words, value, tone(one)]);
   const total = sinks.reduce((sum, [, value]) => sum + value, 0) || 1;
-  const label = ([name, value]) => `${name.replace(/(.{12}\S*) /, '$1<br>')}<br>${watts(value)}${metered > 0 ? `, ${percent(value / metered)}` : ''}`;
-  const apart = (0.9 * total) / Math.max(sinks.length, 4);
+  const label = ([name, value]) => `${name.replace(/(.{13}\S*) /, '$1<br>')}<br>${watts(value)}${metered > 0 ? `, ${percent(value / metered)}` : ''}`;
+  const apart = (1.2 * total) / Math.max(sinks.length, 4);
   const [shapes, annotations] = [[{ type: 'rect', x0: 0.44, x1: 0.48, y0: 0, y1: total, fillcolor: color('measured'), opacity: 0.8, line: { width: 0 } }], []];
   for (const [flows, near, far, anchor] of [[sources, 0.44, 0, 'right'], [sinks, 0.48, 1, 'left']]) {
     const gap = flows === sources ? 1.6 * apart : apart;
@@ -130,9 +130,9 @@ function flow(rows) {
     }
   }
   const half = 0.5 * apart * Math.max(sinks.length - 1, 1) + 0.02 * total;
-  parts.flow.style.height = `${4 + 3.4 * Math.max(sinks.length, 5)}rem`;
+  parts.flow.style.height = `${4 + 3.8 * Math.max(sinks.length, 5)}rem`;
   draw(parts.flow, `Flows of ${member}: ${[...sources, ...sinks].map((one) => label(one).replaceAll('<br>', ' ')).join('; ')}.`, () => [[{ type: 'scatter', x: [0, 1], y: [0, total], mode: 'markers', marker: { opacity: 0 }, hoverinfo: 'skip' }], {
-    shapes, annotations, margin: { l: 96, r: 118, t: 18, b: 18 }, dragmode: false,
+    shapes, annotations, margin: { l: 104, r: 126, t: 18, b: 18 }, dragmode: false,
     xaxis: { visible: false, range: [0, 1], fixedrange: true }, yaxis: { visible: false, range: [total + half, -half], fixedrange: true },
   }]);
 }

@@ -56,7 +56,7 @@ function row(state, found, one, { error, noise }) {
   const floor = h('div', { class: 'noise' });
   floor.style.width = `${Math.min(100, (100 * noise) / error)}%`;
   const why = reason(found, one);
-  const sure = one.probability != null && one.in_confidence_set ? ` ${percent(one.probability)} sure` : '';
+  const sure = one.probability != null && one.in_confidence_set ? ` ${one.probability > 0.99 ? 'over 99 %' : percent(one.probability)} sure` : '';
   const node = h('div', { class: `candidate${one.in_confidence_set ? ' in' : ''}`, 'data-preview': seen },
     h('span', {}, one.words, sure || why ? h('small', {}, [sure, why].filter(Boolean).join(', ').replace(/^ ?/, ' ')) : null),
     h('div', { class: one.explains_w == null ? 'track one' : 'track', 'aria-hidden': 'true' }, bar(one.delta_rmse_w, 'alone'), one.explains_w == null ? null : bar(one.explains_w, 'with'), floor),

@@ -1,14 +1,9 @@
 // The headline: where the watts go or what the model misses, and the next step as one button.
 
-import { attempt, bench, command, fill, find, h, percent, plural, post, quantity, take, watts } from './dom.js';
+import { attempt, bench, command, fill, find, h, percent, post, quantity, take, watts } from './dom.js';
 import { FIRST, wordsOf } from './model.js';
 
 const TONES = { named: 'named', ambiguous: 'ambiguous', none_of_the_above: 'ambiguous', no_evidence: 'no_evidence' };
-
-function kind(found) {
-  if (found.verdict === 'named') return `Found: ${plural(found.effects.length, 'missing effect')}`;
-  return { ambiguous: 'Several effects are plausible', none_of_the_above: 'Not fully explained by known effects', no_evidence: 'Nothing more to find in this recording' }[found.verdict];
-}
 
 const capital = (text) => text[0].toUpperCase() + text.slice(1);
 
@@ -74,7 +69,7 @@ export function update() {
   const parts = [];
   if (view && view.scores) {
     const verdict = found && state.model;
-    if (verdict) parts.push(h('p', { class: `kind ${TONES[found.verdict]}` }, kind(found)));
+    if (verdict) parts.push(h('p', { class: `kind ${TONES[found.verdict]}` }, found.kind));
     parts.push(head(explained(view)));
     if (verdict) parts.push(h('p', { class: 'verdict', id: 'verdict' }, found.sentence.replaceAll('`', '')), measured(found, view));
   } else parts.push(head(budget.headline ? `${capital(budget.headline)}.` : view && view.share >= 1 ? 'The recording is open.' : 'Reading the recordings…'));

@@ -37,7 +37,8 @@ function build() {
       h('button', { type: 'button', onclick: () => marked(span()) }, 'Mark'),
       pictures(plot, 'traces'), h('button', { type: 'button', onclick: csv }, 'CSV')));
   const legend = h('p', { class: 'faint', id: 'traces-words' });
-  parts = { plot, navigator, drives, from, to, legend };
+  const spikes = h('div', { id: 'spikes' });
+  parts = { plot, navigator, drives, from, to, legend, spikes };
   plot.tabIndex = 0;
   plot.addEventListener('keydown', (event) => {
     const work = { ArrowLeft: () => pan(-0.25), ArrowRight: () => pan(0.25), '+': () => zoom(0.5), '-': () => zoom(2), Home: () => setWindow(whole()) }[event.key];
@@ -45,7 +46,7 @@ function build() {
   });
   fill(find('traces-body'), drives, tools, plot, legend,
     h('p', { class: 'faint' }, 'The whole recording: the stronger the colour, the larger the error of that drive. Drag across it to look at a part, press a row to see its drive.'),
-    navigator, exact);
+    navigator, spikes, exact);
 }
 
 function csv() {
@@ -95,6 +96,7 @@ export function setDrive(name) {
   bench.drive = name;
   for (const input of parts.drives.querySelectorAll('input')) input.checked = input.value === name;
   load();
+  moments();
   changed();
 }
 
@@ -105,6 +107,7 @@ export function update() {
   const [, end] = whole();
   if (!bench.window || bench.window[1] > end + 0.1 || !looked) bench.window = [...bench.state.view.worst];
   load();
+  moments();
   loadStrip();
 }
 
@@ -112,6 +115,15 @@ export const place = () => ({
   drive: bench.drive, from: bench.window[0], to: bench.window[1],
   width: Math.round(parts.plot.clientWidth || 800),
 });
+
+/** Spikes and stretches of the shown drive in words, with what to press. */
+async function moments() {
+  const drive = bench.drive;
+  const found = bench.state.view.scores && bench.state.view.drives.includes(drive) ? await attempt(() => get('moments', { drive })) : null;
+  if (drive !== bench.drive) return;
+  fill(parts.spikes, found ? [found.spikes ? h('p', {}, found.spikes) : null,
+    h('ul', { class: 'plain' }, found.stretches.map((one) => h('li', {}, h('button', { type: 'button', class: 'link', onclick: () => setWindow([one.start - 1, one.stop + 1]) }, one.words))))] : null);
+}
 
 async function load() {
   const turn = ++asked;

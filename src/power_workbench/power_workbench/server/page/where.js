@@ -1,6 +1,6 @@
 // Where the model fails: regimes in words, a map of the error over two quantities, marks both ways.
 
-import { attempt, bench, choices, fill, find, get, h, postArrays } from './dom.js';
+import { attempt, bench, choices, fill, find, get, h, number, postArrays } from './dom.js';
 import { color, diverging, draw, on, pictures } from './plot.js';
 import { drawPoints, withPoints } from './points.js';
 import { place, render as renderTraces } from './traces.js';
@@ -10,6 +10,9 @@ const PRESETS = [
   ['acceleration', 'velocity', 'acceleration'], ['time', 'torque', 'time'],
   ['temperature', 'torque', 'temperature'], ['stride_phase', 'torque', 'phase of the stride'],
 ];
+/** Quantities of a cell that the map shows. */
+const SHOWS = { mean: ['Mean error', 'W'], rms: ['Error, rms', 'W'], seconds: ['Time', 's'] };
+let shows = 'mean';
 let parts = null;
 let map = null;
 let asked = 0;
@@ -24,14 +27,14 @@ function build() {
   const regimes = h('ul', { class: 'plain', id: 'regimes' });
   const told = h('p', { class: 'selection', id: 'selection', role: 'status', hidden: true });
   const clear = h('button', { type: 'button', hidden: true, onclick: () => mark(null, true) }, 'Clear the mark');
+  const about = h('p', { class: 'faint' });
   const axes = h('div', { class: 'row' });
   const box = h('div', { class: 'row' });
-  parts = { plot, curve, regimes, told, clear, axes, box };
+  parts = { plot, curve, about, regimes, told, clear, axes, box };
   fill(find('where-body'),
-    h('h3', {}, 'Where the error is largest'),
-    h('p', { class: 'faint' }, 'Press one to see it on the map and in the traces.'), regimes,
+    h('p', { class: 'faint' }, 'Press a sentence or drag a box: the moments light up in the traces.'), regimes,
     told, clear, axes,
-    h('div', { class: 'pair' }, plot, h('div', {}, curve, h('p', { class: 'faint', id: 'phases' }))),
+    h('div', { class: 'pair' }, plot, h('div', {}, about, curve)),
     h('details', {}, h('summary', {}, 'Exact box, pictures'), box));
 }
 
@@ -43,7 +46,7 @@ export function update() {
   if (!names.includes(bench.y)) bench.y = names[1] || names[0];
   const regimes = (view.scores && view.scores.regimes) || [];
   fill(parts.regimes, regimes.map((regime, index) => h('li', {},
-    h('button', { type: 'button', class: 'link', onclick: () => pick(regime, index) }, `${regime.text} (${regime.seconds.toFixed(0)} s)`))));
+    h('button', { type: 'button', class: 'link', onclick: () => pick(regime, index) }, `${regime.text} (${number(regime.seconds)} s)`))));
   if (!regimes.length) fill(parts.regimes, h('li', {}, 'No state stands out: what is left looks the same everywhere.'));
   axes(names);
   load();
@@ -57,8 +60,9 @@ function axes(names) {
   fill(parts.axes,
     choices('Over', 'map', known.map(([x, y, label]) => ({ value: `${x} ${y}`, label, disabled: !names.includes(x) })), now ? `${now[0]} ${now[1]}` : '', (value) => setAxes(...value.split(' '))),
     h('p', { class: 'faint', id: 'stride' }, bench.state.view.stride),
-    select('across', bench.x, (value) => setAxes(value, bench.y)), select('up', bench.y, (value) => setAxes(bench.x, value)));
-  const fields = ['x0', 'x1', 'y0', 'y1'].map((key) => h('input', { type: 'number', step: 'any', 'aria-label': { x0: 'Across from', x1: 'Across to', y0: 'Up from', y1: 'Up to' }[key] }));
+    select('x axis', bench.x, (value) => setAxes(value, bench.y)), select('y axis', bench.y, (value) => setAxes(bench.x, value)),
+    choices('Show', 'shows', Object.entries(SHOWS).map(([value, [label]]) => ({ value, label })), shows, (value) => { shows = value; render(); }));
+  const fields = ['x0', 'x1', 'y0', 'y1'].map((key) => h('input', { type: 'number', step: 'any', 'aria-label': { x0: 'x from', x1: 'x to', y0: 'y from', y1: 'y to' }[key] }));
   const go = () => markBox([Number(fields[0].value), Number(fields[1].value)], [Number(fields[2].value), Number(fields[3].value)]);
   fill(parts.box, words(bench.x), fields[0], '–', fields[1], words(bench.y), fields[2], '–', fields[3],
     h('button', { type: 'button', onclick: go }, 'Mark'), pictures(parts.plot, 'map', '', () => withPoints(parts.plot, ...chosen())));
@@ -95,10 +99,14 @@ function edges(middles) {
 }
 
 function render() {
-  draw(parts.plot, `Mean error of ${own()} over ${words(bench.x)} and ${words(bench.y)}.`, () => [[
+  const [words_, unit] = SHOWS[shows];
+  const z = map[shows];
+  const top = map.limits[shows] || Math.max(...map.seconds.flat());
+  draw(parts.plot, `${words_} of ${own()} over ${words(bench.x)} and ${words(bench.y)}.`, () => [[
     {
-      type: 'heatmap', x: map.x, y: map.y, z: map.z, zmin: -map.limit, zmax: map.limit, colorscale: diverging(),
-      colorbar: { title: { text: 'W' }, thickness: 12, len: 0.95 }, hovertemplate: '%{x:.3g}, %{y:.3g}: %{z:.2f} W<extra></extra>',
+      type: 'heatmap', x: map.x, y: map.y, z: shows === 'seconds' ? z.map((row) => row.map((value) => value || null)) : z, zmin: shows === 'mean' ? -top : 0, zmax: top,
+      colorscale: shows === 'mean' ? diverging() : [[0, color('grid')], [1, color(shows === 'rms' ? 'base' : 'better')]],
+      customdata: map.seconds, colorbar: { title: { text: unit }, thickness: 12, len: 0.95 }, hovertemplate: `%{x:.3~g}, %{y:.3~g}: %{z:.3~g} ${unit}, %{customdata:.3~g} s<extra></extra>`,
     },
     // Plotly takes a box only where a trace has markers.
     { type: 'scatter', mode: 'markers', x: [map.x[0]], y: [map.y[0]], hoverinfo: 'skip', marker: { size: 1, opacity: 0 }, selected: { marker: { opacity: 0 } }, unselected: { marker: { opacity: 0 } } },
@@ -111,16 +119,17 @@ function render() {
   on(parts.plot, 'plotly_selected', (event) => {
     if (event && event.range && event.range.y) markBox(event.range.x, event.range.y);
   });
-  draw(parts.curve, `Mean error of ${own()} over ${words(bench.x)}.`, () => [[{
-    type: 'scatter', mode: 'lines+markers', x: map.curve.map((p) => p[0]), y: map.curve.map((p) => p[1]),
-    line: { color: color('base'), width: 2 }, marker: { size: 5 }, hovertemplate: '%{x:.3g}: %{y:.2f} W<extra></extra>',
-  }], {
+  parts.about.textContent = `Error of ${own()} over ${words(bench.x)}: mean (line), and where two of three moments lie (band).`;
+  const [x, mean, rms, seconds] = [0, 1, 2, 3].map((column) => map.curve.map((point) => point[column]));
+  const spread = mean.map((value, index) => Math.sqrt(Math.max(rms[index] ** 2 - value ** 2, 0)));
+  const band = (sign) => mean.map((value, index) => value + sign * spread[index]);
+  draw(parts.curve, parts.about.textContent, () => [[
+    { type: 'scatter', mode: 'lines', x: [...x, ...[...x].reverse()], y: [...band(1), ...band(-1).reverse()], fill: 'toself', fillcolor: color('line'), line: { width: 0 }, opacity: 0.5, hoverinfo: 'skip' },
+    { type: 'scatter', mode: 'lines+markers', x, y: mean, customdata: seconds, line: { color: color('base'), width: 2 }, marker: { size: 5 }, hovertemplate: '%{x:.3~g}: %{y:.3~g} W, %{customdata:.3~g} s<extra></extra>' },
+  ], {
     xaxis: { title: { text: titled(bench.x, map.x_unit) }, fixedrange: true },
-    yaxis: { title: { text: 'mean error in W' }, fixedrange: true, zeroline: true },
+    yaxis: { title: { text: 'error in W' }, fixedrange: true, zeroline: true },
   }]);
-  const groups = map.groups || [];
-  find('phases').textContent = groups.length
-    ? `By group: ${groups.map((one) => `${one.name} ${one.bias_w > 0 ? '+' : ''}${one.bias_w} W mean, ${one.rmse_w} W rms (${one.seconds} s)`).join('; ')}.` : '';
 }
 
 const markBox = (x, y) => mark({ drive: own(), box: { [bench.x]: [x[0], x[1]], [bench.y]: [y[0], y[1]] } });
