@@ -32,7 +32,7 @@ def hopped(tmp_path_factory):
         served(folder / 'page', logs) as bench,
     ):
         page = page_of(browser, bench.address, complaints)
-        page.get_by_text('Import a log of others').click()
+        page.get_by_text('Import CSV, MAT, HDF5 …').click()
         page.get_by_label('Log', exact=True).select_option(label=f'logs/{LOG.name}')
         page.get_by_role('button', name='Look into it').click()
         page.get_by_role('heading', name=f'Map of {LOG.name}').wait_for()

@@ -56,7 +56,7 @@ def page_of(browser, address):
 
 
 def look_into(page, log):
-    page.get_by_text('Import a log of others').click()
+    page.get_by_text('Import CSV, MAT, HDF5 …').click()
     page.get_by_label('Log', exact=True).select_option(label=f'{log.parent.name}/{log.name}')
     page.get_by_role('button', name='Look into it').click()
     page.get_by_role('heading', name=f'Map of {log.name}').wait_for()

@@ -11,6 +11,7 @@ from power_lab.challenge.bench_recording import record_on_bench, shortened
 from power_lab.diagnose.next_recording import Motion
 from power_recordings.reading.reader import Recording
 from power_workbench.files.folders import Folders
+from power_workbench.files.logs import misplaced
 from power_workbench.sessions.steps import SessionRecord, SessionStep
 from power_workbench.views import maps, moments
 from power_workbench.views.pyramid import Pyramid, masked
@@ -281,3 +282,18 @@ def test_a_second_far_worse_than_the_rest_is_told_with_its_share():
     (stretch,) = found['stretches']
     assert (stretch['start'], stretch['stop']) == (10.0, 11.0)
     assert stretch['words'] == '10 to 11 s: 3 W rms, 30 times the usual, 98% of the squared error'
+
+
+@pytest.mark.parametrize(
+    ('hint', 'fix'),
+    [
+        ('9 of 10 rows repeat the time of the row before; give the rate: time: {rate: 99.5}',
+         {'key': 'rate', 'value': 99.5}),
+        ('times in s make 0.1 rows a second; time: {unit: ms}', {'key': 'unit', 'value': 'ms'}),
+        ('times reach 1e+12 s; is that their unit?', None),
+    ],
+)  # fmt: skip
+def test_an_error_of_the_time_carries_what_would_mend_it(hint, fix):
+    found = misplaced(InputError(f'log.csv: {hint}'))
+    assert found['place'] == 'time'
+    assert found['fix'] == fix

@@ -9,6 +9,7 @@ from wattwalk_core.arrays import Floats
 from power_recordings.importing.map_file import ImportMap
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
 from power_recordings.importing.sources.source import LogSource
+from power_recordings.importing.times import LogClock
 from power_recordings.importing.units import SI
 
 _ROWS = 20_000  # of each stream
@@ -32,6 +33,7 @@ def preview_log(source: LogSource, mapping: ImportMap, where: str) -> list[Previ
     """Convert the first rows; InputError, which begins with where, as an import raises it."""
     plan = make_plan(mapping, source.columns(), where, source.is_bag)
     found = _first_rows(source, plan)
+    _check_times(source, plan, found)
     parts: dict[str, Mapping[str, LogChannel]] = {**plan.drives, '': plan.supply}
     return [
         _previewed(drive, quantity, channel, found, plan)
@@ -53,6 +55,16 @@ def _first_rows(source: LogSource, plan: ImportPlan) -> dict[str, Floats]:
         if min(rows.values()) >= _ROWS:
             break
     return {address: np.concatenate(arrays)[:_ROWS] for address, arrays in parts.items()}
+
+
+def _check_times(source: LogSource, plan: ImportPlan, found: Mapping[str, Floats]) -> None:
+    """InputError where the times of the first rows are of no use, as an import raises it."""
+    columns = [found[column.address] for column, _ in plan.time if column.address in found]
+    if not columns or len(columns) < len(plan.time):
+        return
+    clock = LogClock(str(source.path), tuple(unit for _, unit in plan.time))
+    clock.order(clock.nanoseconds(columns))
+    clock.check()
 
 
 def _previewed(

@@ -20,7 +20,8 @@ ENDINGS = (
 """Of the names of files that can be imported."""
 _MAP = 'map'
 _PLACE = re.compile(rf'^{_MAP}: (?P<place>(?:drives\.[^:]+|supply|time|stamp|card)[^:]*): ')
-_OF_TIME = re.compile(r'\b(no time|times? (in|reach|goes)|with a time)\b')
+_FIX = re.compile(r'time: \{(?P<key>rate|unit): (?P<value>[\w.]+)\}')
+_OF_TIME = re.compile(r'\b(no time|times? (in|reach|goes|of the row)|with a time)\b')
 
 
 def look(show: Show, file: str) -> dict[str, Any]:
@@ -62,15 +63,22 @@ def look(show: Show, file: str) -> dict[str, Any]:
 def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """Signals of the first rows in SI units, or the error and the place in the map that has it."""
     from power_recordings.importing.map_file import parse_map  # slow to import
+    from power_recordings.importing.origin import origin_of_power
+    from power_recordings.importing.plan import make_plan
     from power_recordings.importing.preview import preview_log
     from power_recordings.importing.sources import open_source
 
     try:
         mapping = parse_map(content, _MAP)
-        signals = preview_log(open_source(Path(file)), mapping, _MAP)
+        source = open_source(Path(file))
+        signals = preview_log(source, mapping, _MAP)
+        plan = make_plan(mapping, source.columns(), _MAP, source.is_bag)
+        formulas, notes = origin_of_power(source, plan)
     except InputError as error:
         return misplaced(error)
     return {
+        'computed': formulas,
+        'notes': notes,
         'signals': [
             {
                 'drive': one.drive,
@@ -117,7 +125,13 @@ def misplaced(error: InputError) -> dict[str, Any]:
     words = text.removeprefix(f'{_MAP}: ').removeprefix(f'{place}: ')
     if 'without voltage' in words:
         place += '.voltage'
-    return {'error': words, 'place': place}
+    fix = _FIX.search(words) if place == 'time' else None
+    value = None if fix is None else float(fix['value']) if fix['key'] == 'rate' else fix['value']
+    return {
+        'error': words,
+        'place': place,
+        'fix': None if fix is None else {'key': fix['key'], 'value': value},
+    }
 
 
 def _remarks(text: str) -> dict[str, str]:

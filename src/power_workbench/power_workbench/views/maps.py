@@ -64,9 +64,9 @@ def error_map(view: PowerView, drive: str, x: str, y: str) -> dict[str, Any]:
     """
     Error of a drive over two quantities, and over the first alone.
 
-    Cells with fewer than three rows, or under 1/2000 of all, are empty. Returns their middles, and as [y][x] the `mean` and
-    `rms` of the error in W and the `seconds`; `limits` of the colours in W, which hold 97 % of the
-    time; `curve`: middle, mean, rms and seconds of ranges of x.
+    Cells with fewer than three rows, or under 1/2000 of all, are empty. Returns their middles, and
+    as [y][x] the `mean` and `rms` of the error in W and the `seconds`; `limits` of the colours in
+    W, which hold 97 % of the time; `curve`: middle, mean, rms and seconds of ranges of x.
     """
     across, up, error = values_of(view, x, drive), values_of(view, y, drive), error_of(view, drive)
     good = np.isfinite(across) & np.isfinite(up) & np.isfinite(error)

@@ -145,6 +145,7 @@ def judged_view(comparison: Comparison, model: Mapping[str, Any]) -> PowerView:
         **content['models'][0],
         'seconds': content['seconds'],
         'sensor_noise_w': content['sensor_noise_w'],
+        'both_sides': [line for one in content['both_sides'].values() for line in one['text']],
     }
     return _view(
         comparison.prepared,

@@ -1,6 +1,6 @@
 // The page: one session, asked for news, drawn part by part.
 
-import { ask, attempt, bench, find, fill, h, plural, post, tell } from './dom.js';
+import { ask, attempt, bench, find, fill, h, plural, post, refused, tell } from './dom.js';
 import * as budget from './budget.js';
 import * as logs from './logs.js';
 import * as live from './live.js';
@@ -41,7 +41,7 @@ const PARTS = [
   [(s) => [s.opened, s.view, s.model, s.budget, s.diagnosis, s.learned, s.commands, Boolean(s.job)], () => summary.update()],
   [(s) => [s.budget, s.at, s.opened, Boolean(s.view)], () => budget.update()],
   [(s) => [s.opened, s.recordings], () => recordings.update()],
-  [(s) => [s.opened.length, s.model, s.steps, s.at, s.effect_files], () => model.update()],
+  [(s) => [s.opened.length, s.model, s.steps, s.at, s.effect_files, s.view && s.view.scores], () => model.update()],
   [(s) => [s.log, s.made, Boolean(s.job)], () => logs.update()],
   [(s) => [s.model && s.model.name, s.opened.length], () => live.update()],
   [(s) => [s.view, s.at, s.opened], (s) => {
@@ -89,7 +89,7 @@ function render(s) {
   find('redo').disabled = s.at >= s.steps.length || Boolean(s.job);
   find('job').hidden = !s.job;
   if (s.job) { bench.since = performance.now() - 1000 * s.job.seconds; ticking(); }
-  if (s.error) tell(s.error === 'cancelled' ? 'Cancelled.' : s.error);
+  if (s.error) tell(s.error === 'cancelled' ? 'Cancelled.' : s.error, ...refused(s.error));
   PARTS.forEach(([of, draw], index) => {
     const now = JSON.stringify(of(s));
     if (now === before[index]) return;

@@ -65,9 +65,10 @@ export async function ask(address, content) {
 
 export const post = (path, content = {}) => ask(`${root()}/${path}`, content);
 
-export function tell(text) {
+/** Say what is wrong, with a button for what would mend it. */
+export function tell(text, ...mend) {
   const node = find('error');
-  node.textContent = text || '';
+  fill(node, text || '', mend.length ? ' ' : '', mend);
   node.hidden = !text;
 }
 
@@ -82,11 +83,23 @@ export async function attempt(work) {
   }
 }
 
-export const take = (step) => attempt(() => post('step', step));
+export const take = (step) => {
+  bench.taken = step;
+  return attempt(() => post('step', step));
+};
+
+/** Buttons that open refused recordings all the same, as the error's options do. */
+export function refused(error) {
+  const step = bench.taken;
+  if (!step || step.kind !== 'open') return [];
+  const offers = [[/--(slow|slow-meter)\b/, 'slow', 'Open with the slow meter'], [/--(anyway|ignore-unit-conflicts)\b/, 'anyway', 'Open as it is']];
+  return offers.filter(([option, name]) => option.test(error) && !step[name]).map(([, name, label]) => h('button', { type: 'button', onclick: () => take({ ...step, [name]: true }) }, label));
+}
 
 /** Three digits; very large and small ones with a power of ten. */
 export function number(value) {
   if (value == null) return '–';
+  if (typeof value === 'string') return value;
   const short = Number(Number(value).toPrecision(3));
   if (short === 0 || (Math.abs(short) >= 1e-3 && Math.abs(short) < 1e5)) return short.toString().replace('-', '−');
   const [digits, power] = short.toExponential().split('e');

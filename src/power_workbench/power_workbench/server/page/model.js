@@ -43,6 +43,7 @@ function permission(file) {
 
 function present(state) {
   const { model } = state;
+  const sides = (state.view && state.view.scores && state.view.scores.both_sides) || [];
   const limits = model.effects.some((effect) => effect.coefficients.some((one) => one.at_bound));
   const chips = model.effects.map((effect) => h('li', { class: 'chip' },
     h('strong', {}, effect.words), typeset(effect.formula.split(/[;,] (?=with|motor_torque|the fit|dT |relax)/)[0]),
@@ -54,6 +55,7 @@ function present(state) {
     h('p', { class: 'faint' }, `${model.name}${model.base ? ` on ${model.base}` : ''}. Whiskers are 95 % intervals.`,
       limits ? [' ', h('span', { class: 'limit' }, 'at limit'), ': the recording does not give this value.'] : ''),
     h('ul', { class: 'chips' }, chips),
+    sides.length ? [h('h3', {}, 'Both sides of the gear'), h('ul', {}, sides.map((line) => h('li', {}, line)))] : null,
     h('div', { class: 'row' }, pick, h('button', { type: 'button', onclick: () => take({ kind: 'add', effects: [pick.value] }) }, 'Add this effect')),
     h('details', {}, h('summary', {}, 'Another model: fit anew, load a file'), firstFit(false), loading()));
 }

@@ -17,7 +17,7 @@ export function update() {
     options, h('div', { class: 'row' }, h('button', { type: 'submit', class: open.size ? '' : 'main' }, open.size ? 'Open these instead' : 'Open')));
   fill(find('recordings-body'),
     state.recordings.map(described),
-    open.size ? h('details', {}, h('summary', {}, `Choose others (${known.recordings.length} here)`), choose) : choose);
+    open.size ? h('details', {}, h('summary', {}, 'Choose others'), choose) : choose);
 }
 
 function opened(event) {
