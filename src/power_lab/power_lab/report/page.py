@@ -24,6 +24,7 @@ _HIGHEST = 2.5  # times the highest error, of lines that are drawn
 
 _COLOR_NAMES = ('orange', 'blue', 'green')
 
+
 def write_diagnosis(
     path: Path, outcome: Outcome, also: Sequence[str], catalogue: Catalogue
 ) -> None:

@@ -90,7 +90,7 @@ def preview(show: Show, file: str, content: Mapping[str, Any]) -> dict[str, Any]
                 'values': maps.rounded(one.values),
             }
             for one in signals
-        ]
+        ],
     }
 
 
