@@ -7,7 +7,7 @@ import pytest
 from calibration import estimates, plant_blocks, trial
 from power_calibration.commands.arguments import calibrate as calibrate
 from power_calibration.timing.delay import delay_of
-from power_calibration.timing.step_response import step_response
+from power_calibration.timing.summary import step_response
 from power_recordings.card import Card
 from power_recordings.reading.reader import Recording
 from sim_bridge.commands.arguments import bench as bench

@@ -5,8 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from power_recordings.reading.reader import Recording
-from sound_levels.levels.alignment import align_sound
-from sound_levels.levels.events import events_of
+from sound_levels.levels.alignment import align_sound, events_of
 from sound_levels.levels.meter import measure
 from sounds import FLIGHT, RATE, footsteps, walking_sound
 from wattwalk_core.errors import InputError

@@ -13,8 +13,7 @@ from wattwalk_core.engine.options import Workplace
 from wattwalk_core.engine.task_engine import TaskEngine
 from wattwalk_core.files import together
 
-from power_fleet.report.page import write_tracked
-from power_fleet.report.tables import print_tracked
+from power_fleet.report.page import print_tracked, write_tracked
 from power_fleet.track.kept_fit import key_of
 from power_fleet.track.outcome import model_of, track
 from power_fleet.track.reading import Request

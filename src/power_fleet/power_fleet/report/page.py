@@ -6,8 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
+from rich.console import Console
+from rich.markup import escape as plain
+from rich.table import Table
 from wattwalk_core.pages.page import Page, escape
 from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
+from wattwalk_core.quoting import printable
 
 from power_fleet.track.change_test import Change
 from power_fleet.track.outcome import Tracked
@@ -199,3 +203,36 @@ def _section_histories(page: Page, found: Tracked) -> None:
             body += page.figure(figure, f'{name} of {history.drive} over time', size='low')
         panels[history.drive] = body
     page.tabs(panels)
+
+
+def print_tracked(console: Console, found: Tracked) -> None:
+    """Print alarms, what circumstances explain, and the certain changes as a table."""
+    for text in found.alarms or [found.sentence]:
+        console.print(plain(text), style='bold')
+    for text in found.explained:
+        console.print(plain(text))
+    for text in found.left_out:
+        console.print(plain(printable(f'left out: {text}')), style='dim')
+    if not found.result.findings:
+        return
+    table = Table(box=None)
+    for name in ('drive', 'effect', 'change', 'since'):
+        table.add_column(name, overflow='fold')
+    for name in ('from', 'to', 'W', 'certainty'):
+        table.add_column(name, justify='right')
+    for finding in found.result.findings:
+        change, history = finding.change, found.histories[finding.drive]
+        begin, end = found.ends(finding.drive, change)
+        profile = change.profile
+        at = history.recordings[profile.end if profile.step else profile.begin]
+        table.add_row(
+            plain(printable(history.drive)),
+            change.hypothesis,
+            'step' if profile.step else 'drift',
+            plain(printable(at)),
+            f'{begin:.4g}',
+            f'{end:.4g}',
+            f'{found.watts(finding.drive, change):+.2f}',
+            f'{finding.certainty:.3f}',
+        )
+    console.print(table)

@@ -1,22 +1,65 @@
 """Energy budgets: where the metered power goes, by effect, drive and phase of the motion."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from power_estimator.drive_types import assign, infer_types
+from power_estimator.effects import Signals
+from power_estimator.effects.fit.design import Structure, evaluate
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.judge.judge import Judge
+from wattwalk_core.arrays import Floats
 
 from power_lab.budget.account import Account, BudgetDifference
 from power_lab.budget.accounts import Accounts, PartsOverTime
 from power_lab.budget.choice import judge_of_pieces
 from power_lab.budget.levers import Lever, saved
-from power_lab.budget.steady import Steady
 from power_lab.budget.tables import headline, tables
 from power_lab.budget.tally import Tally, interval
+
+
+@dataclass(frozen=True)
+class Steady:
+    """A model of one drive at the voltage and temperature of a recording's middle."""
+
+    drive: int
+    structure: Structure
+    coefficients: Floats  # [1, m]
+    signals: Signals  # of that drive, D = 1
+
+    def power(self, speed: Floats, torque: Floats) -> Floats:
+        """W at speeds in rad/s and torques in N·m [G]; what remembers its past is left out."""
+        count, nothing = len(speed), np.zeros((len(speed), 1))
+        own = self.signals
+        steady = replace(
+            own,
+            time=np.arange(count) / own.rate,
+            segment=np.zeros(count, np.int32),
+            recording=np.zeros(count, np.int32),
+            position=nothing,
+            velocity=speed[:, None],
+            motor_velocity=speed[:, None],
+            acceleration=nothing,
+            motor_acceleration=nothing,
+            torque=torque[:, None],
+            motor_torque=torque[:, None],
+            torque_rate=nothing,
+            torque_cost=nothing,
+            electronics=nothing,
+            drawn=(torque * speed)[:, None],
+            voltage=np.full((count, 1), np.median(own.voltage)),
+            temperature=np.full((count, 1), np.median(own.temperature)),
+            past=None,
+        )
+        kept = [
+            0.0 if active.effect.remembers else 1.0
+            for active in self.structure.free
+            for _ in active.effect.terms
+        ]
+        return evaluate(self.structure, self.coefficients * kept, steady)[:, 0]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Sums of power over phases, as measured and in draws of what is uncertain."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,3 +101,27 @@ def block_sums(
         sums.append(weights @ by_block)
         counts.append(weights @ np.bincount(block[own], minlength=often.shape[1]))
     return np.stack(sums, axis=1), np.stack(counts, axis=1)
+
+
+PHASES: Final = ('all', 'driving', 'braking', 'rest', 'stance', 'swing')
+
+
+def phase_masks(
+    torque: Floats, velocity: Floats, standstill: Floats, feet: NDArray[np.str_] | None
+) -> Mapping[str, Bools]:
+    """
+    Rows of each phase [N, D], from N·m and rad/s at 50 Hz; feet: words by leg, '' for none.
+
+    At rest the speed is below standstill [D], whatever the load.
+    """
+    rest = np.abs(velocity) < standstill
+    drives = torque * velocity >= 0.0
+    found = {
+        'all': np.ones(torque.shape, bool),
+        'driving': drives & ~rest,
+        'braking': ~drives & ~rest,
+        'rest': rest,
+    }
+    if feet is not None:
+        found |= {word: feet == word for word in ('stance', 'swing')}
+    return found

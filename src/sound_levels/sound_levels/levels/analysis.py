@@ -9,8 +9,7 @@ from power_recordings.reading.reader import Recording
 from wattwalk_core.arrays import Bools, Floats
 from wattwalk_core.errors import InputError
 
-from sound_levels.levels.alignment import Alignment, align_sound
-from sound_levels.levels.events import Events, events_of
+from sound_levels.levels.alignment import Alignment, Events, align_sound, events_of
 from sound_levels.levels.meter import SETTLED, Sound, measure, reach
 from sound_levels.levels.settings import TIMES, Entry, Settings
 from sound_levels.levels.sound_file import SoundFile

@@ -1,5 +1,7 @@
 """Friction of gear and bearings, and torque ripple."""
 
+from functools import partial
+
 import numpy as np
 from wattwalk_core.arrays import Floats
 
@@ -37,7 +39,8 @@ def _ripple(signals: Signals, *, order: float = 12.0, **_: float) -> Floats:
     return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
 
 
-VISCOUS_FRICTION = Effect(
+_friction = partial(Effect, acts_on='torque', needs_joint_torque=True, per_drive=True)
+VISCOUS_FRICTION = _friction(
     name='viscous_friction',
     physics='grease drags in proportion to speed, and the motor carries that torque as well',
     formula='B·w² + 2·k·torque·B·w',
@@ -47,9 +50,6 @@ VISCOUS_FRICTION = Effect(
     # Another exponent than 1, as of grease that thins with speed.
     discrepancy=lambda signals, **_: signals.motor_velocity * log_speed(signals.motor_velocity),
     discrepancy_limit=0.12,
-    acts_on='torque',
-    needs_joint_torque=True,
-    per_drive=True,
     near=('iron_loss', 'coulomb_friction'),
     excitation=Excitation(
         'a ladder of constant speeds in both directions, unloaded and loaded',
@@ -57,7 +57,7 @@ VISCOUS_FRICTION = Effect(
         loads=(0.0, 15.0),
     ),
 )
-COULOMB_FRICTION = Effect(
+COULOMB_FRICTION = _friction(
     name='coulomb_friction',
     physics='dry friction: the same torque at every speed, against the motion',
     formula='Tc·(|w| + 2·k·torque·sgn w)',
@@ -67,22 +67,16 @@ COULOMB_FRICTION = Effect(
     # A slow rise or fall with speed.
     discrepancy=lambda signals, **_: _sign(signals) * log_speed(signals.motor_velocity),
     discrepancy_limit=0.12,
-    acts_on='torque',
-    needs_joint_torque=True,
-    per_drive=True,
     near=('viscous_friction', 'iron_loss', 'stribeck_friction'),
     excitation=VISCOUS_FRICTION.excitation,
 )
-STRIBECK_FRICTION = Effect(
+STRIBECK_FRICTION = _friction(
     name='stribeck_friction',
     physics='surfaces touch at low speed until the lubricant carries them',
     formula='Ts·exp(−(w/speed)²)·(|w| + 2·k·torque·sgn w)',
     terms=(Term('Ts', 'N·m', 0.0, 80.0),),
     scaling={'friction': (1.0,)},
     regressors=_fading_sign,
-    acts_on='torque',
-    needs_joint_torque=True,
-    per_drive=True,
     shapes=_STRIBECK_SPEEDS,
     scaled=in_proportion(_STRIBECK_SPEEDS, lambda scale: scale.speed),
     near=('coulomb_friction',),
@@ -92,7 +86,7 @@ STRIBECK_FRICTION = Effect(
         loads=(0.0, 20.0),
     ),
 )
-LOAD_FRICTION = Effect(
+LOAD_FRICTION = _friction(
     name='load_friction',
     physics='gear friction in proportion to the load: the efficiency of the gear',
     formula='c·|torque·w| + 2·k·c·torque·|torque|·sgn w',
@@ -102,10 +96,7 @@ LOAD_FRICTION = Effect(
     # Worse when driving than when driven, or the other way round.
     discrepancy=lambda signals, **_: signals.torque,
     discrepancy_limit=0.2,
-    acts_on='torque',
-    needs_joint_torque=True,
     follows=frozenset({'motor_torque'}),
-    per_drive=True,
     shapes=({'motor': 0.0}, {'motor': 1.0}),
     near=('regeneration_efficiency', 'shaft'),
     excitation=Excitation(
@@ -114,7 +105,7 @@ LOAD_FRICTION = Effect(
         loads=(-25.0, 0.0, 25.0),
     ),
 )
-COGGING = Effect(
+COGGING = _friction(
     name='cogging',
     physics='magnets and teeth pull the rotor to and fro, a fixed number of times per turn',
     formula='A·sin(order·q + phase)·w + 2·k·torque·A·sin(order·q + phase)',
@@ -122,9 +113,6 @@ COGGING = Effect(
     scaling={'gear_ratio': None},
     regressors=_ripple,
     recorded=lambda signals, **_: bool(np.isfinite(signals.position).all()),
-    acts_on='torque',
-    needs_joint_torque=True,
-    per_drive=True,
     needs_time=True,  # over a turn it takes nothing
     shapes=tuple({'order': float(order)} for order in (6, 7, 12, 14, 21, 24, 36, 42, 50, 100)),
     near=('rotor_inertia',),
