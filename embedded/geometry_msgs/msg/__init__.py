@@ -1,9 +1,7 @@
 """Messages of geometry_msgs, made on first use."""
 
-from typing import Any
+from functools import partial
 
 from rosidl_embedded import message_class
 
-
-def __getattr__(name: str) -> Any:
-    return message_class('geometry_msgs', name)
+__getattr__ = partial(message_class, 'geometry_msgs')

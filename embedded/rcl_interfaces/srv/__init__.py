@@ -1,9 +1,7 @@
 """Services of rcl_interfaces, made on first use."""
 
-from typing import Any
+from functools import partial
 
 from rosidl_embedded import service_class
 
-
-def __getattr__(name: str) -> Any:
-    return service_class('rcl_interfaces', name)
+__getattr__ = partial(service_class, 'rcl_interfaces')

@@ -1,9 +1,7 @@
 """Services of std_srvs, made on first use."""
 
-from typing import Any
+from functools import partial
 
 from rosidl_embedded import service_class
 
-
-def __getattr__(name: str) -> Any:
-    return service_class('std_srvs', name)
+__getattr__ = partial(service_class, 'std_srvs')

@@ -8,11 +8,10 @@ from typing import Protocol
 
 from power_recordings.calibration import Calibration
 from power_recordings.card import Card
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.nodes.diagnostics import Report
 from wattwalk_core.nodes.fault_log import LogTarget
 from wattwalk_core.nodes.parameters import DeviceParameters
-from wattwalk_core.quoting import quoted
 
 from power_daq.acquisition.bus_acquisition import Acquisition, QueryRounds, SampleQueue
 from power_daq.acquisition.bus_health import BusHealth

@@ -4,8 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 
 from power_estimator.effects.catalogue import Catalogue, builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure

@@ -6,9 +6,8 @@ from dataclasses import field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.files import write_whole
-from wattwalk_core.quoting import quoted
 from wattwalk_core.schema import Length, parse, schema
 from wattwalk_core.yaml_file import dump_yaml, parse_yaml, read_yaml
 

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Final
 
 import yaml
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.installed_commands import installed_commands
 from wattwalk_core.processes import ProcessError, find_program
-from wattwalk_core.quoting import quoted
 from wattwalk_core.yaml_file import read_yaml
 
 from wattwalk_bringup.settings import FOLDER, RANDOM, BringupSettings

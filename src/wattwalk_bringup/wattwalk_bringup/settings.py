@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.namespace import absolute_namespace
-from wattwalk_core.quoting import quoted
 from wattwalk_core.schema import Quantity, read, schema
 from wattwalk_core.yaml_file import read_yaml, shipped_file
 

@@ -10,9 +10,8 @@ from pkgutil import resolve_name
 from typing import Final
 
 from wattwalk_core import early
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, printable
 from wattwalk_core.interruption import Interrupted, RaisedSignals
-from wattwalk_core.quoting import printable
 
 Arguments = Sequence[str] | None
 Entry = Callable[[Arguments], int]

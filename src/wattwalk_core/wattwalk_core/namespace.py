@@ -2,8 +2,7 @@
 
 import re
 
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 
 _SOUND = re.compile(r'/|(?:/[A-Za-z_][A-Za-z0-9_]*)+')
 

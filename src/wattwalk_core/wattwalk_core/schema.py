@@ -23,8 +23,7 @@ from functools import lru_cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, dataclass_transform
 
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable, quoted
+from wattwalk_core.errors import InputError, printable, quoted
 from wattwalk_core.yaml_file import read_yaml
 
 if TYPE_CHECKING:

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wattwalk_core.arrays import Singles
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, printable, quoted
 from wattwalk_core.files import read_bytes
-from wattwalk_core.quoting import printable, quoted
 
 SIZE: Final = 128 << 20  # bytes
 _HEADER: Final = 1 << 20  # bytes, some ten thousand tensors

@@ -13,9 +13,8 @@ from typing import Any, Final
 import yaml
 from yaml.composer import Composer
 
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, printable, quoted
 from wattwalk_core.files import read_bytes
-from wattwalk_core.quoting import printable, quoted
 
 SIZE: Final = 1 << 20  # bytes
 DEPTH: Final = 32

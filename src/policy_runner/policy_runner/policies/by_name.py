@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 
 from policy_runner.policies.folder import CARD
 from policy_runner.policies.inputs import Inputs

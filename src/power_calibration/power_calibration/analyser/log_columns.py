@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from power_recordings.importing.sources.delimited import DelimitedFile
 from power_recordings.importing.sources.source import Progress
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 
 _DATE = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d')
 _DOTTED = re.compile(r'(\d\d)\.(\d\d)\.(\d{4})[T ](\d\d:\d\d.*)')

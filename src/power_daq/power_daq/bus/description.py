@@ -10,8 +10,7 @@ import numpy as np
 from cantools.database.can.database import Database
 from numpy.typing import ArrayLike
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 
 from power_daq.bus.frame import Frame, Route, bind_frame, find_message, head_values, heads
 from power_daq.bus.frame_group import FrameGroup

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.schema import Length, Name, Quantity, parse, read, schema
 
 REQUIRED: Mapping[str, tuple[str, ...]] = {

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.schema import Length, Name, Quantity, read, schema
 
 from power_daq.ethercat.terminals import TYPES, TerminalType

@@ -13,8 +13,7 @@ from power_recordings.importing.map_file import JOINT, ImportMap, Signal
 from power_recordings.importing.plan import ImportPlan, LogChannel, make_plan
 from power_recordings.importing.sources.source import LogColumn
 from wattwalk_core.arrays import Bools, Floats
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 
 from power_daq.acquisition.receiver import Sample
 from power_daq.acquisition.stream_merger import MergedRow, StreamMerger

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.yaml_file import read_text
 
 from power_estimator.effects.effect import Effect, Shape, Term

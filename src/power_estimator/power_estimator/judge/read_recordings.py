@@ -14,8 +14,7 @@ from power_recordings.alignment.dataset import AlignedDataset
 from power_recordings.quality.refusal import refuse_slow, refuse_wrong_units, slowest_power
 from power_recordings.reading.reader import Recording, open_recordings
 from wattwalk_core.engine.task_engine import TaskEngine
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 from power_estimator.network.checkpoint import TrainingRecording
 from power_estimator.recordings import describe

@@ -7,9 +7,8 @@ from typing import Literal, Self
 
 import numpy as np
 from wattwalk_core.arrays import Bools, Floats
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.files import write_whole
-from wattwalk_core.quoting import quoted
 from wattwalk_core.schema import read, schema
 from wattwalk_core.yaml_file import dump_yaml
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import save
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.files import write_whole
-from wattwalk_core.quoting import quoted
 from wattwalk_core.tensors import SIZE, read_tensors
 from wattwalk_core.yaml_file import dump_yaml, read_yaml
 

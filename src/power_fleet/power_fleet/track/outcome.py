@@ -11,8 +11,7 @@ from power_estimator.effects import Catalogue
 from power_estimator.effects.model_file.model import EffectModel
 from power_recordings.index.store import RecordingIndex
 from wattwalk_core.engine.task_engine import TaskEngine
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 from power_fleet.track.change_test import LEAST_RECORDINGS, Change
 from power_fleet.track.history import DriveHistory, histories

@@ -14,8 +14,7 @@ from power_lab.diagnose.outcome import Outcome, diagnose
 from power_lab.discover.outcome import discover
 from power_lab.structure.candidates import CONSTANT_TORQUE
 from power_lab.structure.words import in_words
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 from power_fleet.track.change_test import LEAST_RECORDINGS, Change, ChangeModel
 from power_fleet.track.history import DriveHistory

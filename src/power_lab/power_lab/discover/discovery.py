@@ -12,7 +12,7 @@ from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.judge.evidence import Evidence, Examiner
 from threadpoolctl import threadpool_limits
 from wattwalk_core.arrays import Floats
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import printable
 
 from power_lab.discover.effect_file import Written
 from power_lab.discover.formula import Formula, refined

@@ -16,8 +16,7 @@ from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
 from power_estimator.judge.result import JudgedModel
 from power_estimator.model import PowerModel
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 from power_lab.discover.discovery import Discoverer
 from power_lab.discover.effect_file import effect_source

@@ -12,8 +12,7 @@ from typing import Annotated, Final, Literal
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.model_file.yaml_file import read_model
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.schema import Length, Quantity, read, schema
 
 FOLDER: Final = Path(__file__).parent / 'identified'

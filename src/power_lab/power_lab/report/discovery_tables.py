@@ -3,7 +3,7 @@
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import printable
 
 from power_lab.discover.outcome import DiscoveryOutcome
 

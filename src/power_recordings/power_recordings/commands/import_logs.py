@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 from power_recordings.alignment.align import align
 from power_recordings.commands.info import print_quality

@@ -5,8 +5,7 @@ import argparse
 from rich import box
 from rich.console import Console
 from rich.table import Table
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 from power_recordings.index.store import ENVIRONMENT, RecordingIndex, usual_path
 from power_recordings.index.tables import FILES, Question, add_cards, export, listed

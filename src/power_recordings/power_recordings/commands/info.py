@@ -8,8 +8,8 @@ from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from wattwalk_core.errors import printable
 from wattwalk_core.files import write_whole
-from wattwalk_core.quoting import printable
 
 from power_recordings.card import Card
 from power_recordings.index.kept_quality import Checked, checked

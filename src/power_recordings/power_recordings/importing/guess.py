@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import printable
 
 from power_recordings.importing.candidates import MECHANICAL, CandidateColumn, candidates
 from power_recordings.importing.evidence import (

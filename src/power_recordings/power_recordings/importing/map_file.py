@@ -8,8 +8,7 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.schema import Quantity, parse, schema
 from wattwalk_core.yaml_file import read_yaml
 

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable, quoted
+from wattwalk_core.errors import InputError, printable, quoted
 
 from power_recordings.importing.map_file import (
     GEARED,

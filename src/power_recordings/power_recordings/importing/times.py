@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats, Stamps
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 
 from power_recordings.importing.units import conversion
 

@@ -6,8 +6,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Final
 
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 
 if TYPE_CHECKING:
     from pint import UnitRegistry  # slow to import

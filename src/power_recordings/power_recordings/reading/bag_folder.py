@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, printable
 from wattwalk_core.files import reason, regular_size
-from wattwalk_core.quoting import printable
 from wattwalk_core.yaml_file import read_yaml
 
 from power_recordings.messages.batch import Batch, Topic, joined

@@ -14,9 +14,8 @@ from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, printable, quoted
 from wattwalk_core.files import regular_size
-from wattwalk_core.quoting import printable, quoted
 
 from power_recordings.messages.batch import LARGEST, RATIO, ROOM, Batch, Integers, Topic, windows
 

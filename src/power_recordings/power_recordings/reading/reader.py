@@ -9,8 +9,7 @@ from typing import Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 from power_recordings.card import FILE, Card
 from power_recordings.messages.batch import Batch, Topic

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import IO, Final
 
 import lz4.frame
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, printable, quoted
 from wattwalk_core.files import regular_size
-from wattwalk_core.quoting import printable, quoted
 
 from power_recordings.messages.batch import LARGEST, RATIO, ROOM, Batch, Topic, joined
 from power_recordings.reading.definitions import full_type

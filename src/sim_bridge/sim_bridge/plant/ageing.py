@@ -9,8 +9,7 @@ from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from wattwalk_core.anymal import JOINT_NAMES
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.schema import Length, Name, Quantity, parse, schema
 from wattwalk_core.yaml_file import read_yaml
 

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 
 WEARS: Final[Mapping[str, tuple[str, ...]]] = {
     'coulomb_friction': ('coulomb',),

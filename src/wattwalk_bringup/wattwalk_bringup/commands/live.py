@@ -7,8 +7,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from wattwalk_core.errors import printable
 from wattwalk_core.interruption import DeferredSignals
-from wattwalk_core.quoting import printable
 
 from wattwalk_bringup.display import display
 from wattwalk_bringup.node_group import started

@@ -6,8 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Final, Self
 
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import quoted
+from wattwalk_core.errors import InputError, quoted
 
 MOST_WORKERS: Final = 256
 _ADDRESS: Final = re.compile(r'(tcp|tls)://[^/\s]+:[0-9]{1,5}')

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, Final, Generic, Self, TypeVar
 from threadpoolctl import threadpool_limits
 
 from wattwalk_core.engine.options import Workplace
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, printable
 from wattwalk_core.files import code_fingerprint
-from wattwalk_core.quoting import printable
 
 if TYPE_CHECKING:
     from distributed import Client, Future, LocalCluster

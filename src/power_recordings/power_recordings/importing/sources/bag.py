@@ -8,9 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
+from wattwalk_core.errors import InputError, printable
 from wattwalk_core.files import regular_size
-from wattwalk_core.quoting import printable
 from wattwalk_core.yaml_file import read_text
 
 from power_recordings.importing.sources.source import LogBlock, LogColumn, Progress

@@ -14,8 +14,7 @@ import pyarrow as pa
 from pyarrow import RecordBatch, Table
 from pyarrow import compute as pc
 from pyarrow import csv as arrow_csv
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 from power_recordings.importing.sources.heads import Head, find_head, is_number
 from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress

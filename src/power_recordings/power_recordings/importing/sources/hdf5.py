@@ -8,8 +8,7 @@ from typing import Any, Final
 import h5py
 import numpy as np
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 from power_recordings.importing.sources import heads
 from power_recordings.importing.sources.source import (

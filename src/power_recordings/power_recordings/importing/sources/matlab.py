@@ -7,8 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 from power_recordings.importing.sources.heads import ArrayLog
 from power_recordings.importing.sources.isolated import load_isolated

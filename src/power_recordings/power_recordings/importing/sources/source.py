@@ -9,8 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats
-from wattwalk_core.errors import InputError
-from wattwalk_core.quoting import printable
+from wattwalk_core.errors import InputError, printable
 
 Progress = Callable[[int], None]
 MOST_COLUMNS = 20_000
