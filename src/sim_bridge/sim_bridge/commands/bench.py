@@ -38,7 +38,7 @@ def _stand(options: argparse.Namespace) -> Stand:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the bag that the arguments ask for."""
+    """Write the bag of a motion."""
     find_motion(options.motion, options.mode)
 
     plant, stand = load_plant(options.plant, options.unit), _stand(options)
