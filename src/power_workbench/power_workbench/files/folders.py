@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,13 @@ from power_recordings.index.store import (
 from power_recordings.reading.bag_folder import find
 from wattwalk_core.errors import InputError
 from wattwalk_core.files import code_fingerprint
+from wattwalk_core.yaml_file import read_yaml
 
 from power_workbench.files.logs import ENDINGS
 
 _DEPTH = 3
 _MOST = 500  # recordings that are listed
-_KIND = 'listed'  # answers of the index
+_KIND = 'listed_with_length'  # answers of the index
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,18 @@ def _index() -> RecordingIndex:
         return RecordingIndex(None)
 
 
+def _extent(folder: Path) -> dict[str, Any]:
+    """Seconds and date of a bag by its metadata, which a recording that was cut off lacks."""
+    try:
+        about = read_yaml(folder / 'metadata.yaml', 'metadata')['rosbag2_bagfile_information']
+        start = about['starting_time']['nanoseconds_since_epoch'] / 1e9
+        seconds = about['duration']['nanoseconds'] / 1e9
+        date = datetime.fromtimestamp(start, UTC).date().isoformat()
+    except (InputError, KeyError, TypeError, ValueError, OverflowError):
+        return {}
+    return {'seconds': seconds, 'date': date}
+
+
 def _said(path: Path, index: RecordingIndex) -> dict[str, Any]:
     """The card's words and what is wrong with a recording, from the index where it has them."""
     try:
@@ -151,5 +165,6 @@ def _said(path: Path, index: RecordingIndex) -> dict[str, Any]:
     except InputError as error:
         return {'problem': str(error)}
     said = {'robot': card.robot, 'controller': card.controller, 'drives': len(card.drives)}
+    said |= _extent(folder)
     index.keep(stamp, RecordingFacts(card), IndexAnswer(_KIND, key, json.dumps(said).encode()))
     return said

@@ -168,7 +168,21 @@ def _view(view: PowerView) -> dict[str, Any]:
         'noise_w': _rms(view.noise),
         'share': maps.short_one(view.share),
         'scores': view.content or None,
+        'by_recording': _by_recording(view),
     }
+
+
+def _by_recording(view: PowerView) -> list[dict[str, Any]]:
+    """Error and power over the meters of each of several recordings, W."""
+    if view.residual is None or len(view.recordings) < 2:
+        return []
+    found = []
+    for number, name in enumerate(view.recordings):
+        rows = (view.recording == number) & np.isfinite(view.residual).all(axis=1)
+        if rows.any():
+            mean = maps.short_one(float(view.measured[rows].mean()))
+            found.append({'name': name, 'rmse_w': _rms(view.residual[rows]), 'mean_w': mean})
+    return found
 
 
 def _rms(values: Singles) -> float | None:

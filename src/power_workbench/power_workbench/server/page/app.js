@@ -20,7 +20,7 @@ const STEPS = [
 
 /** Steps that collapse once they are done: whether they are, and what their line says then. */
 const COLLAPSE = [
-  ['recordings', (s) => s.opened.length > 0 && Boolean(s.view), (s) => s.recordings.map((one) => `${one.name}, ${one.seconds.toFixed(0)} s, ${plural(one.drives.length, 'drive')}${one.findings.length + one.problems.length ? `, ${plural(one.findings.length + one.problems.length, 'remark')}` : ''}`).join(' · ')],
+  ['recordings', (s) => s.opened.length > 0 && Boolean(s.view), (s) => s.recordings.map((one) => `${one.name}, ${one.seconds.toFixed(0)} s, ${plural(one.drives.filter((drive) => drive.updates_hz != null).length || one.drives.length, 'drive')}${one.findings.length + one.problems.length ? `, ${plural(one.findings.length + one.problems.length, 'remark')}` : ''}`).join(' · ')],
   ['model', (s) => Boolean(s.model), (s) => (s.model ? s.model.effects.map((one) => one.words).join(', ') || s.model.name : '')],
   ['next', (s) => !(s.diagnosis && s.diagnosis.verdict === 'ambiguous'), (s) => (s.diagnosis ? `${Math.round(s.diagnosis.next_recording.seconds)} s ${s.diagnosis.next_recording.reason.split(';')[0]}` : '')],
   ['keep', () => true, (s) => `${plural(s.files.length, 'file')}: session, models, reports, commands`],

@@ -4,6 +4,7 @@ import { attempt, bench, choices, command, download, fill, find, get, h, percent
 import { color, draw, pictures } from './plot.js';
 
 const ALL = 'all';
+const LEAST = 0.002; // of the power, that is drawn as a flow
 let known = null;
 let found = null;
 let parts = null;
@@ -17,11 +18,11 @@ function build() {
   parts = {
     origin: h('p', { class: 'faint' }), ways: h('div', { class: 'row' }), bars: h('div', { class: 'plot', id: 'plot-budget' }),
     flow: h('div', { class: 'plot', id: 'plot-flow' }), levers: h('div'), table: h('div'), more: h('div', { class: 'row' }),
-    hours: h('span', { role: 'status' }), legend: h('ul', { class: 'legend' }),
+    hours: h('span', { role: 'status' }), legend: h('ul', { class: 'legend' }), apart: h('div'),
   };
   parts.battery = h('input', { type: 'number', min: 0, step: 'any', 'aria-label': 'Battery in Wh', oninput: hours });
   fill(find('budget-body'), parts.origin, parts.ways, h('div', { class: 'pair' }, h('div', {}, parts.legend, parts.bars), parts.flow),
-    h('div', { class: 'pair' }, parts.levers, h('div', {}, h('h3', {}, 'How long a battery lasts'), h('div', { class: 'row' }, h('label', {}, 'Battery ', parts.battery, ' Wh'), parts.hours), parts.table)), parts.more);
+    h('div', { class: 'pair' }, parts.levers, h('div', {}, h('h3', {}, 'How long a battery lasts'), h('div', { class: 'row' }, h('label', {}, 'Battery ', parts.battery, ' Wh'), parts.hours), parts.table)), parts.apart, parts.more);
 }
 
 export async function update() {
@@ -82,6 +83,7 @@ function render() {
   flow(whole);
   levers();
   table(whole);
+  differences();
   hours();
   fill(parts.more, pictures(parts.bars, 'budget', 'Bars', () => ({ showlegend: true })), pictures(parts.flow, 'flow', 'Flows'), h('button', { type: 'button', onclick: csv }, 'CSV'), command(bench.state.commands.budget));
 }
@@ -110,8 +112,9 @@ function flow(rows) {
   const sums = summed(rows);
   const metered = rows.reduce((sum, row) => sum + row.mean_w, 0);
   const tone = (one) => unlike(one.name) || one.color;
-  const sources = [['metered', metered, color('measured')], ...sums.filter(([, value]) => value < 0).map(([one, value]) => [one.words, -value, tone(one)])];
-  const sinks = sums.filter(([, value]) => value > 0).map(([one, value]) => [one.words, value, tone(one)]);
+  const least = LEAST * sums.reduce((sum, [, value]) => sum + Math.max(value, 0), 0);
+  const sources = [['metered', metered, color('measured')], ...sums.filter(([, value]) => value < -least).map(([one, value]) => [one.words, -value, tone(one)])];
+  const sinks = sums.filter(([, value]) => value > least).map(([one, value]) => [one.words, value, tone(one)]);
   const total = sinks.reduce((sum, [, value]) => sum + value, 0) || 1;
   const label = ([name, value]) => `${name.replace(/(.{13}\S*) /, '$1<br>')}<br>${watts(value)}${metered > 0 ? `, ${percent(value / metered)}` : ''}`;
   const apart = (1.2 * total) / Math.max(sinks.length, 4);
@@ -129,11 +132,11 @@ function flow(rows) {
       at += value + gap;
     }
   }
-  const half = 0.5 * apart * Math.max(sinks.length - 1, 1) + 0.02 * total;
+  const ends = shapes.slice(1).flatMap(({ path }) => [...path.matchAll(/1?,(-?[\d.e+-]+)/g)].map((found_) => Number(found_[1])));
   parts.flow.style.height = `${4 + 3.8 * Math.max(sinks.length, 5)}rem`;
   draw(parts.flow, `Flows of ${member}: ${[...sources, ...sinks].map((one) => label(one).replaceAll('<br>', ' ')).join('; ')}.`, () => [[{ type: 'scatter', x: [0, 1], y: [0, total], mode: 'markers', marker: { opacity: 0 }, hoverinfo: 'skip' }], {
     shapes, annotations, margin: { l: 104, r: 126, t: 18, b: 18 }, dragmode: false,
-    xaxis: { visible: false, range: [0, 1], fixedrange: true }, yaxis: { visible: false, range: [total + half, -half], fixedrange: true },
+    xaxis: { visible: false, range: [0, 1], fixedrange: true }, yaxis: { visible: false, range: [Math.max(...ends) + 0.3 * apart, Math.min(...ends) - 0.3 * apart], fixedrange: true },
   }]);
 }
 
@@ -146,11 +149,12 @@ function changed(change) {
 
 function levers() {
   const range = [Math.min(0, ...found.levers.map((one) => one.interval[0])), Math.max(0, ...found.levers.map((one) => one.interval[1]))];
-  const sorted = [...found.levers].sort((a, b) => a.mean_w - b.mean_w);
+  const sorted = found.levers.filter((one) => one.interval[0] || one.interval[1]).sort((a, b) => a.mean_w - b.mean_w);
+  const idle = found.levers.filter((one) => !sorted.includes(one)).map((one) => changed(one.change));
   fill(parts.levers, h('h3', {}, 'What would change it'), sorted.length ? h('table', {},
     h('caption', {}, 'Of the mean power, at the same motion of the joints; to the left saves'),
     h('tbody', {}, sorted.map((one) => h('tr', {}, h('th', { scope: 'row' }, changed(one.change)), h('td', { class: 'number' }, signed(one.mean_w)), h('td', {}, whisker(one.mean_w, one.interval, range, 'W')))))) : null,
-  found.refused.map((reason) => h('p', { class: 'faint' }, `Not carried over: ${reason}.`)));
+  idle.length ? h('p', { class: 'faint' }, `Nothing by this model: ${idle.join(', ')}.`) : null, found.refused.map((reason) => h('p', { class: 'faint' }, `Not carried over: ${reason}.`)));
 }
 
 const signed = (value) => `${value < 0 ? '−' : '+'}${watts(Math.abs(value))}`;
@@ -160,6 +164,15 @@ function table(rows) {
   const range = [Math.min(0, ...rows.map((row) => row.interval[0])), Math.max(...rows.map((row) => row.interval[1]))];
   fill(parts.table, h('details', {}, h('summary', {}, `Parts of ${member} with their intervals`), h('table', {}, h('tbody', {},
     sorted.map((row) => h('tr', {}, h('th', { scope: 'row' }, words(row.effect)), h('td', { class: 'number' }, watts(row.mean_w)), h('td', { class: 'number' }, percent(row.share)), h('td', {}, whisker(row.mean_w, row.interval, range, 'W'))))))));
+}
+
+/** What each recording draws more than the first, by part. */
+function differences() {
+  const rows = (found.differences || []).filter((row) => row.drive === member && row.phase === ALL);
+  if (!rows.length) { fill(parts.apart); return; }
+  const range = [Math.min(0, ...rows.map((row) => row.interval[0])), Math.max(0, ...rows.map((row) => row.interval[1]))];
+  const sorted = rows.sort((a, b) => a.recording.localeCompare(b.recording) || Math.abs(b.mean_w) - Math.abs(a.mean_w));
+  fill(parts.apart, h('h3', {}, `${member}: more than in ${rows[0].against}`), h('table', {}, h('tbody', {}, sorted.map((row) => h('tr', {}, h('th', { scope: 'row' }, `${row.recording}: ${words(row.effect)}`), h('td', { class: 'number' }, signed(row.mean_w)), h('td', {}, whisker(row.mean_w, row.interval, range, 'W')))))));
 }
 
 /** Hours of a battery at the mean metered power. */

@@ -116,7 +116,7 @@ function changes({ model, before }) {
   const head = ['coefficient', 'before', 'after', ''].map((text, index) => h('th', { scope: 'col', class: index === 1 || index === 2 ? 'number' : '' }, text));
   return h('details', { open: moved.length > 0 },
     h('summary', {}, moved.length ? `Coefficients changed: ${moved.join(', ')}` : 'Coefficients before and after: all within their intervals'),
-    moved.length && added.length ? h('p', {}, `These trade off with ${added.join(', ')} in this recording: part of what they explained may have been its work, or the other way round. The motion under “What to record next” tells them apart.`) : null,
+    moved.length && added.length ? h('p', {}, `These trade off with ${added.join(', ')} in this recording: part of what they explained may have been its work, or the other way round.`) : null,
     h('div', { class: 'scroll', tabindex: 0, role: 'group', 'aria-label': 'Coefficients before and after' }, h('table', {}, h('thead', {}, h('tr', {}, head)), h('tbody', {}, rows.map(({ effect, one, old, left }) => h('tr', {},
       h('th', { scope: 'row' }, `${effect.words}, ${one.group} ${one.words}`), h('td', { class: 'number' }, quantity(old.value, one.unit)), h('td', { class: 'number' }, quantity(one.value, one.unit)),
       h('td', {}, one.at_bound ? h('span', { class: 'limit' }, 'at limit') : left ? 'changed' : '')))))));

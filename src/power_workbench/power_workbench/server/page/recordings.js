@@ -1,12 +1,12 @@
 // Recordings: those below the named folders, what is known of those that are open.
 
-import { bench, fill, find, h, number, take } from './dom.js';
+import { bench, fill, find, h, number, plural, take } from './dom.js';
 
 export function update() {
   const { state, known } = bench;
   const open = new Set(state.opened);
   const boxes = known.recordings.map((one) => {
-    const about = one.problem ? [one.problem] : [one.robot, one.controller, one.drives ? `${one.drives} drives` : ''].filter(Boolean);
+    const about = one.problem ? [one.problem] : [one.robot, one.controller, one.drives ? plural(one.drives, 'drive') : '', one.seconds ? `${number(one.seconds)} s` : '', one.date].filter(Boolean);
     return h('li', {}, h('label', {}, h('input', { type: 'checkbox', name: 'bag', value: one.path, checked: open.has(one.path), disabled: Boolean(one.problem) }), ` ${one.name} `, h('span', { class: 'faint' }, about.join(', '))));
   });
   const options = h('details', {}, h('summary', {}, 'When a recording is refused'),
@@ -31,9 +31,9 @@ function described(one) {
   const motor = Object.values(one.torque).filter((at) => at === 'motor').length;
   const facts = [
     `${one.seconds.toFixed(0)} s`, ...Object.entries(one.card).map(([key, value]) => `${key} ${value}`),
-    measured.length ? `power of ${measured.length} drives, changing ${number(Math.min(...measured.map((d) => d.updates_hz)))} times a second` : 'power of the whole robot',
+    measured.length ? `power of ${plural(measured.length, 'drive')}, changing ${number(Math.min(...measured.map((d) => d.updates_hz)))} times a second` : 'power of the whole robot',
     Object.entries(one.rates).map(([topic, rate]) => `${topic} ${number(rate)} Hz`).join(', '),
-    motor ? `torque at the motor of ${motor} drives` : 'torque at the joint',
+    motor ? `torque at the motor of ${plural(motor, 'drive')}` : 'torque at the joint',
   ];
   const noted = (one.notes || []).map((note) => `noted ${note.time.slice(11, 19)}: ${note.text}`);
   const marks = [...noted, ...one.findings.map((f) => `${f.severity}: ${f.drive ? `${f.drive}: ` : ''}${f.text}`), ...one.problems];
