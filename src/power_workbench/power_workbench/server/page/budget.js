@@ -93,7 +93,7 @@ function bars(list) {
   const sums = list.map(([, rows]) => new Map(summed(rows)));
   const metered = list.map(([, rows]) => rows.reduce((sum, row) => sum + row.mean_w, 0));
   const seen = found.families.filter((one) => sums.some((own) => Math.abs(own.get(one) || 0) > 1e-3));
-  fill(parts.legend, seen.map((one) => { const key = h('i'); key.style.background = unlike(one.name) || one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
+  fill(parts.legend, seen.map((one) => { const key = h('i'); key.style.background = one.name === 'unexplained' ? 'var(--faint)' : one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
   parts.bars.style.height = `${5.5 + 2.1 * list.length}rem`;
   draw(parts.bars, `Mean power by ${by || 'part'}: ${labels.map((name, index) => `${name} ${watts(metered[index])}`).join(', ')}.`, () => [[
     ...seen.map((one) => ({
@@ -107,37 +107,42 @@ function bars(list) {
   }]);
 }
 
-/** Flows from the supply, and from joints that give back, to where the power ends: ribbons with labels outside. */
+/** Flows from the supply, and from joints that give back, to where the power ends. */
 function flow(rows) {
   const sums = summed(rows);
   const metered = rows.reduce((sum, row) => sum + row.mean_w, 0);
-  const tone = (one) => unlike(one.name) || one.color;
+  const tone = (one) => () => unlike(one.name) || one.color;
   const least = LEAST * sums.reduce((sum, [, value]) => sum + Math.max(value, 0), 0);
-  const sources = [['metered', metered, color('measured')], ...sums.filter(([, value]) => value < -least).map(([one, value]) => [one.words, -value, tone(one)])];
-  const sinks = sums.filter(([, value]) => value > least).map(([one, value]) => [one.words, value, tone(one)]);
-  const total = sinks.reduce((sum, [, value]) => sum + value, 0) || 1;
-  const label = ([name, value]) => `${name.replace(/(.{13}\S*) /, '$1<br>')}<br>${watts(value)}${metered > 0 ? `, ${percent(value / metered)}` : ''}`;
+  const label = (name, value) => `${name.replace(/(.{13}\S*) /, '$1<br>')}<br>${watts(value)}${metered > 0 ? `, ${percent(value / metered)}` : ''}`;
+  const flows = (list) => list.map(([name, value, colour]) => ({ value, colour, text: label(name, value) }));
+  const sources = flows([['metered', metered, () => color('measured')], ...sums.filter(([, value]) => value < -least).map(([one, value]) => [one.words, -value, tone(one)])]);
+  const sinks = flows(sums.filter(([, value]) => value > least).map(([one, value]) => [one.words, value, tone(one)]));
+  parts.flow.style.height = `${4 + 3.8 * Math.max(sinks.length, 5)}rem`;
+  draw(parts.flow, `Flows of ${member}: ${[...sources, ...sinks].map((one) => one.text.replaceAll('<br>', ' ')).join('; ')}.`, () => ribbons(sources, sinks));
+}
+
+/** Ribbons from sources to a bar, and on to sinks, with the labels outside. */
+function ribbons(sources, sinks) {
+  const total = sinks.reduce((sum, one) => sum + one.value, 0) || 1;
   const apart = (1.2 * total) / Math.max(sinks.length, 4);
-  const [shapes, annotations] = [[{ type: 'rect', x0: 0.44, x1: 0.48, y0: 0, y1: total, fillcolor: color('measured'), opacity: 0.8, line: { width: 0 } }], []];
-  for (const [flows, near, far, anchor] of [[sources, 0.44, 0, 'right'], [sinks, 0.48, 1, 'left']]) {
-    const gap = flows === sources ? 1.6 * apart : apart;
+  const shapes = [{ type: 'rect', x0: 0.44, x1: 0.48, y0: 0, y1: total, fillcolor: color('measured'), opacity: 0.8, line: { width: 0 } }];
+  const [annotations, ends] = [[], [0, total]];
+  for (const [flows, near, far, gap, anchor, side] of [[sources, 0.44, 0, 1.6 * apart, 'right', -5], [sinks, 0.48, 1, apart, 'left', 5]]) {
+    const middle = 0.5 * (near + far);
     let level = 0;
     let at = -0.5 * gap * (flows.length - 1);
-    for (const one of flows) {
-      const [, value, fill_] = one;
-      const middle = 0.5 * (near + far);
-      shapes.push({ type: 'path', fillcolor: fill_, opacity: 0.75, line: { width: 0 }, path: `M${near},${level}C${middle},${level} ${middle},${at} ${far},${at}L${far},${at + value}C${middle},${at + value} ${middle},${level + value} ${near},${level + value}Z` });
-      annotations.push({ x: far, y: at + 0.5 * value, xanchor: anchor, xshift: anchor === 'left' ? 5 : -5, align: anchor === 'left' ? 'left' : 'right', showarrow: false, text: label(one), font: { color: color('text'), size: 12 } });
+    for (const { value, colour, text } of flows) {
+      shapes.push({ type: 'path', fillcolor: colour(), opacity: 0.75, line: { width: 0 }, path: `M${near},${level}C${middle},${level} ${middle},${at} ${far},${at}L${far},${at + value}C${middle},${at + value} ${middle},${level + value} ${near},${level + value}Z` });
+      annotations.push({ x: far, y: at + 0.5 * value, xanchor: anchor, xshift: side, align: anchor, showarrow: false, text, font: { color: color('text'), size: 12 } });
+      ends.push(at, at + value);
       level += value;
       at += value + gap;
     }
   }
-  const ends = shapes.slice(1).flatMap(({ path }) => [...path.matchAll(/1?,(-?[\d.e+-]+)/g)].map((found_) => Number(found_[1])));
-  parts.flow.style.height = `${4 + 3.8 * Math.max(sinks.length, 5)}rem`;
-  draw(parts.flow, `Flows of ${member}: ${[...sources, ...sinks].map((one) => label(one).replaceAll('<br>', ' ')).join('; ')}.`, () => [[{ type: 'scatter', x: [0, 1], y: [0, total], mode: 'markers', marker: { opacity: 0 }, hoverinfo: 'skip' }], {
+  return [[{ type: 'scatter', x: [0, 1], y: [0, total], mode: 'markers', marker: { opacity: 0 }, hoverinfo: 'skip' }], {
     shapes, annotations, margin: { l: 104, r: 126, t: 18, b: 18 }, dragmode: false,
     xaxis: { visible: false, range: [0, 1], fixedrange: true }, yaxis: { visible: false, range: [Math.max(...ends) + 0.3 * apart, Math.min(...ends) - 0.3 * apart], fixedrange: true },
-  }]);
+  }];
 }
 
 const CHANGED = /^(\w+)=([\d.]+)$/;

@@ -126,7 +126,12 @@ export function quantity(value, unit = '') {
 /** W, in mW and kW only where three digits of W would be too few or too many. */
 export const watts = (value) => (value != null && Math.abs(value) >= 0.1 && Math.abs(value) < 1e4 ? `${number(value)} W` : quantity(value, 'W'));
 
-export const percent = (share) => (share == null ? '–' : `${(100 * share).toFixed(Math.abs(share) < 0.0995 || (Math.abs(share) > 0.95 && Math.abs(share) < 0.9995) ? 1 : 0)} %`.replace('-', '−'));
+export function percent(share) {
+  if (share == null) return '–';
+  const size = Math.abs(share);
+  if (size > 0.9995 && size < 1) return 'over 99.9 %';
+  return `${(100 * share).toFixed(size < 0.0995 || (size > 0.95 && size < 1) ? 1 : 0)} %`.replace('-', '−');
+}
 
 export const plural = (count, word) => `${count} ${word}${count === 1 ? '' : 's'}`;
 

@@ -7,6 +7,7 @@ import { color, draw } from './plot.js';
 import { place, render as renderTraces } from './traces.js';
 
 const NOTHING = 0.01; // of the error, that is worth no row
+const UNLIKELY = 0.05; // probability
 let turn = 0;
 
 export function update() {
@@ -18,6 +19,8 @@ export function update() {
   discover.drawShapes();
 }
 
+/** Not where the posterior gives the effect next to nothing. */
+const isPlausible = (one) => one.in_confidence_set && (one.probability == null || one.probability >= UNLIKELY);
 const rms = (values) => Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / Math.max(values.length, 1));
 const nameOf = (found, name) => (found.candidates.find((one) => one.name === name) || { words: name }).words;
 
@@ -26,8 +29,8 @@ function candidates(state, found) {
   const scale = { error: rms(own.map((one) => one.rmse_w)), noise: rms(own.map((one) => one.sensor_noise_w).filter((value) => value != null)) };
   const best = (one) => Math.max(one.delta_rmse_w, one.explains_w || 0);
   const order = (list) => [...list].sort((a, b) => (b.probability || 0) - (a.probability || 0) || best(b) - best(a));
-  const shown = found.candidates.filter((one) => one.in_confidence_set || best(one) >= NOTHING * scale.error);
-  const [plausible, others] = [true, false].map((inside) => order(shown.filter((one) => one.in_confidence_set === inside)));
+  const shown = found.candidates.filter((one) => isPlausible(one) || best(one) >= NOTHING * scale.error);
+  const [plausible, others] = [true, false].map((inside) => order(shown.filter((one) => isPlausible(one) === inside)));
   const none = found.candidates.filter((one) => !shown.includes(one)).map((one) => one.words);
   const two = shown.some((one) => one.explains_w != null);
   const tied = [...new Set(plausible.map((one) => one.family).filter((family) => family.includes('/')))];
@@ -44,7 +47,7 @@ function candidates(state, found) {
 
 function reason(found, one) {
   if (one.at_bound) return 'only with a coefficient at its limit';
-  if (one.in_confidence_set) return '';
+  if (isPlausible(one)) return '';
   const ties = one.family.split('/').filter((name) => name !== one.name && found.effects.includes(name));
   const names = (ties.length ? ties : found.effects).map((name) => nameOf(found, name));
   return names.length ? `stand-in for ${names.join(', ')}` : 'not more than chance, or not in every part';
@@ -56,8 +59,8 @@ function row(state, found, one, { error, noise }) {
   const floor = h('div', { class: 'noise' });
   floor.style.width = `${Math.min(100, (100 * noise) / error)}%`;
   const why = reason(found, one);
-  const sure = one.probability != null && one.in_confidence_set ? ` ${one.probability > 0.99 ? 'over 99 %' : percent(one.probability)} sure` : '';
-  const node = h('div', { class: `candidate${one.in_confidence_set ? ' in' : ''}`, 'data-preview': seen },
+  const sure = one.probability != null && isPlausible(one) ? ` ${one.probability > 0.99 ? 'over 99 %' : percent(one.probability)} sure` : '';
+  const node = h('div', { class: `candidate${isPlausible(one) ? ' in' : ''}`, 'data-preview': seen },
     h('span', {}, one.words, sure || why ? h('small', {}, [sure, why].filter(Boolean).join(', ').replace(/^ ?/, ' ')) : null),
     h('div', { class: one.explains_w == null ? 'track one' : 'track', 'aria-hidden': 'true' }, bar(one.delta_rmse_w, 'alone'), one.explains_w == null ? null : bar(one.explains_w, 'with'), floor),
     h('span', { class: 'falls' }, watts(Math.max(one.delta_rmse_w, 0)), one.explains_w == null ? null : h('small', {}, ` ${watts(one.explains_w)}`)),

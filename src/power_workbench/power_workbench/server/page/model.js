@@ -46,7 +46,7 @@ function present(state) {
   const sides = (state.view && state.view.scores && state.view.scores.both_sides) || [];
   const limits = model.effects.some((effect) => effect.coefficients.some((one) => one.at_bound));
   const chips = model.effects.map((effect) => h('li', { class: 'chip' },
-    h('strong', {}, effect.words), typeset(effect.formula.split(/[;,] (?=with|motor_torque|the fit|dT |relax)/)[0]),
+    h('strong', {}, effect.words), typeset(effect.formula.split(/[;,] (?=with|motor_torque|the fit|dT |relax|coefficient)/)[0]),
     coefficients(effect),
     model.effects.length > 1 ? h('button', { type: 'button', 'aria-label': `Remove ${effect.words}`, onclick: () => take({ kind: 'remove', effects: [effect.name] }) }, 'Remove') : null));
   const active = new Set(model.effects.map((effect) => effect.name));

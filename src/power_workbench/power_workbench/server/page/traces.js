@@ -122,7 +122,7 @@ async function moments() {
   const found = bench.state.view.scores && bench.state.view.drives.includes(drive) ? await attempt(() => get('moments', { drive })) : null;
   if (drive !== bench.drive) return;
   const each = bench.state.view.by_recording;
-  fill(parts.spikes, each.length ? h('p', { class: 'faint' }, `By recording: ${each.map((one) => `${one.name} ${watts(one.rmse_w)} rms of ${watts(one.mean_w)}`).join('; ')}.`) : null, found ? [found.spikes ? h('p', {}, found.spikes) : null,
+  fill(parts.spikes, each.length ? h('p', { class: 'faint' }, `By recording: ${each.map((one) => `${one.name.split('/').pop()} ${watts(one.rmse_w)} rms of ${watts(one.mean_w)}`).join('; ')}.`) : null, found ? [found.spikes ? h('p', {}, found.spikes) : null,
     h('ul', { class: 'plain' }, found.stretches.map((one) => h('li', {}, h('button', { type: 'button', class: 'link', onclick: () => setWindow([one.start - 1, one.stop + 1]) }, one.words))))] : null);
 }
 
