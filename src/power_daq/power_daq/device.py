@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 from power_recordings.calibration import Calibration
 from power_recordings.card import Card
@@ -12,6 +11,7 @@ from wattwalk_core.errors import InputError, quoted
 from wattwalk_core.nodes.diagnostics import Report
 from wattwalk_core.nodes.fault_log import LogTarget
 from wattwalk_core.nodes.parameters import DeviceParameters
+from wattwalk_core.worker import Worker
 
 from power_daq.acquisition.bus_acquisition import Acquisition, QueryRounds, SampleQueue
 from power_daq.acquisition.bus_health import BusHealth
@@ -24,23 +24,6 @@ from power_daq.ethercat.mapping import SegmentMapping
 from power_daq.ethercat.soem import SoemSegment, longest_call
 
 ETHERCAT = 'ethercat'
-
-
-class DeviceThread(Protocol):
-    """A thread that reads a device and passes its samples on."""
-
-    @property
-    def failed(self) -> bool:
-        """True if an exception has ended the device."""
-
-    def start(self) -> None:
-        """Begin."""
-
-    def stop(self) -> None:
-        """Ask it to end."""
-
-    def join(self, timeout: float | None = None) -> bool:
-        """Wait for its end and return whether it has ended; raise the exception that ended it."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +40,7 @@ class MeasuringDevice:
     part: str
     hardware: str
     drives: Mapping[str, tuple[str, ...]]
-    acquisition: DeviceThread
+    acquisition: Worker
     report: Callable[[float], Report]
     ending: float = 1.0
     abandoned: str = 'the bus may be left open'

@@ -308,7 +308,7 @@ def test_a_mapping_that_is_no_mapping_is_refused(tmp_path, text, words):
         ('VERSION ""', 'holds no CAN messages'),
         (LEG.replace('36|12@1-', '30|12@1-'), 'does not parse'),
         (LEG.replace('39|16@0- (2,0)', '39|16@0- (2,0'), 'does not parse'),
-        (LEG.replace('"V"', '"furlong"'), "voltage signal 'bus_V' has unit 'furlong'"),
+        (LEG.replace('"V"', '"furlong"'), "signal 'bus_V': unit 'furlong' is none of voltage"),
         (LEG.replace('"ms"', '"parsec"'), "time signal 't' has unit 'parsec'"),
         (LEG.replace('SG_ n : 16|8', 'SG_ n : 16|7', 1), 'has 8 bits, those before it have 7'),
         (LEG.replace('(0.1,0)', '(0.2,0)', 1), 'another resolution'),

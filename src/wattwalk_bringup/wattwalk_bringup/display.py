@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol
 
 from rich.box import SIMPLE_HEAD
 from rich.live import Live
@@ -12,13 +11,6 @@ from rich.text import Text
 from wattwalk_core.console import output
 
 from wattwalk_bringup.node_group import RunningNode
-
-
-class Display(Protocol):
-    """Shows nodes and the lines that they have logged since the last time."""
-
-    def show(self, nodes: Sequence[RunningNode]) -> None:
-        """Look at each node and show it."""
 
 
 class PlainDisplay:
@@ -72,7 +64,7 @@ def _table(nodes: Sequence[RunningNode]) -> Table:
 
 
 @contextmanager
-def display() -> Iterator[Display]:
+def display() -> Iterator[PlainDisplay | TableDisplay]:
     """Return the display for stdout."""
     console = output()
     if not console.is_terminal:

@@ -1,7 +1,7 @@
 """Learning environment of walking by velocity command: observations, rewards, resets."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +88,7 @@ class WalkingEnvironment:
         self.commands = VelocityCommands(config.commands, count, seeds[2])
         self.power = power
         self.power_multiplier = 1.0
-        self.watts = np.zeros((count, 12), np.float32)
+        self.watts: NDArray[Any] = np.zeros((count, 12), np.float32)
         self._rewards = Rewards(config.rewards, config.step_time)
         self._feet = FootClock(count, config.step_time, config.rewards.air_time_target)
         self.limiter = CommandRateLimiter(observation.command_rate_limit, count)

@@ -1,7 +1,7 @@
 """Watts of the simulated robots as a reward, from a power model or from the plant itself."""
 
 from collections.abc import Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,16 +52,6 @@ class PlantPower:
 PLANT: Final = 'plant'  # in place of a model: what the plant's own circuit draws
 
 
-class PowerSource(Protocol):
-    """Watts per drive of N robots."""
-
-    def reset(self, ids: NDArray[np.intp]) -> None:
-        """Forget the past of the robots of these indices."""
-
-    def drives(self, substeps: Sequence[Substep]) -> NDArray[Any]:
-        """Return mean watts [N, 12] over the time steps of a policy step."""
-
-
 class PredictedPower:
     """Power by a model, with one instance of it for each drive; 0 W during its warm-up."""
 
@@ -85,6 +75,9 @@ class PredictedPower:
         )
         model = self._model
         return np.nan_to_num(model.step(error, torque, speed)) * model.ready[:, None]
+
+
+PowerSource = PlantPower | PredictedPower  # watts of each drive of N robots
 
 
 def power_source(config: TrainingConfig) -> PowerSource | None:

@@ -6,7 +6,7 @@ same robots and pushes. Much faster than `evaluate`, and without its meter, supp
 searches and for choosing checkpoints, not for results.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -39,13 +39,6 @@ class Walker(Protocol):
 
     def reset(self, done: Bools) -> None:
         """Reset the controllers of robots that were reset [N]."""
-
-
-class WalkerOf(Protocol):
-    """Maker of the controllers of an environment."""
-
-    def __call__(self, environment: WalkingEnvironment, /) -> Walker:
-        """Return them."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +89,9 @@ class TaskTrial:
         self._commands = np.tile(command, (controllers, 1))
         self._pushed = np.tile(np.arange(each) >= config.calm, controllers * len(self._tasks))
 
-    def run(self, walker_of: WalkerOf, seed: int) -> list[TrialScore]:
+    def run(
+        self, walker_of: Callable[[WalkingEnvironment], Walker], seed: int
+    ) -> list[TrialScore]:
         """Return the scores of the controllers [P], whose robots lie side by side."""
         config = self._config
         environment = WalkingEnvironment(

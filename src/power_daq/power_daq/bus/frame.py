@@ -1,13 +1,13 @@
 """Frames of a bus, bound to the messages and signals of their DBC."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import pi
 from typing import Final
 
 from cantools.database.can.database import Database
 from cantools.database.can.message import Message
 from cantools.database.can.signal import Signal
+from power_recordings.importing.units import SI, conversion
 from wattwalk_core.errors import InputError
 
 from power_daq.bus.mapping import BusSignal, FrameMapping, NodeNumbers
@@ -15,33 +15,7 @@ from power_daq.bus.signal_layout import Field, frame_length
 
 _SHARED = ('voltage', 'status')
 _TIME_UNITS = {'s': 1e9, 'ms': 1e6, 'us': 1e3, 'µs': 1e3, 'ns': 1.0, '': 1e3}
-UNITS: Final[Mapping[str, Mapping[str, float]]] = {
-    'voltage': {'V': 1.0, 'mV': 1e-3, '': 1.0},
-    'current': {'A': 1.0, 'mA': 1e-3, '': 1.0},
-    'power': {'W': 1.0, 'mW': 1e-3, 'kW': 1e3, '': 1.0},
-    'position': {
-        'rad': 1.0,
-        'mrad': 1e-3,
-        'deg': pi / 180,
-        '°': pi / 180,
-        'rev': 2 * pi,
-        'turns': 2 * pi,
-        '': 1.0,
-    },
-    'velocity': {
-        'rad/s': 1.0,
-        'mrad/s': 1e-3,
-        '': 1.0,
-        'deg/s': pi / 180,
-        '°/s': pi / 180,
-        'rpm': pi / 30,
-        '1/min': pi / 30,
-        'rev/s': 2 * pi,
-        'turns/s': 2 * pi,
-    },
-    'torque': {'Nm': 1.0, 'N.m': 1.0, 'N·m': 1.0, 'mNm': 1e-3, '': 1.0},
-    'temperature': {'degC': 1.0, '°C': 1.0, 'C': 1.0, '': 1.0},
-}
+_CURRENTS: Final = ('A', 'mA')
 _LARGEST_STANDARD = 0x7FF
 
 
@@ -212,19 +186,21 @@ def factor_of(signal: Signal, given: BusSignal, quantity: str, entry: FrameMappi
     sign = -1.0 if given.positive == 'fed' else 1.0
     if given.scale is not None:
         return sign * given.scale
-    units = UNITS.get(quantity)
-    if units is None:
-        return sign
-    if quantity == 'torque':
-        units = {**UNITS['current'], **units}
     unit = given.unit or signal.unit or ''
-    if unit not in units:
-        known = ', '.join(unit for unit in units if unit)
-        raise InputError(
-            f'mapping {entry.where}: {quantity} signal {signal.name!r} has unit '
-            f'{unit!r}; understood are {known}'
-        )
-    return sign * units[unit]
+    if not unit or quantity not in SI:
+        return sign
+    try:
+        found = conversion(unit, 'current' if is_current(quantity, unit) else quantity)
+    except InputError as error:
+        raise InputError(f'mapping {entry.where}: signal {signal.name!r}: {error}') from None
+    if found.offset:
+        raise InputError(f'mapping {entry.where}: signal {signal.name!r} is in {unit}, not degC')
+    return sign * found.factor
+
+
+def is_current(quantity: str, unit: str) -> bool:
+    """Return whether a torque is reported as the current that makes it."""
+    return quantity == 'torque' and unit in _CURRENTS
 
 
 def check_shared(entry: FrameMapping) -> None:

@@ -11,7 +11,6 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_daq.bus.frame import (
-    UNITS,
     bind_frame,
     check_shared,
     factor_of,
@@ -19,6 +18,7 @@ from power_daq.bus.frame import (
     find_signal,
     head_values,
     heads,
+    is_current,
 )
 from power_daq.bus.mapping import OPTIONAL, REQUIRED, BusSignal, GroupMapping, NodeNumbers
 from power_daq.bus.signal_layout import LayoutError, SignalLayout
@@ -86,8 +86,7 @@ class FrameGroup:
             raise InputError(f'mapping {mapping.frames[0].where}: {error}') from error
 
     def _note_torque(self, drive: str, given: BusSignal, signal: Signal) -> None:
-        is_current = given.scale is None and (given.unit or signal.unit) in UNITS['current']
-        if is_current and (given.unit or signal.unit):
+        if given.scale is None and is_current('torque', given.unit or signal.unit or ''):
             self.torque_unit[drive] = 'A'
             self.torque_at[drive] = 'motor'
         elif given.at:

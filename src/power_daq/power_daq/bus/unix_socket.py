@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import can
 from can.bus import CanProtocol
@@ -124,7 +123,7 @@ class UnixSocketBus(can.BusABC):
         self._can_protocol = CanProtocol.CAN_FD
         self.channel_info = f'unixsocket {self.channel}{" (host)" if host else ""}'
         self._pending: deque[can.Message] = deque(maxlen=_HOST_QUEUE if host else None)
-        self._end: _End = _Host(self.channel) if host else _Client(self.channel)
+        self._end: _Host | _Client = _Host(self.channel) if host else _Client(self.channel)
         super().__init__(channel, can_filters, **kwargs)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -162,18 +161,6 @@ class UnixSocketBus(can.BusABC):
         if not self._is_shutdown:
             super().shutdown()
             self._end.close()
-
-
-class _End(Protocol):
-    def send(self, packet: bytes, frames: int, timeout: float | None) -> None: ...
-
-    def receive(self, timeout: float | None) -> list[bytes]: ...
-
-    def fileno(self) -> int: ...
-
-    def statistics(self) -> HostStatistics: ...
-
-    def close(self) -> None: ...
 
 
 def _new_socket() -> socket.socket:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -152,18 +151,6 @@ def _dataset(torque: Singles, speed: Singles) -> AlignedDataset:
 Array = Singles | Tensor
 
 
-class Advance(Protocol):
-    """A power model with the state of each robot."""
-
-    warm_up: int  # samples after a reset without a reliable estimate
-
-    def reset(self, robots: Tensor | None) -> None:
-        """Forget the past of the robots [n], or of all."""
-
-    def advance(self, error: Tensor, torque: Tensor, speed: Tensor) -> Tensor:
-        """Return the mean power in W [N, D] over S samples [N, S, D]."""
-
-
 class BatchPower:
     """
     A stateful power model over N robots with D drives each.
@@ -226,7 +213,9 @@ class BatchPower:
         return power.clone() if isinstance(position_error, Tensor) else power.numpy()
 
 
-def _advance(model: PowerModel, drives: tuple[str, ...], robots: int) -> Advance:
+def _advance(
+    model: PowerModel, drives: tuple[str, ...], robots: int
+) -> 'NetworkBatch | EffectBatch | ProxyBatch':
     lacking = model.needs.lacking(('position_error', 'torque', 'velocity', 'power'))
     if lacking:
         raise InputError(

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
-from typing import Annotated, Any, Final, Protocol
+from typing import Annotated, Any, Final
 
 import numpy as np
 from power_recordings.alignment.dataset import AlignedDataset
@@ -21,31 +21,6 @@ from power_estimator.network.ppn import PowerPredictionNetwork
 
 _BESIDE_CARRIED: Final = 0.1  # s, more than derivatives and springs look back
 _SETTLED: Final = 0.05  # share of a carried state that may stem from before the first sample
-
-
-class EstimateStream(Protocol):
-    """A power model with its past."""
-
-    warm_up: int  # samples of a stretch without an estimate
-
-    def advance(self, block: AlignedDataset) -> Singles:
-        """Return the power in W [n, D] at the next n samples; NaN for unknown drives."""
-
-    def outside(self, margin: float) -> bool:
-        """Return whether the last block lies outside the training data."""
-
-    @property
-    def settled(self) -> bool:
-        """Return whether what was before the first sample no longer matters."""
-
-
-def stream_of(model: PowerModel, drives: Sequence[str], rate: float) -> EstimateStream:
-    """Return the model as a stream of samples at this rate; InputError if it cannot be one."""
-    if isinstance(model, PowerPredictionNetwork):
-        return NetworkStream(model, drives, rate)
-    if isinstance(model, EffectModel):
-        return EffectStream(model, drives, rate)
-    return WindowStream(model, model.needs, rate)
 
 
 class NetworkStream:
@@ -151,6 +126,17 @@ class EffectStream(WindowStream):
     def outside(self, margin: float) -> bool:
         """Return whether the base model finds the last block outside its training data."""
         return self._base is not None and self._base.outside(margin)
+
+
+def stream_of(
+    model: PowerModel, drives: Sequence[str], rate: float
+) -> NetworkStream | WindowStream:
+    """Return the model as a stream of samples at this rate; InputError if it cannot be one."""
+    if isinstance(model, PowerPredictionNetwork):
+        return NetworkStream(model, drives, rate)
+    if isinstance(model, EffectModel):
+        return EffectStream(model, drives, rate)
+    return WindowStream(model, model.needs, rate)
 
 
 def _joined(before: AlignedDataset, block: AlignedDataset) -> AlignedDataset:
