@@ -185,7 +185,7 @@ class SoakSupply:
     def __init__(self) -> None:
         self.times: list[float] = []  # s, steady
         self._instrument: ScpiInstrument | None = None
-        self._port = 0
+        self.port = 0
         self.plug()
 
     @property
@@ -193,16 +193,11 @@ class SoakSupply:
         """Number of answered queries for a measurement."""
         return len(self.times)
 
-    @property
-    def port(self) -> int:
-        """Of its socket."""
-        return self._port
-
     def plug(self) -> None:
         """Power it on."""
         state = SupplyState(lambda: Terminals(48.0, 1.0))
-        self._instrument = ScpiInstrument(state, port=self._port, send=self._answer)
-        self._port = self._instrument.port
+        self._instrument = ScpiInstrument(state, port=self.port, send=self._answer)
+        self.port = self._instrument.port
 
     def unplug(self) -> None:
         """Power it off."""

@@ -12,7 +12,7 @@ __all__ = ['Clock', 'ClockType', 'ROSClock']
 class Clock:
     """A clock of the kind asked for; `Clock(clock_type=ClockType.ROS_TIME)` is a ROSClock."""
 
-    _clock_type: ClockType
+    clock_type: ClockType
 
     def __new__(  # noqa: D102
         cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME
@@ -21,23 +21,18 @@ class Clock:
             raise TypeError('Clock type must be a ClockType enum')
         kind: Any = ROSClock if clock_type is ClockType.ROS_TIME else cls
         self = object.__new__(kind)
-        self._clock_type = clock_type
+        self.clock_type = clock_type
         return self
 
     def __init__(self, *, clock_type: ClockType = ClockType.SYSTEM_TIME):
         pass
 
-    @property
-    def clock_type(self) -> ClockType:
-        """Kind of the clock."""
-        return self._clock_type
-
     def __repr__(self) -> str:
-        return f'Clock(clock_type={self._clock_type.name})'
+        return f'Clock(clock_type={self.clock_type.name})'
 
     def nanoseconds(self) -> int:
         """Return the time now in ns."""
-        if self._clock_type is ClockType.STEADY_TIME:
+        if self.clock_type is ClockType.STEADY_TIME:
             return time.monotonic_ns()
         return time.time_ns()
 
@@ -45,7 +40,7 @@ class Clock:
         """Return the time now."""
         now = object.__new__(Time)
         now.nanoseconds = self.nanoseconds()
-        now.clock_type = self._clock_type
+        now.clock_type = self.clock_type
         return now
 
 
@@ -56,7 +51,7 @@ class ROSClock(Clock):
 
     def __new__(cls, **_: Any) -> 'ROSClock':  # noqa: D102
         self = object.__new__(cls)
-        self._clock_type = ClockType.ROS_TIME
+        self.clock_type = ClockType.ROS_TIME
         return self
 
     def __init__(self, **_: Any):

@@ -23,7 +23,7 @@ class SingleThreadedExecutor:
     """Runs all callbacks, one after the other, in the thread that spins."""
 
     def __init__(self, *, context: Context | None = None):
-        self._context = get_default_context() if context is None else context
+        self.context = get_default_context() if context is None else context
         self._lock = threading.RLock()
         self._nodes: list[Any] = []
         self._ready: deque[tuple[Callable[[Any], None], Any]] = deque()
@@ -33,12 +33,7 @@ class SingleThreadedExecutor:
         self._wait_set: EntityWaitSet | None = None
         self._guard: GuardCondition | None = None
         self._takers: dict[int, tuple[Any, Callable[[], Any], bool]] = {}
-        self._context._executors.add(self)
-
-    @property
-    def context(self) -> Context:
-        """Context that the executor belongs to."""
-        return self._context
+        self.context._executors.add(self)
 
     def add_node(self, node: Any) -> bool:
         """Call back for a node; False where that is so already."""
@@ -95,8 +90,8 @@ class SingleThreadedExecutor:
         with self._lock:
             self._stale = False
             if self._wait_set is None:
-                self._guard = GuardCondition(self._context.participant.dds)
-                self._wait_set = EntityWaitSet(self._context.participant)
+                self._guard = GuardCondition(self.context.participant.dds)
+                self._wait_set = EntityWaitSet(self.context.participant)
                 self._wait_set.attach(self._guard)
             wanted: dict[int, tuple[Any, Callable[[], Any], bool]] = {}
             timers: list[Timer] = []
@@ -153,7 +148,7 @@ class SingleThreadedExecutor:
             self._collect(deadline)
             if self._is_shutdown:
                 return False
-            if not self._context.valid:
+            if not self.context.valid:
                 self._ready.clear()
                 raise ExternalShutdownException
             if not self._ready and deadline is not None and time.monotonic_ns() >= deadline:
@@ -169,7 +164,7 @@ class SingleThreadedExecutor:
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for one callback, at most `timeout_sec` [s], and run it."""
-        if not self._context.valid:
+        if not self.context.valid:
             raise ExternalShutdownException
         endless = timeout_sec is None or timeout_sec < 0
         deadline = None if endless else time.monotonic_ns() + int((timeout_sec or 0.0) * 1e9)
@@ -177,7 +172,7 @@ class SingleThreadedExecutor:
 
     def spin(self) -> None:
         """Run callbacks until shutdown."""
-        while self._context.valid and not self._is_shutdown:
+        while self.context.valid and not self._is_shutdown:
             self._work(None)
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
@@ -185,7 +180,7 @@ class SingleThreadedExecutor:
         future.add_done_callback(lambda _: self.wake())
         endless = timeout_sec is None or timeout_sec < 0
         deadline = None if endless else time.monotonic_ns() + int((timeout_sec or 0.0) * 1e9)
-        while self._context.valid and not future.done() and not self._is_shutdown:
+        while self.context.valid and not future.done() and not self._is_shutdown:
             step = time.monotonic_ns() + LONGEST_WAIT_NS
             self._work(step if deadline is None else min(step, deadline))
             if deadline is not None and time.monotonic_ns() >= deadline:

@@ -89,9 +89,9 @@ class Parameter:
             raise TypeError(f"type must be an instance of '{Parameter.Type!r}'")
         if not kind.check(value):
             raise ValueError(f"Type '{kind}' and value '{value}' do not agree")
-        self._type = kind
-        self._name = name
-        self._value = value
+        self.type_ = kind
+        self.name = name
+        self.value = value
 
     @classmethod
     def from_parameter_msg(cls, param_msg: Any) -> 'Parameter':
@@ -100,29 +100,14 @@ class Parameter:
         field = FIELDS.get(param_msg.value.type)
         return cls(param_msg.name, kind, getattr(param_msg.value, field) if field else None)
 
-    @property
-    def name(self) -> str:
-        """Name."""
-        return self._name
-
-    @property
-    def type_(self) -> 'Parameter.Type':
-        """Type."""
-        return self._type
-
-    @property
-    def value(self) -> Any:
-        """Value."""
-        return self._value
-
     def __repr__(self) -> str:
-        return f'Parameter({self._name!r}, {self._type}, {self._value!r})'
+        return f'Parameter({self.name!r}, {self.type_}, {self.value!r})'
 
     def get_parameter_value(self) -> Any:
         """Return the value as rcl_interfaces/ParameterValue."""
-        message = ParameterValue(type=self._type.value)
-        if self._type is not Parameter.Type.NOT_SET:
-            setattr(message, FIELDS[self._type.value], self._value)
+        message = ParameterValue(type=self.type_.value)
+        if self.type_ is not Parameter.Type.NOT_SET:
+            setattr(message, FIELDS[self.type_.value], self.value)
         return message
 
 

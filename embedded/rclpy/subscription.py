@@ -107,7 +107,7 @@ class Subscription:
         self.qos_profile = qos_profile
         self.raw = raw
         self._with_info = takes_info(callback)
-        self._topic = topic
+        self.topic = topic
         self._logger = node.get_logger()
         qos = to_dds(qos_profile, f'typehash={definitions.type_hash(msg_type._type_name)};')
         name = dds_type(msg_type._type_name)
@@ -120,11 +120,6 @@ class Subscription:
         self._event: IncompatibleQos | None = IncompatibleQos(
             self._reader, True, given_name, event_callbacks, self._logger
         )
-
-    @property
-    def topic(self) -> str:
-        """Absolute name of the topic."""
-        return self._topic
 
     def _conditions(self) -> list[tuple[Any, Any]]:
         if self._reader is None or not self.callback_group.can_execute(self):
@@ -144,7 +139,7 @@ class Subscription:
     def _execute(self, sample: Sample) -> None:
         if self._reader is None:
             return
-        message = decoded(sample, self.msg_type, self.raw, self._topic, self._logger)
+        message = decoded(sample, self.msg_type, self.raw, self.topic, self._logger)
         if message is None:
             return
         if self._with_info:

@@ -23,18 +23,13 @@ class Timer:
             raise ValueError('timer period must not be negative')
         self.callback = callback
         self.callback_group = callback_group
-        self._clock = clock
+        self.clock = clock
         self._period = int(timer_period_ns)
         self._canceled = not autostart
         self._destroyed = False
         self._last = clock.nanoseconds()
         self._next = self._last + self._period
         self._wake: Callable[[], None] | None = None
-
-    @property
-    def clock(self) -> Clock:
-        """Clock that the period is counted on."""
-        return self._clock
 
     @property
     def timer_period_ns(self) -> int:
@@ -66,7 +61,7 @@ class Timer:
     def reset(self) -> None:
         """Start the period anew, also after cancel."""
         self._canceled = False
-        self._next = self._clock.nanoseconds() + self._period
+        self._next = self.clock.nanoseconds() + self._period
         self._changed()
 
     def destroy(self) -> None:
@@ -75,21 +70,21 @@ class Timer:
 
     def time_until_next_call(self) -> int | None:
         """Return the ns until the next call, negative where it is due; None if cancelled."""
-        return None if self._canceled else self._next - self._clock.nanoseconds()
+        return None if self._canceled else self._next - self.clock.nanoseconds()
 
     def _follows_wall_time(self) -> bool:
-        return not (isinstance(self._clock, ROSClock) and self._clock.ros_time_is_active)
+        return not (isinstance(self.clock, ROSClock) and self.clock.ros_time_is_active)
 
     def _jumped(self) -> None:
         """Start the period anew after the clock was switched to another source of time."""
-        self._last = self._clock.nanoseconds()
+        self._last = self.clock.nanoseconds()
         self._next = self._last + self._period
 
     def _advance(self) -> bool:
         """Take note of a call that is due; return whether it is."""
         if self._canceled:
             return False
-        now = self._clock.nanoseconds()
+        now = self.clock.nanoseconds()
         if now < self._next:
             if now < self._last and not self._follows_wall_time():
                 self._jumped()

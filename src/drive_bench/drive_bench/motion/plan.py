@@ -263,7 +263,7 @@ class SegmentPlayer:
         self.plan = Plan(motion, start, mounting, ramps)
         self.motion = motion
         self.elapsed = 0.0
-        self._place = 0
+        self.place = 0  # of the segment; the return at the end counts as one
         self._initial: float | None = None
         self._warmed: int | None = None
 
@@ -273,30 +273,25 @@ class SegmentPlayer:
         return max(self.plan.seconds - self.elapsed, 0.0)
 
     @property
-    def place(self) -> int:
-        """Index of the segment; the return at the end counts as one."""
-        return self._place
-
-    @property
     def segment(self) -> Segment:
         """The present segment."""
-        return self.plan.paths[self._place].segment
+        return self.plan.paths[self.place].segment
 
     @property
     def needs_temperature(self) -> bool:
         """True if the end of the segment depends on the winding temperature."""
-        return bool(self.segment.until_warmer) and self._warmed != self._place
+        return bool(self.segment.until_warmer) and self._warmed != self.place
 
     def step(self, seconds: float, position: float, temperature: float = math.nan) -> Target:
         """Advance by some seconds and return the target; measured: rad and °C."""
         self.elapsed += seconds
         self._end_when_warm(temperature)
         place = self.plan.place(self.elapsed)
-        if place != self._place:
+        if place != self.place:
             if self.segment.free:
-                place = self._place + 1
+                place = self.place + 1
                 self.plan.begin_anew(place, position)
-            self._place = place
+            self.place = place
         return self.plan.at(self.elapsed)
 
     def _end_when_warm(self, temperature: float) -> None:
@@ -310,4 +305,4 @@ class SegmentPlayer:
             leap = self.plan.skip(self.elapsed)
             self.elapsed += leap
             if leap:
-                self._warmed = self._place
+                self._warmed = self.place

@@ -94,7 +94,7 @@ class ScriptedTrots:
         self._tilt = np.zeros((count, 2))
         self._places = np.zeros((count, 4, 3))
         self._lifted_at = np.zeros((count, 4, 3))
-        self._angles = np.zeros((count, 4, 3))
+        self.planned = np.zeros((count, 4, 3))  # rad, without the shift for torque
         self._rates = np.zeros((count, 4, 3))
         self._feet = np.zeros((count, 4, 3))
         self._set_stance()
@@ -110,11 +110,6 @@ class ScriptedTrots:
         """Gait phases, 0..1 [N]."""
         return self._cycle.stride
 
-    @property
-    def planned(self) -> Floats:
-        """Joint angles of the plan, without the shift for torque, rad [N, 4, 3]."""
-        return self._angles
-
     def reset(self, ids: NDArray[np.intp] | None = None) -> None:
         """Reset the robots of these indices, or all; their next step ramps in from their pose."""
         who = np.arange(len(self.configs)) if ids is None else ids
@@ -128,7 +123,7 @@ class ScriptedTrots:
         self._rates[who] = 0.0
         self._set_stance()
         self._places[who] = self._lifted_at[who] = self._rest[who]
-        self._angles[who] = kinematics.inverse(self._rest[who])
+        self.planned[who] = kinematics.inverse(self._rest[who])
 
     def step(
         self,
@@ -297,13 +292,13 @@ class ScriptedTrots:
     def _plan_joints(self, dt: Floats) -> None:
         angles = kinematics.inverse(self._places)
         step = np.where(dt > 0.0, dt, 1.0)[:, None, None]
-        rates = clipped((angles - self._angles) / step, -10.0, 10.0)
+        rates = clipped((angles - self.planned) / step, -10.0, 10.0)
         share = np.minimum(1.0, dt / _RATE_FILTER)[:, None, None]
         self._rates = self._rates + share * (rates - self._rates)
-        self._angles = angles
+        self.planned = angles
 
     def _ramp_in(self, shift: Floats) -> Floats:
-        target = self._angles.reshape(-1, 12)
+        target = self.planned.reshape(-1, 12)
         share = np.minimum(self._elapsed / self._p['ramp'], 1.0)[:, None]
         eased = share * share * (3.0 - 2.0 * share)
         target = self._initial_pose + eased * (target - self._initial_pose)

@@ -131,7 +131,7 @@ class Receiver:
         transport_delay: int = 0,
     ) -> None:
         self._description = description
-        self._ros_time = ros_time
+        self.ros_time = ros_time
         self._calibration = calibration
         self._delay = transport_delay
         self.clocks = {
@@ -154,11 +154,6 @@ class Receiver:
         self.wrong_lengths: Counter[str] = Counter()
         self.last_mapped = 0
 
-    @property
-    def ros_time(self) -> RosTime:
-        """The mapping of steady to ROS time in use."""
-        return self._ros_time
-
     def take(self, message: can.Message, arrival: int) -> list[Sample]:
         """Return the samples that a frame completes; arrival in ns on the steady clock."""
         counts = self.counts
@@ -175,7 +170,7 @@ class Receiver:
         if routes is None:
             self._count_unrouted(key)
             return []
-        self._ros_time.follow(arrival)
+        self.ros_time.follow(arrival)
         data = message.data
         if self._polled is not None:
             data = bytearray(self._polled.payload(bytes(data)))

@@ -105,7 +105,7 @@ class ClockMapping:
 
     def _begin(self, device: int, lag: int) -> None:
         self._start = self._newest = device
-        self._settled = False
+        self.settled = False  # whether stamps of this epoch are valid
         self._base = lag
         self._floor, self._floor_at = 0.0, device
         self._fade_from, self._correction = device, 0.0
@@ -124,11 +124,6 @@ class ClockMapping:
         self._best = device, lag
         self._least = lag - self._base - self._line(device)
         self._sum, self._count, self._worst = 0.0, 0, 0.0
-
-    @property
-    def settled(self) -> bool:
-        """True if stamps of this epoch are valid."""
-        return self._settled
 
     def update(self, raw: int, arrival: int) -> int:
         """
@@ -212,7 +207,7 @@ class ClockMapping:
         self._fit(device)
         self._sink(device)
         self._blend(device, published)
-        self._settled = self._settled or device - self._start >= limits.settle
+        self.settled = self.settled or device - self._start >= limits.settle
         self._open_bin(device, lag)
 
     def _fit(self, device: int) -> None:
@@ -230,7 +225,7 @@ class ClockMapping:
 
     def _blend(self, device: int, published: float) -> None:
         self._fade_from = device
-        self._correction = published - self._line(device) if self._settled else 0.0
+        self._correction = published - self._line(device) if self.settled else 0.0
         if abs(self._correction) > self._limits.correction:
             self.epoch += 1
             self._correction = 0.0
