@@ -70,6 +70,5 @@ def display() -> Iterator[PlainDisplay | TableDisplay]:
     if not console.is_terminal:
         yield PlainDisplay()
         return
-
     with Live(console=console, refresh_per_second=4) as live:
         yield TableDisplay(live)

@@ -60,7 +60,6 @@ class PolicyRunner(Node):
         simulated = bool(self.get_parameter('use_sim_time').value)
         self._time = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
         self._told: tuple[State, str] | None = None
-
         self._inputs = TopicInputs(self, self._supervisor.inputs, self._now)
         self._commands = self.create_publisher(JointState, 'joint_commands', _COMMANDS)
         self._reporter = Reporter(self)

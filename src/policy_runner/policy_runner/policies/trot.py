@@ -151,7 +151,6 @@ class ScriptedTrots:
         gravity = np.asarray(gravity_in_base, dtype=np.float64)
         spin = np.asarray(angular_velocity, dtype=np.float64)
         legs = kinematics.forward(joint_position)
-
         command = clipped(velocity_command, -self._top, self._top)
         self._command = self._limiter.advance(dt[:, None], command)
         if self._table is not None:

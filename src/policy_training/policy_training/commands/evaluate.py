@@ -26,7 +26,6 @@ def run(options: argparse.Namespace) -> int:
     tasks = parse_tasks(options.tasks)
     if options.video is not None:
         options.video.mkdir(parents=True, exist_ok=True)
-
     sources = {_name(source): policy_source(source) for source in options.policies}
     if len(sources) < len(options.policies):
         raise InputError(f'two policies are called the same among {", ".join(options.policies)}')
@@ -36,7 +35,6 @@ def run(options: argparse.Namespace) -> int:
     plant = Plant.load(options.plant).unit(options.unit)
     bags = [_named_bag(text) for text in options.bags]
     check_recordings(path for _, path in bags)
-
     with progress('reading'):
         recorded = [recorded_walk(path, name) for name, path in bags]
     result, cycles = evaluate(sources, tasks, models, plant, options, recorded)

@@ -16,9 +16,7 @@ from policy_training.learning.training import imitate_expert, make_learner, trai
 def run(options: argparse.Namespace) -> int:
     changes = _changes(options)
     _check_device(options.device)
-
     config = TrainingConfig.load(options.config).with_values({} if options.resume else changes)
-
     folder = RunFolder(options.output)
     state: dict[str, Any] | None = None
     if options.resume:

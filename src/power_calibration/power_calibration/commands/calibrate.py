@@ -29,7 +29,6 @@ from power_recordings import calibration
 def run(options: argparse.Namespace) -> int:
     """Compare, and write the calibration and the outputs asked for; 2 for bad input."""
     check_recordings([options.recording])
-
     with progress(f'reading {options.recording}') as show:
         measured = MeasuredDrive.of(Recording.open(options.recording), options.drive)
         kept, is_applied = _kept(options.onto, measured)

@@ -22,7 +22,6 @@ from power_calibration.timing.summary import MATTERS, Summary, summarise
 def run(options: argparse.Namespace) -> int:
     """Measure and report; 2 for bad input."""
     check_recordings([options.recording])
-
     with progress(f'reading {options.recording}') as show:
         found = summarise(Recording.open(options.recording), options.drives, show)
         if options.json is not None:

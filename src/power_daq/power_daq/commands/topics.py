@@ -12,6 +12,5 @@ from power_daq.nodes.topics import TopicsNode
 def run(options: argparse.Namespace) -> int:
     """Run the node until Ctrl-C; 2 for a map that does not fit the topics."""
     mapping = load_map(options.map)
-
     where = f'map {options.map}'
     return run_node(partial(TopicsNode, mapping, where, options.commands), options.ros_args)

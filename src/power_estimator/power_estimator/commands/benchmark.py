@@ -12,7 +12,6 @@ from power_estimator.evaluation.tables import print_scores
 
 def run(options: argparse.Namespace) -> int:
     check_recordings(options.bags)
-
     with progress('reading, aligning and estimating'):
         found = benchmark.run(
             options.bags, options.models, options.drives, slow=options.slow, anyway=options.anyway

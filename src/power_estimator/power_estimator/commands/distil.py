@@ -29,9 +29,7 @@ from power_estimator.training.trainer_config import TrainerConfig
 
 def run(options: argparse.Namespace) -> int:
     place = Workplace.of(options)
-
     check_recordings(options.bags)
-
     progress = Console(stderr=True)
     teacher = PowerPredictionNetwork.load(options.teacher)
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)

@@ -15,5 +15,4 @@ def engine_of(place: Workplace) -> AbstractContextManager[TaskEngine | None]:
     """
     if not place.scheduler:
         return nullcontext()
-
     return TaskEngine(place)

@@ -18,7 +18,6 @@ from power_estimator.loader import load_model
 
 def run(options: argparse.Namespace) -> int:
     check_recordings([options.bag])
-
     console = Console(stderr=True)
     model = load_model(options.model)
     recording = Recording.open(options.bag)

@@ -24,9 +24,7 @@ PICTURE = 'sweep.png'
 
 def run(options: argparse.Namespace) -> int:
     place = Workplace.of(options)
-
     check_recordings(options.bags)
-
     progress = Console(stderr=True)
     wanted = points(options.hidden, options.history)
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)

@@ -35,9 +35,7 @@ def run(options: argparse.Namespace) -> int:
     config = NetworkConfig(hidden=options.hidden, history=round(options.history * 200))
     training = TrainerConfig(epochs=options.epochs, seed=options.seed)
     protocol = Protocol(options.segments, options.folds, config.history)
-
     check_recordings(options.bags)
-
     progress = Console(stderr=True)
     with progress.status('reading and aligning'):
         given = recordings.training_set(options.bags, options.drives)

@@ -23,7 +23,6 @@ def run(options: argparse.Namespace) -> int:
     check_recordings([path for path in options.bags if not path.exists()])
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)
-
     model = model_of(load_model(options.model, catalogue), options.model)
     how = (options.drives, options.slow, options.anyway)
     key = key_of(model, options.model, options.effects_path, how)

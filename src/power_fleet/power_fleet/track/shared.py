@@ -39,7 +39,6 @@ def common_levels(models: Sequence[ChangeModel]) -> dict[tuple[str, int], Common
     """
     if len(models) < _LEAST_DRIVES:
         return {}
-
     levels = [model.levels for model in models]
     out = {}
     for label in models[0].history.labels:

@@ -21,12 +21,10 @@ from power_lab.session import Session
 def run(options: argparse.Namespace) -> int:
     check_recordings(options.bag)
     catalogue = load_catalogue(options.effects_path)
-
     model = read_model(options.to, catalogue)
     for active in named_effects(options.effects, catalogue):
         if active.name in model.effects:
             raise InputError(f'{active.name!r} is active in {options.to} already')
-
     with progress('reading and fitting'):
         lab = Session.open(*options.bag, catalogue=catalogue, **common.reading_of(options))
         lab = lab.load(str(options.to)).add(

@@ -18,7 +18,6 @@ def run(options: argparse.Namespace) -> int:
     check_recordings(options.bags)
     catalogue = load_catalogue(options.effects_path)
     common.check_models(options.models, catalogue)
-
     with progress('reading') as show:
         with common.reading_engine(Workplace.of(options), options.bags) as engine:
             how = {'engine': engine, 'show': show, **common.reading_of(options)}

@@ -19,7 +19,6 @@ def run(options: argparse.Namespace) -> int:
     check_recordings([*options.bags, *options.test])
     catalogue = load_catalogue(options.effects_path)
     common.check_models([options.model], catalogue)
-
     how = common.reading_of(options)
     bags, tests = split(options.bags, options.test)
     with progress('reading') as show:

@@ -11,7 +11,6 @@ from power_lab.challenge.bench_recording import record_motion
 def run(options: argparse.Namespace) -> int:
     plant = Plant.load(options.plant)
     MotionFile.load(options.motion)
-
     drive, seconds = record_motion(
         options.motion,
         options.output,

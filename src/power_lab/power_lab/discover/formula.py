@@ -101,7 +101,6 @@ def refined(
     """Parameters that fit best with exact columns, from those found on the shape's nodes."""
     if not primitive.parameters:
         return place
-
     z, weight = instant(place.family, point, problem.drive)
     names = primitive.parameters
     start = np.array([place.parameters[name] for name in names])

@@ -38,7 +38,6 @@ def run(options: argparse.Namespace) -> int:
         )
     if options.output is None:
         raise InputError('-o is missing: give the folder of the recording, such as -o bags/first')
-
     mapping = load_map(options.map)
     sources = [open_source(log, options.msgs) for log in options.logs]
     _import(sources, mapping, options)

@@ -98,7 +98,6 @@ def export(index: RecordingIndex, folder: Path) -> None:
         from pyarrow import parquet
     except ImportError:
         raise InputError('--export needs pyarrow: pip install pyarrow') from None
-
     text, number, whole = pa.string(), pa.float64(), pa.int64()
     kinds = {'start': number, 'seconds': number, 'value': number, 'error': number}
     kinds |= {'size': whole, 'term': whole}

@@ -18,7 +18,6 @@ from sim_bridge.sensors.meter import DeviceClock
 def _analyser(options: argparse.Namespace, plant: Plant) -> Analyser | None:
     if options.analyser is None:
         return None
-
     check_output(options.analyser)
     parameters = AnalyserParameters(
         rate=options.analyser_rate,
@@ -40,7 +39,6 @@ def _stand(options: argparse.Namespace) -> Stand:
 def run(options: argparse.Namespace) -> int:
     """Write the bag of a motion."""
     find_motion(options.motion, options.mode)
-
     plant, stand = load_plant(options.plant, options.unit), _stand(options)
     pull = Load(stand.mass, stand.length).pull
     wanted = bench_motion(

@@ -79,7 +79,6 @@ def record(
                 )
         if 'plan' in found:
             return False
-
     known = load_plant(plant, None) if loaded is None else loaded
     folder.mkdir(parents=True, exist_ok=True)
     run_offline(
@@ -129,7 +128,6 @@ def run(options: argparse.Namespace) -> int:
         loaded=load_plant(options.plant, None),
         progress=not place.scheduler and place.processes(len(wanted)) == 1,
     )
-
     with TaskEngine(place) as engine:
         results = engine.in_order(made_of, wanted)
         for number, (plan, made) in enumerate(zip(wanted, results, strict=True), 1):

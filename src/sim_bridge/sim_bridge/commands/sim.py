@@ -41,10 +41,8 @@ def _offline(options: argparse.Namespace) -> int:
     given['drives'] = None if options.drives is None else tuple(options.drives.split(','))
     given['velocity'] = _velocity(options.velocity)
     plant = load_plant(options.plant, options.unit)
-
     if options.controller != 'stand':
         load_policy(options.controller, trust_code=options.trust_code)
-
     path = run_offline(options.output, plant=plant, progress=True, **given)
     print(f'wrote {path}')
     return 0

@@ -44,11 +44,9 @@ def run(options: argparse.Namespace) -> int:
     """Measure, compare and report; 2 for bad input."""
     entries = entries_of(options.files, options.policy, options.recording)
     settings = Settings(**{name: getattr(options, name) for name in Settings.__annotations__})
-
     check_recordings(options.recording)
     for entry in entries:
         SoundFile(entry.path)
-
     with progress('measuring') as show:
         analysis = analyse(
             entries, settings, options.calibration, lambda name: show(f'measuring {name}')

@@ -137,7 +137,6 @@ def block_length(stretch: Stretch) -> int:
     level = decibels(stretch.energy)
     if len(level) < 16 or np.ptp(level) < 1e-9:
         return 1
-
     found = float(optimal_block_length(level)['circular'].iloc[0])
     return int(np.clip(np.ceil(found), 1, max(1, len(level) // 4)))
 
