@@ -1,5 +1,5 @@
 """
-Animated picture of the workbench: fit, see where it fails, diagnose, add, the error falls.
+Animated picture of the workbench: budget, fit, where it fails, diagnosis, the error falls.
 
 example: ros2 run power_lab challenge --seed 66 -o bags/riddle
          python docs/pictures/workbench_loop.py bags/riddle -o workbench_loop.webp
@@ -29,9 +29,8 @@ PROGRAM = 'from power_workbench.commands.arguments import open; raise SystemExit
 
 def scenes(page: Any) -> Iterator[tuple[str, str]]:
     """Walk the loop; yield a sentence and the element that is to be seen with it."""
-    page.locator('#plot-traces .main-svg').first.wait_for()
-    page.get_by_role('button', name='Fit', exact=True).wait_for()
-    yield 'A recording, opened: what the drives drew', '#traces'
+    page.locator('#plot-flow .main-svg').first.wait_for()
+    yield 'A recording, opened: where its power goes', '#summary'
     for effect in KNOWN:
         page.locator('label.choice', has_text=effect).first.click()
     yield 'A first model of the effects that one is sure of', '#model'
@@ -43,7 +42,7 @@ def scenes(page: Any) -> Iterator[tuple[str, str]]:
     yield 'Where it fails, in words and on a map', '#where'
     page.get_by_role('button', name='Find what is missing').click()
     page.locator('#verdict').wait_for()
-    yield 'What is missing: the verdict and its rivals', '#missing'
+    yield 'The verdict, and the next step as one button', '#summary'
     page.locator('.candidate').first.hover()
     page.locator('#plot-traces').get_by_text('error with').first.wait_for()
     page.locator('#next-step').click()
@@ -116,7 +115,7 @@ def main(args: Sequence[str] | None = None) -> None:
         append_images=rest,
         duration=times,
         loop=0,
-        quality=62,
+        quality=50,
         method=4,
     )
     print(f'{options.output}: {options.output.stat().st_size / 1e6:.2f} MB')

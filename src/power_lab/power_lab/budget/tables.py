@@ -151,4 +151,4 @@ def _order(share: Share) -> tuple[bool, float]:
 
 
 def _percent(share: float | None) -> str:
-    return '–' if share is None else f'{100.0 * share:.1f} %'
+    return '–' if share is None else f'{round(100.0 * share, 1) + 0.0:.1f} %'  # no −0.0

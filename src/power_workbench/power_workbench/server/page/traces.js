@@ -30,12 +30,12 @@ function build() {
     h('button', { type: 'button', onclick: () => zoom(2), 'aria-label': 'Zoom out' }, 'Out'),
     h('button', { type: 'button', onclick: () => pan(-0.5), 'aria-label': 'Earlier' }, '←'),
     h('button', { type: 'button', onclick: () => pan(0.5), 'aria-label': 'Later' }, '→'),
-    h('button', { type: 'button', onclick: () => setWindow(whole()) }, 'Whole recording'));
-  const exact = h('details', {}, h('summary', {}, 'Exact span, pictures'),
+    h('button', { type: 'button', onclick: () => setWindow(whole()) }, 'Whole recording'),
+    pictures(plot, 'traces'), h('button', { type: 'button', onclick: csv }, 'CSV'));
+  const exact = h('details', {}, h('summary', {}, 'Exact span'),
     h('div', { class: 'row' }, from, '–', to, 's',
       h('button', { type: 'button', onclick: () => setWindow(span()) }, 'Show'),
-      h('button', { type: 'button', onclick: () => marked(span()) }, 'Mark'),
-      pictures(plot, 'traces'), h('button', { type: 'button', onclick: csv }, 'CSV')));
+      h('button', { type: 'button', onclick: () => marked(span()) }, 'Mark')));
   const legend = h('p', { class: 'faint', id: 'traces-words' });
   const spikes = h('div', { id: 'spikes' });
   parts = { plot, navigator, drives, from, to, legend, spikes };
