@@ -1,6 +1,6 @@
 """Linear Gaussian problems with the discrepancy marginalised: evidence, means and draws."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +66,7 @@ class Weighed:
             self.squares - np.square(right).sum(axis=0),
         ), float(np.log(np.diag(factor)).sum() + len(inner) * np.log(size))
 
-    def at_sizes(self, count: int, sizes: Sequence[float]) -> Iterator['tuple[Weighed, float]']:
+    def at_sizes(self, count: int, sizes: Floats) -> Iterator['tuple[Weighed, float]']:
         """Marginalise all columns but the first count, at each of some prior spreads."""
         values, turned = np.linalg.eigh(self.gram[count:, count:])
         values = np.maximum(values, 0.0)
@@ -92,7 +92,7 @@ class Weighed:
 
 
 def marginalised(
-    weighed: Weighed, groups: tuple[int, int, int], sizes: Sequence[Sequence[float]]
+    weighed: Weighed, groups: tuple[int, int, int], sizes: tuple[Floats, Floats]
 ) -> list[NormalEquations]:
     """
     Marginalise smooth features, the last columns, in three groups of so many.
