@@ -5,50 +5,60 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import expit, logit, ndtr
+from scipy.special import expit, logit, logsumexp, ndtr
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects import Catalogue
+from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
-from power_estimator.posterior.priors import NAMED, OFF
+from power_estimator.posterior.beside import all_beside
+from power_estimator.posterior.priors import NAMED, OFF, SENSORS_OFF
 from power_estimator.posterior.rates import with_quiet_rates
-from power_estimator.posterior.search import EffectSearch, tempered
-from power_estimator.posterior.sensors import spreads
+from power_estimator.posterior.search import Chosen, EffectSearch, prior_of, tempered
+from power_estimator.posterior.sensors import SCALES, spreads
+from power_estimator.posterior.stand_ins import odds_of_set
 from power_estimator.posterior.summary import MeterSummary, rms, summarised
 
-Floats = NDArray[np.float64]
-SCALES: Final = ('power_gain', 'torque_scale')
 _RESOLVED: Final = 0.002  # of some hundred draws
+
+
+@dataclass(frozen=True)
+class JudgedEffect:
+    """An effect that the model may lack, in the most probable set or beside it."""
+
+    active: Active
+    probability: float  # that it is missing
+    explains: Floats  # W rms over the meters at 2.5, 50 and 97.5 % [3]
+    share: float  # of what the model misses, by the square of its watts
 
 
 @dataclass(frozen=True)
 class JudgedEffects:
     """Probabilities that effects are missing, and what each meter's posterior says."""
 
-    probability: Mapping[str, float]
+    candidates: tuple[JudgedEffect, ...]  # the most probable first
+    any_missing: float  # probability that any effect is missing
     scales: Mapping[str, float]  # probability that the meter's gain, the torque's scale is off
     added: tuple[Active, ...]  # the most probable set
     meters: tuple[MeterSummary, ...]
     left_w: float  # rms of the discrepancy
 
     @property
+    def probability(self) -> Mapping[str, float]:
+        """Probability that each effect is missing."""
+        return {one.active.name: one.probability for one in self.candidates}
+
+    @property
     def named(self) -> tuple[Active, ...]:
         """Effects that are missing with certainty."""
-        return tuple(one for one in self.added if self.probability[one.name] >= NAMED)
-
-    def explains(self, name: str) -> Floats:
-        """W rms over the meters at 2.5, 50 and 97.5 % [3]; 0 for an effect that is in no set."""
-        if not all(name in one.explains for one in self.meters):
-            return np.zeros(3)
-        levels = [np.quantile(one.explains[name], [0.025, 0.5, 0.975]) for one in self.meters]
-        return np.asarray(np.sqrt(np.mean(np.square(levels), axis=0)))
-
-    def share(self, name: str) -> float:
-        """Share of what the model misses that an effect explains, by the square of its watts."""
-        misses = sum(self.explains(one.name)[1] ** 2 for one in self.added) + self.left_w**2
-        return float(self.explains(name)[1] ** 2 / max(misses, 1e-12))
+        own = {active.name for active in self.added}
+        return tuple(
+            one.active
+            for one in self.candidates
+            if one.active.name in own and one.probability >= NAMED
+        )
 
 
 def judged_effects(
@@ -70,23 +80,69 @@ def judged_effects(
         if effect.usable(signals, **shape) and not shape.get('carried')
     ]
     search = EffectSearch(prepared, known, lacking, base)
-    odds, chosen = search.run()
+    chosen = search.run()
+    points = search.settled(chosen)
     taken = [search.actives[i] for i in sorted(chosen)]
-    meters = tuple(
-        summarised(meter, taken, search.known, point)
-        for meter, point in zip(search.meters, search.points, strict=True)
+    meters = for_each(
+        lambda d: summarised(search.problems[d], taken, search.known, points[d]),
+        range(len(points)),
     )
     left = rms(np.array([one.discrepancy_w for one in meters]))
-    probability = {}
-    for name, value in odds.items():
-        if all(name in one.explains for one in meters):
-            watts = [float(np.median(one.explains[name])) for one in meters]
-            value = search.tempered(name, value, rms(np.array(watts)) / max(left, 1e-12))
-        probability[name] = float(expit(value))
+    candidates = _candidates(search, chosen, meters, left)
     usual = spreads(signals)
     scales = {name: max(_scale(name, one, usual) for one in meters) for name in SCALES}
     added = tuple(search.actives[i] for i in sorted(chosen) if i not in search.base)
-    return JudgedEffects(probability, scales, added, meters, left)
+    any_missing = _any_missing(search, candidates, added, left)
+    return JudgedEffects(candidates, any_missing, scales, added, tuple(meters), left)
+
+
+def _candidates(
+    search: EffectSearch, chosen: Chosen, meters: Sequence[MeterSummary], left: float
+) -> tuple[JudgedEffect, ...]:
+    own = [one for d, one in enumerate(meters) if d in search.searched]
+    odds = odds_of_set(search, chosen, own)
+    watts = {}
+    for place in chosen:
+        if place not in search.base:
+            name = search.names[place]
+            levels = [np.quantile(one.explains[name], [0.025, 0.5, 0.975]) for one in meters]
+            watts[name] = place, np.sqrt(np.mean(np.square(levels), axis=0)), odds[name]
+    misses = sum(explains[1] ** 2 for _, explains, _ in watts.values()) + left**2
+    for name, one in all_beside(search, chosen).items():
+        chance = prior_of(name)
+        before = float(np.log(chance / (1.0 - chance)))
+        log = search.odds_beside(name, chosen, one.gain)
+        log = tempered(before, log, one.explains[1] / max(left, 1e-12))
+        watts[name] = one.place, one.explains, log
+    out = [
+        JudgedEffect(
+            search.actives[place],
+            float(expit(log)),
+            explains,
+            float(explains[1] ** 2 / max(misses, 1e-12)),
+        )
+        for place, explains, log in watts.values()
+    ]
+    return tuple(sorted(out, key=lambda one: (-one.probability, -one.explains[1])))
+
+
+def _any_missing(
+    search: EffectSearch,
+    candidates: Sequence[JudgedEffect],
+    added: Sequence[Active],
+    left: float,
+) -> float:
+    """Probability that an effect is missing, whichever it is."""
+    most = max((one.probability for one in candidates), default=0.0)
+    names = {active.name for active in added}
+    watts = [one.explains[1] for one in candidates if one.active.name in names]
+    if not watts:
+        return most
+    scores = {each: search.score(each) for each in search.judged}
+    none = scores.pop(tuple(search.base))
+    ratio = float(np.hypot.reduce(watts)) / max(left, 1e-12)
+    odds = tempered(0.0, float(logsumexp(list(scores.values()))) - none, ratio)
+    return max(most, float(expit(odds)))
 
 
 def _scale(name: str, one: MeterSummary, usual: Mapping[str, float]) -> float:
@@ -99,8 +155,7 @@ def _scale(name: str, one: MeterSummary, usual: Mapping[str, float]) -> float:
     difference = one.sensors[SCALES[0]] - one.sensors[SCALES[1]]
     larger = max(SCALES, key=lambda each: abs(float(np.mean(one.sensors[each]))))
     values = difference if name == larger else one.sensors[name]
-    cost = sum(one.costs[each] for each in SCALES) if name == larger else one.costs[name]
-    before = float(logit(2.0 * ndtr(-OFF / usual[name])))
+    before = float(logit(SENSORS_OFF * 2.0 * ndtr(-OFF / usual[name])))
     after = float(logit(np.clip(np.mean(np.abs(values) > OFF), _RESOLVED, 1.0 - _RESOLVED)))
-    ratio = cost / max(one.discrepancy_w, 1e-12)
+    ratio = one.costs[name] / max(one.discrepancy_w, 1e-12)
     return float(expit(tempered(before, after, ratio)))

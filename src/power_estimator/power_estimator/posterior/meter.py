@@ -1,6 +1,6 @@
 """Columns, noise and normal equations of one meter."""
 
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +14,7 @@ from power_estimator.effects.fit.design import Active, BasePower, Structure, wei
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.posterior.discrepancy import Features, fourier, smooth_features
 from power_estimator.posterior.gaussian import NormalEquations, Weighed, marginalised
 from power_estimator.posterior.priors import (
     BLOCK,
@@ -33,7 +34,6 @@ FRICTIONS: Final = ('viscous_friction', 'coulomb_friction', 'stribeck_friction')
 """Effects that the friction at 1 rad/s consists of, without load."""
 _TOWARDS_ZERO: Final = 0.05  # of the rms, where a direction fades out
 _LOW: Final = 0.15  # of the rms speed, below which friction is another
-_TURNS: Final = 4 * np.pi  # rad, of a drive that turns on
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ class EffectColumns:
     absent: int  # columns of absent effects at the end of smooth
     constant: Floats  # W [N]
     friction: Floats  # [n + z], weights of the friction at 1 rad/s
+    causes: tuple[str, ...]  # of departures, and of smooth features but absent effects
 
     def places(self, active: Active) -> slice:
         """Columns of an effect."""
@@ -86,7 +87,7 @@ class MeterProblem:
         self.builder = (WholeBuilder if prepared.whole else DesignBuilder)(prepared, base)
         self.place = int(np.argmin(np.abs(prepared.shifts)))  # of the delay of the power
         self.noise: Noise | None = None
-        self.absent: dict[str, Floats] = {}
+        self.absent: dict[tuple[object, ...], Floats] = {}
         self.used = prepared.measured[:, 0] & prepared.resolved[:, 0]
         shown = self.power()[self.used]
         self.rms = float(np.sqrt(np.mean(np.square(shown)))) if shown.size else 1.0
@@ -113,7 +114,7 @@ class MeterProblem:
             'load': load - load.mean(axis=0),
             'direction': direction,
             'quadrant': direction * np.tanh(s.torque / (2 * _TOWARDS_ZERO * strong)),
-            'time': np.broadcast_to(time[:, None], load.shape),
+            'time': np.broadcast_to(time[:, None] * (not s.steady), load.shape),
             'low': np.exp(-np.square(s.velocity / (_LOW * fast))),
         }
 
@@ -125,40 +126,13 @@ class MeterProblem:
         random = np.random.default_rng(5)
         inputs = self.prepared.reduced(raw)
         return np.stack(
-            [_fourier(random, inputs[:, d], 8, 1.2) for d in range(inputs.shape[1])], axis=1
+            [fourier(random, inputs[:, d], 8, 1.2) for d in range(inputs.shape[1])], axis=1
         )
 
     @cached_property
-    def general(self) -> Floats:
-        """The discrepancy's features: sums of functions of one, two and all causes [N, a]."""
-        s, random, reduced = self.signals, np.random.default_rng(0), self.prepared.reduced
-        parts: list[Floats] = []
-        few = 1.0 if s.torque.shape[1] == 1 else 0.5
-        for d in range(s.torque.shape[1]):
-            own = {
-                name: reduced(values[:, d : d + 1])
-                for name, values in (
-                    ('torque', s.torque),
-                    ('speed', s.velocity),
-                    ('acceleration', s.acceleration),
-                    ('torque rate', s.torque_rate),
-                )
-            }
-            own = {n: np.clip(x / (np.sqrt(np.mean(x**2)) + 1e-12), -6, 6) for n, x in own.items()}
-            at = s.position[:, d]
-            if np.isfinite(at).all() and np.ptp(at) < _TURNS:
-                centred = (at - at.mean()) / (at.std() + 1e-9)
-                own['position'] = reduced(centred[:, None])
-            single = [own[name] for name in ('torque', 'speed', 'position') if name in own]
-            parts += [_fourier(random, values, 5, 0.7) for values in single]
-            pair = np.concatenate([own['torque'], own['speed']], axis=1)
-            parts.append(_fourier(random, pair, round(12 * few), 1.0))
-            every = np.concatenate(list(own.values()), axis=1)
-            parts.append(_fourier(random, every, round(20 * few), 1.6))
-        time = self.prepared.time - self.prepared.time[0]
-        waves = np.arange(1, int(np.clip(time[-1] / 15, 1, 20)) + 1)
-        parts.append(np.cos(np.pi * waves * time[:, None] / time[-1]) / waves)
-        return np.concatenate(parts, axis=1)
+    def general(self) -> Features:
+        """The discrepancy's features."""
+        return smooth_features(self.prepared)
 
     def columns(self, actives: Sequence[Active], point: Point) -> EffectColumns:
         """Linearise effects about a point, which has coefficients in SI by name."""
@@ -177,16 +151,18 @@ class MeterProblem:
         power = self.summed(at.power[..., None])[:, 0]
         sensors = sensor_columns(self.summed, at.power, s, slope)
         powers = self._by_kind(point, s, slope)
-        departures, at_one = self._departures(powers)
-        names = {active.name for active in actives}
-        absent = [own for name, own in self.absent.items() if name not in names]
-        smooth = [self.rms * self.general]
-        for kind in ('friction', 'copper', 'shaft'):
-            if kind in powers:
-                share = 0.1 if kind == 'shaft' else 1.0
-                watts = self.prepared.reduced(powers[kind])
+        departures, labels, at_one = self._departures(powers)
+        keys = {active.key for active in actives}
+        absent = [own for key, own in self.absent.items() if key not in keys]
+        smooth, causes = [self.rms * self.general.values], list(self.general.causes)
+        for kinds in (('friction', 'viscous'), ('copper',), ('shaft',)):
+            own_powers = [powers[kind] for kind in kinds if kind in powers]
+            if own_powers:
+                share = 0.1 if kinds == ('shaft',) else 1.0
+                watts = self.prepared.reduced(sum(own_powers[1:], own_powers[0]))
                 bent = (watts[..., None] * self._bends).sum(axis=1)
                 smooth.append(share * bent)
+                causes += [f'departures of {" and ".join(kinds)}'] * bent.shape[1]
         smooth += absent
         nuisance = np.concatenate([sensors, departures], axis=1)
         scaled = self.rms / size
@@ -199,6 +175,7 @@ class MeterProblem:
             sum(own.shape[1] for own in absent),
             power - linear,
             _friction_at_one(actives, scaled, nuisance.shape[1], at_one, point),
+            (*labels, *causes),
         )
 
     def _by_kind(self, point: Point, s: Signals, slope: Floats) -> Mapping[str, Floats]:
@@ -214,10 +191,14 @@ class MeterProblem:
             out[kind] = out.get(kind, 0.0) + weighted(active.columns(s), coefficients) * acts
         return out
 
-    def _departures(self, powers: Mapping[str, Floats]) -> tuple[Floats, Mapping[int, float]]:
-        """Departures of DEPARTURES [N, k], and those of friction at 1 rad/s by column."""
-        c, at_one = self.causes, {}
+    def _departures(
+        self, powers: Mapping[str, Floats]
+    ) -> tuple[Floats, Sequence[str], Mapping[int, tuple[str, float]]]:
+        """Departures of DEPARTURES [N, k] with causes; those of friction at 1 rad/s by column."""
+        c = self.causes
+        at_one: dict[int, tuple[str, float]] = {}
         columns: list[Floats] = []
+        causes: list[str] = []
         fast = float(np.sqrt(np.mean(self.signals.velocity**2))) + 1e-9
         one = dict.fromkeys(FORMS, 0.0)
         one['speed'] = float(np.log(1.0 / fast + _TOWARDS_ZERO))
@@ -225,10 +206,11 @@ class MeterProblem:
         for kind, watts in powers.items():
             for form, spread in zip(FORMS, DEPARTURES[kind], strict=True):
                 if spread:
-                    if kind == 'friction':
-                        at_one[len(columns)] = spread * one[form]
+                    if kind in ('friction', 'viscous'):
+                        at_one[len(columns)] = kind, spread * one[form]
                     columns.append(spread * self.summed((watts * c[form])[..., None])[:, 0])
-        return np.stack(columns, axis=1), at_one
+                    causes.append(f'departures of {kind}')
+        return np.stack(columns, axis=1), causes, at_one
 
     def learn_noise(self, columns: EffectColumns, known: Sequence[str]) -> None:
         """Noise, weights and tempering by a fit of all effects; what absent ones may explain."""
@@ -240,7 +222,9 @@ class MeterProblem:
         spread[:count] = 0.1
         spread[-columns.smooth.shape[1] :] = 0.01
         rate = len(self.used) / max(float(np.ptp(self.prepared.time)), 1e-9)
-        blocks = np.array_split(np.arange(len(rows)), max(4, round(len(rows) / (rate * BLOCK))))
+        # Operating points are independent of one another.
+        count_of = len(rows) if self.prepared.steady else round(len(rows) / (rate * BLOCK))
+        blocks = np.array_split(np.arange(len(rows)), max(4, count_of))
         blocks = [block for block in blocks if len(block)]
         share, variance = np.ones(len(blocks)), 1e-3 * float(y @ y) / len(y)
         for _ in range(3):
@@ -262,14 +246,13 @@ class MeterProblem:
         everywhere = np.zeros(len(self.used))
         everywhere[rows] = weights
         self.noise = Noise(variance, everywhere, max(1.0, float(meat / max(bread, 1e-12))))
-        self.absent = {}
-        own = defaultdict(list)
-        for active in columns.actives:
-            if active.name not in known:
-                own[active.name].append(columns.effects[:, columns.places(active)])
-        for name, parts in own.items():
-            joined = np.concatenate(parts, axis=1)
-            self.absent[name] = joined * SPIKE / np.sqrt(joined.shape[1])
+        counts = Counter(active.name for active in columns.actives for _ in active.effect.terms)
+        self.absent = {
+            active.key: columns.effects[:, columns.places(active)]
+            * (SPIKE / np.sqrt(counts[active.name]))
+            for active in columns.actives
+            if active.name not in known
+        }
 
     def weighed(self, columns: EffectColumns) -> Weighed:
         """Weighted products of all columns with one another and with the power."""
@@ -285,20 +268,32 @@ class MeterProblem:
 
     def normals(self, columns: EffectColumns) -> list[NormalEquations]:
         """Normal equations at each size of the discrepancy, for all delays of the power."""
-        general, absent = self.general.shape[1], columns.absent
+        general, absent = self.general.values.shape[1], columns.absent
         groups = general, columns.smooth.shape[1] - general - absent, absent
         return marginalised(self.weighed(columns), groups, (DISCREPANCY, DEPARTING))
 
 
 def apart(
-    columns: EffectColumns, used: NDArray[np.bool_], places: slice, known: Sequence[str]
+    columns: EffectColumns,
+    used: NDArray[np.bool_],
+    places: slice,
+    names: Sequence[str],
+    scales: int = 1,
 ) -> Floats:
-    """Columns less what known effects and the meter's scale can take over [N, n]."""
-    taken = columns.places_of(known)
+    """
+    Columns of an effect less what others by name and scales of sensors can take over [N, n].
+
+    scales: 1 for the meter's gain alone, 2 for the torque's scale too.
+    """
+    taken = columns.places_of(names)
     taken = taken[(taken < places.start) | (taken >= places.stop)]
-    base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, :1]], axis=1)
+    base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, :scales]], axis=1)
+    return less(columns.effects[:, places], base, used)
+
+
+def less(own: Floats, base: Floats, used: NDArray[np.bool_]) -> Floats:
+    """Columns [N, n] less their regression on others [N, m] over the used rows."""
     base = base / np.maximum(np.sqrt(np.mean(base[used] ** 2, axis=0)), 1e-12)
-    own = columns.effects[:, places]
     weights, *_ = np.linalg.lstsq(base[used], own[used], rcond=None)
     return np.asarray(own - base @ weights)
 
@@ -307,11 +302,12 @@ def _friction_at_one(
     actives: Sequence[Active],
     scaled: Floats,
     nuisances: int,
-    at_one: Mapping[int, float],
+    at_one: Mapping[int, tuple[str, float]],
     point: Point,
 ) -> Floats:
     """Weights of effects and nuisances in the friction at 1 rad/s, N·m [n + z]."""
-    weights, place, size = np.zeros(len(scaled) + nuisances), 0, 0.0
+    weights, place = np.zeros(len(scaled) + nuisances), 0
+    sizes = {'friction': 0.0, 'viscous': 0.0}
     for active in actives:
         share = 0.0
         if active.name in ('viscous_friction', 'coulomb_friction'):
@@ -319,15 +315,9 @@ def _friction_at_one(
         elif active.name == 'stribeck_friction':
             share = float(np.exp(-(active.parameters['speed'] ** -2)))
         weights[place] = share * scaled[place]
-        if active.name in point:
-            size += share * float(point[active.name][1][0])
+        if active.name in point and share:
+            sizes[KINDS[active.name]] += share * float(point[active.name][1][0])
         place += len(active.effect.terms)
-    for column, value in at_one.items():
-        weights[len(scaled) + len(SENSORS) + column] = size * value
+    for column, (kind, value) in at_one.items():
+        weights[len(scaled) + len(SENSORS) + column] = sizes[kind] * value
     return weights
-
-
-def _fourier(random: np.random.Generator, inputs: Floats, count: int, length: float) -> Floats:
-    """Random Fourier features of a smooth function of inputs [N, k] → [N, 2·count]."""
-    phase = inputs @ random.normal(0.0, 1.0 / length, (inputs.shape[1], count))
-    return np.concatenate([np.cos(phase), np.sin(phase)], axis=1) / np.sqrt(count)

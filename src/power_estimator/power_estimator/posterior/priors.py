@@ -32,7 +32,7 @@ SPIKE: Final = 0.003  # of the rms power, explained by an effect that counts as 
 DISCREPANCY: Final = np.array([2e-3, 1e-2, 3e-2, 0.1])
 DEPARTING: Final = np.array([0.02, 0.1, 0.4])
 KINDS: Final[Mapping[str, str]] = {
-    'viscous_friction': 'friction',
+    'viscous_friction': 'viscous',
     'coulomb_friction': 'friction',
     'stribeck_friction': 'friction',
     'load_friction': 'friction',
@@ -52,6 +52,7 @@ KINDS: Final[Mapping[str, str]] = {
 FORMS: Final = ('speed', 'load', 'direction', 'quadrant', 'time', 'low')
 DEPARTURES: Final[Mapping[str, tuple[float, ...]]] = {
     'friction': (0.2, 0.1, 0.1, 0.1, 0.1, 0.15),
+    'viscous': (0.2, 0.05, 0.05, 0.05, 0.1, 0.0),  # iron loss and it bend to one another
     'copper': (0.0, 0.1, 0.03, 0.03, 0.05, 0.0),  # its time: a winding that warms unseen
     'iron': (0.2, 0.1, 0.05, 0.05, 0.05, 0.0),
     'idle': (0.02, 0.02, 0.0, 0.0, 0.05, 0.0),
@@ -63,9 +64,10 @@ DEPARTURES: Final[Mapping[str, tuple[float, ...]]] = {
 """Spreads, by FORMS: exponents of speed and load, and shares of the effect's own power."""
 ALIKE: Final = 0.5  # share of a formula's error that drives of one robot have in common
 BLOCK: Final = 2.0  # s
+SEARCHED: Final = 6  # drives of a robot on which sets are searched; the others take the best
 TRIED: Final = 3  # sets of one effect more that are judged at their own point
 WORTH: Final = 0.5  # nats, of a further effect
-STEPS: Final = 6
+STEPS: Final = 9
 NAMED: Final = 0.95
 MIMICS: Final = 0.5
 """
@@ -82,3 +84,4 @@ Learned on the same plants, so that 95 % intervals hold the truth.
 """
 OFF: Final = 0.02
 """Error of a scale or gain from which it is off: beyond a good sensor's."""
+SENSORS_OFF: Final = 0.5  # share of sensors whose error is more than that of a good one

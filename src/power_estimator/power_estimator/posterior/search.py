@@ -1,13 +1,14 @@
 """Search of the sets of effects that a model may miss, and their probabilities."""
 
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
+from wattwalk_core.arrays import Floats
 
+from power_estimator.drive_types import assign, infer_types
+from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution, by_delay, solved
@@ -20,17 +21,18 @@ from power_estimator.posterior.priors import (
     MIMICS,
     MISSING,
     OF_USERS,
+    SEARCHED,
     SIZES,
     STEPS,
     TRIED,
     WORTH,
 )
 
-Floats = NDArray[np.float64]
 Chosen = tuple[int, ...]
 _ITERATIONS = 4
 _SETTLED = 1.0  # nats
 _NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
+_LIKELY = 4.0  # the same, where sets are only screened
 _SIZES = len(DISCREPANCY) * len(DEPARTING)
 _CELLS = _SIZES * len(SIZES)
 
@@ -140,14 +142,14 @@ class EffectSearch:
         alone = count == 1
         fixed = [active for active in known if active.effect.fixed is not None]
         free = [active for active in known if active.effect.fixed is None]
-        self.meters = [
-            MeterProblem(
-                prepared if alone else prepared.drive(d),
-                fixed,
-                base if base is None or alone else base.drive(d),
-            )
-            for d in range(count)
-        ]
+
+        def problem(d: int) -> MeterProblem:
+            own = prepared if alone else prepared.drive(d)
+            return MeterProblem(own, fixed, base if base is None or alone else base.drive(d))
+
+        self.problems = for_each(problem, range(count))
+        self.searched = representatives(self.problems)
+        self.meters = [self.problems[d] for d in self.searched]
         self.known = tuple(active.name for active in free)
         self.actives = (*free, *candidates)
         self.names = [active.name for active in self.actives]
@@ -155,72 +157,87 @@ class EffectSearch:
         self.base: Chosen = tuple(range(len(free)))
         self.points: list[Point] = [{} for _ in self.meters]
         self.judged: dict[Chosen, list[FittedSet]] = {}
-        self.pooled = 1.0 / (1.0 + (count - 1) * ALIKE)
-        self.screened: dict[str, tuple[float, Chosen]] = {}
-        self.needed: dict[str, float] = {}  # log odds of effects of the set, as linearised
+        self.pooled = 1.0 / (1.0 + (len(self.meters) - 1) * ALIKE)
         self.made: list[EffectColumns] = []
+        self._normals: dict[int, list[NormalEquations]] = {}
 
-    def run(self) -> tuple[Mapping[str, float], Chosen]:
-        """Log odds of each effect that the model lacks, and the best set."""
+    def run(self) -> Chosen:
+        """Return the most probable set; judge its neighbours at their own points."""
         chosen = self.base
         self._begin()
         for _ in range(STEPS):
             self._move(chosen)
-            nearest = self._nearest(chosen)
             here = self.score(chosen)
-            tried = (*nearest[:TRIED], chosen)
+            tried = (*self._promising(chosen), chosen)
             score, best = max((self.score(each), each) for each in tried)
             if score < here + WORTH:
                 break
             chosen = best
-        else:
-            self._move(chosen)
-            self._nearest(chosen)
-        return self._odds(chosen), chosen
+        pruned = self._pruned(chosen)
+        if pruned != chosen:
+            self._move(pruned)
+        for each in (*self._promising(pruned), self.base):
+            self.score(each)
+        return pruned
 
-    def tempered(self, name: str, odds: float, ratio: float) -> float:
-        """
-        Log odds of an effect of the best set beside a discrepancy.
+    def _pruned(self, chosen: Chosen) -> Chosen:
+        """Take out effects without which a set is as good, fitted without each of them."""
+        while True:
+            fewer = [tuple(i for i in chosen if i != j) for j in chosen if j not in self.base]
+            if not fewer:
+                return chosen
+            score, best = max((self.score(each), each) for each in fewer)
+            if score < self.score(chosen):
+                return chosen
+            chosen = best
 
-        ratio: of what the effect explains by itself to the discrepancy, W rms over W rms. With
-        little of it, the evidence says no more than what was known before.
-        """
-        chance = MISSING.get(name.partition('@')[0], OF_USERS)
-        before = float(np.log(chance / (1.0 - chance)))
-        return tempered(before, odds, ratio)
+    def settled(self, chosen: Chosen) -> list[Point]:
+        """Points of a set for all meters; those that were not searched are fitted now."""
+        own = [self.actives[i] for i in sorted(chosen)]
+        known = dict(zip(self.searched, self.points, strict=True))
 
-    def _odds(self, chosen: Chosen) -> Mapping[str, float]:
-        scores = {each: self.score(each) for each in self.judged}
-        with_: dict[str, list[float]] = defaultdict(list)
-        without: dict[str, list[float]] = defaultdict(list)
-        lacking = [n for n in dict.fromkeys(self.names) if n not in self.known]
-        for each, score in scores.items():
-            own = {self.names[i] for i in each}
-            for name in lacking:
-                (with_ if name in own else without)[name].append(score)
-        here = scores[chosen]
-        least = min(s - here for s in scores.values())
-        out = {}
-        for name in lacking:
-            if name in with_ and name in without:
-                out[name] = float(logsumexp(with_[name]) - logsumexp(without[name]))
-            elif name in with_:
-                out[name] = self.needed.get(name, 0.0)
-            elif name in self.screened:
-                out[name] = float(min(self.screened[name][0] - here, least, -1.0))
-            else:
-                out[name] = -20.0
-        return out
+        def point(d: int) -> Point:
+            if d in known:
+                return known[d]
+            meter = self.problems[d]
+            meter.learn_noise(meter.columns(self.actives, {}), self.known)
+            found = fit_set(meter, own, self.known, {})
+            meter.learn_noise(meter.columns(self.actives, found.point), self.known)
+            found = fit_set(meter, own, self.known, found.point)
+            meter.place = found.place
+            return found.point
+
+        return for_each(point, range(len(self.problems)))
+
+    def log_odds(self, name: str) -> float:
+        """Log odds of sets with an effect over sets without it, of those that were judged."""
+        with_: list[float] = []
+        without: list[float] = []
+        for each in self.judged:
+            (with_ if name in self.names_of(each) else without).append(self.score(each))
+        return float(logsumexp(with_) - logsumexp(without)) if with_ else -np.inf
+
+    def odds_beside(self, name: str, chosen: Chosen, screened: float) -> float:
+        """Log odds of an effect that is not in the best set; screened where none was judged."""
+        found = self.log_odds(name)
+        if np.isfinite(found):
+            return found
+        least = min(self.score(each) for each in self.judged) - self.score(chosen)
+        return min(screened, least, -1.0)
+
+    def names_of(self, chosen: Chosen) -> set[str]:
+        """Effects of a set."""
+        return {self.names[i] for i in chosen}
 
     def score(self, chosen: Chosen) -> float:
         """Log posterior of a set."""
         return self.pooled * sum(one.evidence for one in self.at(chosen)) + self._prior(chosen)
 
     def _prior(self, chosen: Chosen) -> float:
-        own = {self.names[i] for i in chosen}
+        own = self.names_of(chosen)
         total = 0.0
         for name in set(self.names) - set(self.known):
-            chance = MISSING.get(name.partition('@')[0], OF_USERS)
+            chance = prior_of(name)
             total += float(
                 np.log(chance / self.shapes[name]) if name in own else np.log(1.0 - chance)
             )
@@ -231,10 +248,10 @@ class EffectSearch:
         key = tuple(sorted(chosen))
         if key not in self.judged:
             own = [self.actives[i] for i in key]
-            self.judged[key] = [
-                fit_set(meter, own, self.known, point)
-                for meter, point in zip(self.meters, self.points, strict=True)
-            ]
+            self.judged[key] = for_each(
+                lambda m: fit_set(self.meters[m], own, self.known, self.points[m]),
+                range(len(self.meters)),
+            )
         return self.judged[key]
 
     def _move(self, chosen: Chosen) -> None:
@@ -247,72 +264,119 @@ class EffectSearch:
 
     def _begin(self) -> None:
         """Linearise all effects about the current points."""
-        self.judged, self.made = {}, []
-        for meter, point in zip(self.meters, self.points, strict=True):
-            meter.absent = {}
-            columns = meter.columns(self.actives, point)
-            meter.learn_noise(columns, self.known)
-            self.made.append(columns)
+        self.judged, self._normals = {}, {}
 
-    def _nearest(self, chosen: Chosen) -> list[Chosen]:
-        """Sets of one effect more, less, in place of another or of another shape, best first."""
-        have = {self.names[i] for i in chosen}
-        more = [
-            tuple(sorted((*chosen, i))) for i, name in enumerate(self.names) if name not in have
-        ]
+        def linearised(m: int) -> EffectColumns:
+            meter = self.meters[m]
+            meter.absent = {}
+            columns = meter.columns(self.actives, self.points[m])
+            meter.learn_noise(columns, self.known)
+            return columns
+
+        self.made = for_each(linearised, range(len(self.meters)))
+
+    def normals_of(self, m: int) -> list[NormalEquations]:
+        """Normal equations of all effects about the current point of a meter."""
+        if m not in self._normals:
+            self._normals[m] = self.meters[m].normals(self.made[m])
+        return self._normals[m]
+
+    def _promising(self, chosen: Chosen) -> list[Chosen]:
+        """Best neighbours of a set, of each kind of step one: more, fewer, another shape, swap."""
+        have = self.names_of(chosen)
+        best: dict[object, tuple[float, Chosen]] = {}
+        for each, score in self.screened(self._neighbours(chosen), chosen).items():
+            new = next((self.names[i] for i in each if i not in chosen), '')
+            grown = len(each) > len(chosen)
+            kind = (new, new in have if grown or new in have else each if not new else None)
+            best[kind] = max(best.get(kind, (-np.inf, each)), (score, each))
+        return [each for _, each in sorted(best.values(), reverse=True)[:TRIED]]
+
+    def _neighbours(self, chosen: Chosen) -> list[Chosen]:
+        """Sets of one effect more, fewer, of another shape or in place of another."""
         other = [
             tuple(sorted(i if k == j else k for k in chosen))
             for j in chosen
             for i, name in enumerate(self.names)
             if name == self.names[j] and i != j
         ]
-        less = [tuple(i for i in chosen if i != j) for j in chosen if j not in self.base]
-        swaps = [
-            tuple(sorted((*fewer, i)))
-            for fewer in less
-            for i, name in enumerate(self.names)
-            if name not in have
+        fewer = [tuple(i for i in chosen if i != j) for j in chosen if j not in self.base]
+        swaps = [each for j in chosen if j not in self.base for each in self.swaps(chosen, j)]
+        return [*self.more(chosen), *other, *fewer, *swaps]
+
+    def more(self, chosen: Chosen) -> list[Chosen]:
+        """Sets of one effect more."""
+        have = self.names_of(chosen)
+        return [
+            tuple(sorted((*chosen, i))) for i, name in enumerate(self.names) if name not in have
         ]
-        totals = dict.fromkeys((*more, *other, *less, *swaps, chosen), 0.0)
-        for meter, columns in zip(self.meters, self.made, strict=True):
-            count, normals = columns.effects.shape[1], meter.normals(columns)
+
+    def swaps(self, chosen: Chosen, place: int) -> list[Chosen]:
+        """Sets with another effect in the place of one."""
+        have = self.names_of(chosen)
+        fewer = tuple(i for i in chosen if i != place)
+        return [
+            tuple(sorted((*fewer, i))) for i, name in enumerate(self.names) if name not in have
+        ]
+
+    def screened(self, sets: Sequence[Chosen], chosen: Chosen) -> dict[Chosen, float]:
+        """Log posteriors of sets linearised about the current points, which are of chosen."""
+        every = tuple(dict.fromkeys((*sets, chosen)))
+
+        def evidences(m: int) -> Floats:
+            meter, columns = self.meters[m], self.made[m]
             slices = [columns.places(active) for active in self.actives]
-            for each in totals:
-                own = [c for i in each for c in range(slices[i].start, slices[i].stop)]
-                kept = np.array([*own, *range(count, count + columns.nuisance.shape[1])])
+            count = columns.effects.shape[1]
+            nuisances = np.arange(count, count + columns.nuisance.shape[1])
+
+            def at(each: Chosen, normal: NormalEquations) -> float:
+                own = np.concatenate([np.r_[slices[i]] for i in each] or [nuisances[:0]])
+                kept = np.concatenate([own, nuisances]).astype(np.intp)
                 spread = np.ones(len(kept))
                 spread[: len(own)] = 0.3
-                totals[each] += max(
-                    float(by_delay(normal.taken(kept, meter.place), spread)[0])
-                    for normal in normals
-                )
-        here = self.pooled * totals.pop(chosen) + self._prior(chosen)
-        best: dict[tuple[str, bool | Chosen | None], tuple[float, Chosen]] = {}
-        for each, evidence in totals.items():
-            new = next((self.names[i] for i in each if i not in chosen), '')
-            grown = len(each) > len(chosen)
-            key = (new, new in have if grown or new in have else each if not new else None)
-            score = self.pooled * evidence + self._prior(each)
-            best[key] = max(best.get(key, (-np.inf, each)), (score, each))
-        self.needed = {
-            self.names[next(i for i in chosen if i not in each)]: here - score
-            for (name, _), (score, each) in best.items()
-            if not name
+                return float(by_delay(normal.taken(kept, meter.place), spread)[0])
+
+            normals = self.normals_of(m)
+            first = [at(chosen, normal) for normal in normals]
+            likely = [n for n, e in zip(normals, first, strict=True) if e > max(first) - _LIKELY]
+            return np.array([max(at(each, normal) for normal in likely) for each in every])
+
+        totals = np.sum(for_each(evidences, range(len(self.meters))), axis=0)
+        return {
+            each: self.pooled * float(total) + self._prior(each)
+            for each, total in zip(every, totals, strict=True)
+            if each != chosen or each in sets
         }
-        at = self.score(chosen)
-        self.screened = {
-            name: (score - here + at, each)
-            for (name, old), (score, each) in best.items()
-            if old is False
-        }
-        return [each for _, each in sorted(best.values(), reverse=True)]
+
+
+def representatives(meters: Sequence[MeterProblem]) -> tuple[int, ...]:
+    """
+    Choose the meters that sets are searched on: all of a few, of many SEARCHED.
+
+    The largest power of each type of drive goes first, then the second largest, and so on.
+    """
+    if len(meters) <= SEARCHED:
+        return tuple(range(len(meters)))
+    names = [meter.signals.names[0] for meter in meters]
+    ranked = [
+        (rank, d)
+        for own in assign(names, infer_types(names)).values()
+        for rank, d in enumerate(sorted(own, key=lambda d: -meters[d].rms))
+    ]
+    return tuple(sorted(d for _, d in sorted(ranked)[:SEARCHED]))
+
+
+def prior_of(name: str) -> float:
+    """Probability that a model without an effect lacks it, before the recording."""
+    return MISSING.get(name.partition('@')[0], OF_USERS)
 
 
 def tempered(before: float, after: float, ratio: float) -> float:
     """
-    Log odds between those before and after the evidence, by a ratio to the discrepancy.
+    Log odds between those before and after the evidence.
 
-    Evidence against counts whole.
+    ratio: what an effect explains by itself over the discrepancy, W rms over W rms. With little of
+    it, the evidence says no more than what was known before. Evidence against counts whole.
     """
     counts = ratio**2 / (ratio**2 + MIMICS**2)
     return before + counts * (after - before) if after > before else after

@@ -31,7 +31,9 @@ SENSORS: Final[Mapping[str, Sensor]] = {
     'velocity_lag': Sensor('s', 0.0015),
     'torque_lag': Sensor('s', 0.0015),
     'time_offset': Sensor('s', 0.001),
+    'meter_filter': Sensor('s²', 5e-6),
 }
+SCALES: Final = ('power_gain', 'torque_scale')
 AT_MOTOR: Final = 0.2
 """Torque by a current and a constant is off by a fifth, a torque sensor by a tenth."""
 _SLIP: Final = 0.05  # of the rms torque, over which a sensor's hysteresis turns round
@@ -46,7 +48,9 @@ def spreads(signals: Signals) -> Mapping[str, float]:
     if signals.at_motor.all():
         out['torque_scale'] = AT_MOTOR
     # A rate of few samples a second moves lags by a part of its period.
-    out['velocity_lag'] = out['torque_lag'] = max(out['torque_lag'], 0.3 / signals.rate)
+    lag = max(out['torque_lag'], 0.3 / signals.rate)
+    out['velocity_lag'] = out['torque_lag'] = lag
+    out['meter_filter'] = max(out['meter_filter'], lag**2)
     return out
 
 
@@ -58,9 +62,10 @@ def sensor_columns(
 
     summed: what a meter sees of watts [T, D, …].
     """
-    minutes = (s.time - s.time.mean())[:, None] / 60.0
+    moves = float(not s.steady)  # operating points are in no order
+    minutes = moves * (s.time - s.time.mean())[:, None] / 60.0
     fast = np.sqrt(np.mean(s.torque_rate**2, axis=0)) + 1e-9
-    rate = np.gradient(power, 1.0 / s.rate, axis=0)
+    rate = moves * np.gradient(power, 1.0 / s.rate, axis=0)
     given: Mapping[str, Callable[[], Floats]] = {
         'power_gain': lambda: power,
         'torque_scale': lambda: s.torque * slope,
@@ -68,10 +73,12 @@ def sensor_columns(
         'offset_drift': lambda: s.voltage / s.voltage.shape[1] * minutes,
         'torque_bias': lambda: slope,
         'torque_hysteresis': lambda: slope * np.tanh(3.0 * s.torque_rate / fast),
-        'torque_slip': lambda: slope * slip(s.torque),
+        'torque_slip': lambda: moves * slope * slip(s.torque),
         'velocity_lag': lambda: s.torque * s.acceleration,
         'torque_lag': lambda: slope * s.torque_rate,
         'time_offset': lambda: -rate,
+        # A low-pass whose delay is out: T²/2 times the second rate.
+        'meter_filter': lambda: np.gradient(rate, 1.0 / s.rate, axis=0),
     }
     known = spreads(s)
     return np.stack(

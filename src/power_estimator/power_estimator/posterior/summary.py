@@ -4,17 +4,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
+from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.design import Active
 from power_estimator.posterior.gaussian import draws
-from power_estimator.posterior.meter import FRICTIONS, EffectColumns, MeterProblem, Point, apart
+from power_estimator.posterior.meter import (
+    FRICTIONS,
+    EffectColumns,
+    MeterProblem,
+    Point,
+    apart,
+    less,
+)
 from power_estimator.posterior.priors import MISFIT
 from power_estimator.posterior.search import cells, signs
-from power_estimator.posterior.sensors import SENSORS, spreads
+from power_estimator.posterior.sensors import SCALES, SENSORS, spreads
 
-Floats = NDArray[np.float64]
 _MOST_MISFIT = 20.0  # times; an effect that others take over has no size of its own
 _TAILS = 4.0  # degrees of freedom: a misfit is seldom normal
 _LEAST = 0.01  # of the posterior, at a size that is drawn from
@@ -30,8 +36,10 @@ class MeterSummary:
     friction_at_1: Floats | None  # N·m [s]
     explains: Mapping[str, Floats]  # W rms that known effects cannot take over [s] by effect
     sensors: Mapping[str, Floats]  # in their units [s]
-    costs: Mapping[str, float]  # W rms of each error of a sensor
+    costs: Mapping[str, float]  # W rms of each error of a sensor that no effect can take over
     discrepancy_w: float  # rms
+    left: Mapping[str, float]  # W rms of the discrepancy by cause, largest first
+    noise_w: float  # rms of what is left over the rows, without the discrepancy
 
 
 def summarised(
@@ -64,19 +72,24 @@ def summarised(
     nuisance = drawn[:, count:]
     mean = best.solution.mean
     there = columns.smooth.shape[1] - columns.absent
-    smooth = meter.weighed(columns).smooth(best.normal, mean, place)
-    discrepancy = columns.smooth[:, :there] @ smooth[:there]
+    weights_of = meter.weighed(columns).smooth(best.normal, mean, place)[:there]
     departures = slice(len(SENSORS), None)
-    discrepancy += columns.nuisance[:, departures] @ mean[count:][departures]
-    size = rms(discrepancy[meter.used])
+    parts = np.concatenate([columns.nuisance[:, departures], columns.smooth[:, :there]], axis=1)
+    parts = parts[meter.used] * np.concatenate([mean[count:][departures], weights_of])
+    size = rms(parts.sum(axis=1))
+    apart_of = less(columns.nuisance[:, : len(SENSORS)], columns.effects, meter.used)[meter.used]
+    unit_w = dict(zip(SENSORS, np.sqrt(np.mean(apart_of**2, axis=0)).tolist(), strict=True))
+    costs = {
+        name: unit_w[name] * abs(float(nuisance[:, i].mean())) for i, name in enumerate(SENSORS)
+    }
+    for i, name in enumerate(SENSORS):
+        if name in SCALES:  # what no formula explains may look like an error of a scale
+            ratio = min(size / max(unit_w[name], 1e-12), 1.0 / MISFIT)
+            nuisance[:, i] += MISFIT * ratio * random.standard_t(_TAILS, size=len(drawn))
     sensors = {name: nuisance[:, i] * units[name] for i, name in enumerate(SENSORS)}
     # A sensor that reads low makes the power high for its torque.
     sensors['torque_scale'] = 1.0 / np.maximum(1.0 + sensors['torque_scale'], 0.1) - 1.0
     sensors['time_offset'] = sensors['time_offset'] + float(meter.prepared.shifts[place])
-    costs = {
-        name: rms(columns.nuisance[meter.used, i]) * abs(float(nuisance[:, i].mean()))
-        for i, name in enumerate(SENSORS)
-    }
 
     def misfit(own_w: float) -> Floats:
         """Factors [s, 1] by which what no formula explains may move a coefficient."""
@@ -99,8 +112,19 @@ def summarised(
         explains,
         sensors,
         costs,
-        rms(discrepancy),
+        size,
+        by_cause(parts, columns.causes),
+        float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0,
     )
+
+
+def by_cause(parts: Floats, causes: Sequence[str]) -> Mapping[str, float]:
+    """W rms of parts [N, k] summed by cause, largest first."""
+    sizes = {
+        cause: rms(parts[:, [i for i, own in enumerate(causes) if own == cause]].sum(axis=1))
+        for cause in dict.fromkeys(causes)
+    }
+    return dict(sorted(sizes.items(), key=lambda item: -item[1]))
 
 
 def _explains(
