@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -14,6 +14,7 @@ from power_estimator.effects.fit.design import Active, BasePower, Structure, wei
 from power_estimator.effects.fit.design_builder import DesignBuilder
 from power_estimator.effects.fit.whole_robot import WholeBuilder
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.state import OtherDrives
 from power_estimator.posterior.discrepancy import Features, fourier, smooth_features
 from power_estimator.posterior.gaussian import NormalEquations, Weighed, marginalised
 from power_estimator.posterior.priors import (
@@ -91,6 +92,17 @@ class MeterProblem:
         self.used = prepared.measured[:, 0] & prepared.resolved[:, 0]
         shown = self.power()[self.used]
         self.rms = float(np.sqrt(np.mean(np.square(shown)))) if shown.size else 1.0
+
+    def drawn(self, point: Point) -> Floats:
+        """What the drive draws by the effects of a point, W [T, D]."""
+        structure = Structure((*self.fixed, *(active for active, _ in point.values())))
+        values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
+        return self.builder.point(structure, values[None]).signals.drawn
+
+    def share_bus(self, drawn: Floats) -> None:
+        """Take what the other drives draw, W [T, D], as their part of the bus."""
+        self.signals = replace(self.signals, others=OtherDrives.of(drawn))
+        self.prepared = self.builder.prepared = replace(self.prepared, signals=self.signals)
 
     def power(self) -> Floats:
         """Metered watts with the delay taken out [N]."""

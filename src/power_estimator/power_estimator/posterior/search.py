@@ -157,6 +157,8 @@ class EffectSearch:
         self.base: Chosen = tuple(range(len(free)))
         self.points: list[Point] = [{} for _ in self.meters]
         self.judged: dict[Chosen, list[FittedSet]] = {}
+        # Of many drives, those that are not searched are taken as they begin.
+        self.shares_bus = 1 < count == len(self.meters)
         self.pooled = 1.0 / (1.0 + (len(self.meters) - 1) * ALIKE)
         self.made: list[EffectColumns] = []
         self._normals: dict[int, list[NormalEquations]] = {}
@@ -260,6 +262,12 @@ class EffectSearch:
         self.points = [one.point for one in found]
         for meter, one in zip(self.meters, found, strict=True):
             meter.place = one.place
+        if self.shares_bus:
+            drawn = np.concatenate(
+                [m.drawn(point) for m, point in zip(self.meters, self.points, strict=True)], axis=1
+            )
+            for d, meter in enumerate(self.meters):
+                meter.share_bus(np.delete(drawn, d, axis=1))
         self._begin()
 
     def _begin(self) -> None:

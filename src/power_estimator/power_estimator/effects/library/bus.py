@@ -35,8 +35,11 @@ def _lost_share(signals: Signals, coefficients: Floats, **shape: float) -> Float
 def _shares(signals: Signals) -> tuple[Floats, Floats, Floats]:
     """What each drive returns, the sum of that, and the net power that the bus blocks, W."""
     returned = np.maximum(0.0, -signals.drawn)
-    blocked = np.maximum(0.0, -signals.drawn.sum(axis=1, keepdims=True))
-    return returned, np.maximum(returned.sum(axis=1, keepdims=True), 1e-9), blocked
+    total = returned.sum(axis=1, keepdims=True)
+    drawn = signals.drawn.sum(axis=1, keepdims=True)
+    if signals.others is not None:
+        total, drawn = total + signals.others.returned, drawn + signals.others.drawn
+    return returned, np.maximum(total, 1e-9), np.maximum(0.0, -drawn)
 
 
 def _blocked(signals: Signals, **_: float) -> Floats:

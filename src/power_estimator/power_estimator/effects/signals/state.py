@@ -65,6 +65,20 @@ class Past:
 
 
 @dataclass(frozen=True)
+class OtherDrives:
+    """What the other drives of a robot return to the bus together, and draw, W [T, 1]."""
+
+    returned: Floats
+    drawn: Floats
+
+    @classmethod
+    def of(cls, drawn: Floats) -> 'OtherDrives':
+        """Sum what drives draw, W [T, D]; negative where they return."""
+        returned = np.maximum(0.0, -drawn).sum(axis=1, keepdims=True)
+        return cls(returned, drawn.sum(axis=1, keepdims=True))
+
+
+@dataclass(frozen=True)
 class Signals:
     """
     Signals of D drives at the rate at which products are formed, [T, D] unless said otherwise.
@@ -98,13 +112,15 @@ class Signals:
     past: Past | None = None  # where these are pieces of longer recordings
     carried: Carried | None = None  # where these are one block after another
     motor_current: Floats | None = None  # A, beside the torque
+    others: OtherDrives | None = None  # on the bus beside these, which share what it takes back
     steady: bool = False  # each row is an operating point: nothing changes, and nothing was before
 
     def rows(self, rows: NDArray[np.intp], segment: NDArray[np.int32]) -> 'Signals':
         """Samples at rows, as pieces numbered anew by segment, with all before them as past."""
         past = Past(self.time, self.segment, self.recording, self.torque, rows)
         arrays = self._each_array(lambda values: values[rows])
-        return replace(self, **arrays | {'segment': segment, 'past': past})
+        others = self.others and OtherDrives(self.others.returned[rows], self.others.drawn[rows])
+        return replace(self, **arrays | {'segment': segment, 'past': past, 'others': others})
 
     def drive(self, index: int) -> 'Signals':
         """The signals of one drive, D = 1; fields that are one array stay one."""
@@ -116,11 +132,13 @@ class Signals:
             of_drive = values.ndim == 2
             return np.ascontiguousarray(values[:, index : index + 1]) if of_drive else values
 
+        rest = np.delete(self.drawn, index, axis=1)
         return replace(
             self,
             names=(self.names[index],),
             scale=self.scale.take([index]),
             past=past,
+            others=OtherDrives.of(rest) if rest.size else self.others,
             **self._each_array(column) | {'at_motor': self.at_motor[[index]]},
         )
 
