@@ -286,20 +286,12 @@ class MeterProblem:
 
 
 def apart(
-    columns: EffectColumns,
-    used: NDArray[np.bool_],
-    places: slice,
-    names: Sequence[str],
-    scales: int = 1,
+    columns: EffectColumns, used: NDArray[np.bool_], places: slice, names: Sequence[str]
 ) -> Floats:
-    """
-    Columns of an effect less what others by name and scales of sensors can take over [N, n].
-
-    scales: 1 for the meter's gain alone, 2 for the torque's scale too.
-    """
+    """Columns of an effect less what others by name and the meter's gain can take over [N, n]."""
     taken = columns.places_of(names)
     taken = taken[(taken < places.start) | (taken >= places.stop)]
-    base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, :scales]], axis=1)
+    base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, :1]], axis=1)
     return less(columns.effects[:, places], base, used)
 
 

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import logsumexp
 
-from power_estimator.posterior.meter import apart
 from power_estimator.posterior.search import Chosen, EffectSearch, prior_of, tempered
 from power_estimator.posterior.sensors import SCALES
 from power_estimator.posterior.summary import MeterSummary, rms
@@ -43,22 +42,31 @@ def odds_of_set(
             other = prior_of(new)
             prior = before - float(np.log(other / (1.0 - other)))
             (instead,) = (i for i in each if i not in fewer)
-            ratio = _apart_w(search, chosen, place, instead) / left
+            ratio = _apart_w(search, chosen, place, instead, left) / left
             against.append(tempered(prior, here - search.score(each), ratio))
         out[name] = -float(logsumexp(-np.array(against)))
     return out
 
 
-def _apart_w(search: EffectSearch, chosen: Chosen, place: int, instead: int) -> float:
-    """W rms of an effect that the rest, another in its place and scales of sensors can't show."""
+def _apart_w(search: EffectSearch, chosen: Chosen, place: int, instead: int, left: float) -> float:
+    """
+    W rms of an effect that the rest and another in its place can't show, with sensors off.
+
+    A scale that is off by its prior spread costs as much as the discrepancy, left in W rms.
+    """
     effect, other = search.actives[place], search.actives[instead]
     rest = [search.actives[i] for i in chosen if i != place]
     sizes = []
     for meter, point in zip(search.meters, search.points, strict=True):
         columns = meter.columns([*rest, effect, other], point)
-        names = [active.name for active in (*rest, other)]
         places = columns.places(effect)
-        own = apart(columns, meter.used, places, names, len(SCALES))
         values = point[effect.name][1] / columns.watts[places]
-        sizes.append(rms(own[meter.used] @ values))
+        others = np.delete(columns.effects, np.r_[places], axis=1)
+        scales = columns.nuisance[:, : len(SCALES)]
+        base = np.concatenate([others, scales], axis=1)[meter.used]
+        price = np.eye(base.shape[1])[others.shape[1] :] * left * np.sqrt(len(base))
+        target = np.concatenate([columns.effects[meter.used, places] @ values, np.zeros(len(price))])
+        both = np.concatenate([base, price])
+        weights, *_ = np.linalg.lstsq(both, target, rcond=None)
+        sizes.append(np.sqrt(np.sum(np.square(target - both @ weights)) / len(base)))
     return rms(np.array(sizes))
