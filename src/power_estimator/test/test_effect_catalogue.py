@@ -10,6 +10,7 @@ from power_estimator.effects.fit.design import Active, Structure, evaluate
 from power_estimator.effects.fit.per_recording import per_recording
 from power_estimator.effects.fit.whole_robot import drive_share, shared_by_size
 from power_estimator.effects.signals.scale import DriveScale
+from power_estimator.effects.signals.state import OtherDrives
 from wattwalk_core.errors import InputError
 
 CATALOGUE = builtin_catalogue()
@@ -113,6 +114,13 @@ def test_blocked_regeneration_never_draws_less_than_nothing():
     assert watts({'shaft': 1.0}, given) == pytest.approx(-40.0)
     assert watts({'shaft': 1.0, 'regeneration_limit': 1.0}, given) == pytest.approx(0.0)
     assert watts({'shaft': 1.0, 'regeneration_efficiency': 0.25}, given) == pytest.approx(-30.0)
+
+
+def test_a_drive_alone_loses_its_share_of_what_the_bus_blocks():
+    # −40 W here and −20 W elsewhere, of which a third drive takes 30 W: 30 of 60 W are blocked.
+    others = OtherDrives.of(np.full((400, 2), [-20.0, 30.0]))
+    given = replace(signals(-20.0, 2.0), others=others)
+    assert watts({'shaft': 1.0, 'regeneration_limit': 1.0}, given) == pytest.approx(-20.0)
 
 
 def test_line_resistance_sees_the_power_that_all_others_draw():

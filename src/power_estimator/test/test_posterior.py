@@ -1,5 +1,7 @@
 """Figures of the posterior that can be checked by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from power_estimator.posterior.gaussian import (
@@ -10,7 +12,11 @@ from power_estimator.posterior.gaussian import (
     marginalised,
     solved,
 )
+from power_estimator.posterior.priors import MIMICS, TOLD_APART
+from power_estimator.posterior.search import representatives, tempered
 from power_estimator.posterior.sensors import slip
+from power_estimator.posterior.summary import by_cause
+from scipy.special import expit
 
 COLUMN = np.array([1.0, 2.0, 2.0])
 TARGET = np.array([1.0, 1.0, 3.0])
@@ -137,6 +143,33 @@ def test_normals_without_smooth_features_are_the_plain_problem():
     assert isinstance(normal, NormalEquations)
     assert normal.gram == pytest.approx(np.array([[9.0]]))
     assert normal.constants == pytest.approx([-5.5])  # −½·y·y
+
+
+def test_evidence_counts_half_where_an_effect_explains_half_of_the_discrepancy():
+    certain = np.log(0.95 / 0.05) + 2 * np.log(MIMICS / TOLD_APART)  # however much evidence
+    assert tempered(-1.0, 9.0, MIMICS) == pytest.approx(-np.logaddexp(-4.0, -certain))
+    assert tempered(-1.0, 9.0, 100.0) == pytest.approx(9.0, abs=1e-2)
+    assert expit(tempered(-1.0, 1e4, TOLD_APART)) == pytest.approx(0.95)
+    assert tempered(3.0, 9.0, 1e-3) == pytest.approx(3.0, abs=1e-3)  # what was known stays
+    assert tempered(-1.0, -9.0, 0.0) == -9.0  # evidence against counts whole
+
+
+def test_a_robots_sets_are_searched_on_the_strongest_drives_of_each_type():
+    types, legs = ('HAA', 'HFE', 'KFE'), ('LF', 'RF', 'LH', 'RH')
+    meters = [
+        SimpleNamespace(signals=SimpleNamespace(names=(f'{leg}_{type_}',)), rms=watts)
+        for watts, leg in enumerate(legs)
+        for type_ in types
+    ]
+    assert representatives(meters) == (6, 7, 8, 9, 10, 11)  # both hind legs
+    assert representatives(meters[:5]) == (0, 1, 2, 3, 4)
+
+
+def test_the_discrepancy_by_cause_adds_up_the_features_of_each():
+    parts = np.array([[1.0, 2.0, 0.5], [-1.0, -2.0, 0.5]])
+    found = by_cause(parts, ('time', 'torque', 'torque'))
+    assert found == {'torque': pytest.approx(np.sqrt((2.5**2 + 1.5**2) / 2)), 'time': 1.0}
+    assert next(iter(found)) == 'torque'  # largest first
 
 
 def test_slip_follows_the_torque_between_its_ends():

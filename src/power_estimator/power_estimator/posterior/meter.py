@@ -220,9 +220,9 @@ class MeterProblem:
                 if spread:
                     if kind in ('friction', 'viscous'):
                         at_one[len(columns)] = kind, spread * one[form]
-                    columns.append(spread * self.summed((watts * c[form])[..., None])[:, 0])
+                    columns.append(spread * watts * c[form])
                     causes.append(f'departures of {kind}')
-        return np.stack(columns, axis=1), causes, at_one
+        return self.summed(np.stack(columns, axis=-1)), causes, at_one
 
     def learn_noise(self, columns: EffectColumns, known: Sequence[str]) -> None:
         """Noise, weights and tempering by a fit of all effects; what absent ones may explain."""

@@ -76,6 +76,12 @@ Share of the discrepancy's power that an effect has to explain by itself for hal
 What no formula explains can be mistaken for an effect that explains less. On plants of families
 rigid to gimbal (docs/results/reliability.md), false names explained up to 0.24 of it.
 """
+TOLD_APART: Final = 0.25
+"""
+Least share of the discrepancy, W rms over W rms, that an effect has to explain to be named.
+
+The largest that a false name explained on the plants named above.
+"""
 MISFIT: Final = 0.12
 """
 Relative error of a coefficient whose effect's own power is that of the discrepancy.

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logit, logsumexp
 from wattwalk_core.arrays import Floats
 
 from power_estimator.drive_types import assign, infer_types
@@ -20,10 +20,12 @@ from power_estimator.posterior.priors import (
     KNOWN_SIZE,
     MIMICS,
     MISSING,
+    NAMED,
     OF_USERS,
     SEARCHED,
     SIZES,
     STEPS,
+    TOLD_APART,
     TRIED,
     WORTH,
 )
@@ -175,6 +177,8 @@ class EffectSearch:
             if score < here + WORTH:
                 break
             chosen = best
+        else:
+            self._move(chosen)
         pruned = self._pruned(chosen)
         if pruned != chosen:
             self._move(pruned)
@@ -384,7 +388,13 @@ def tempered(before: float, after: float, ratio: float) -> float:
     Log odds between those before and after the evidence.
 
     ratio: what an effect explains by itself over the discrepancy, W rms over W rms. With little of
-    it, the evidence says no more than what was known before. Evidence against counts whole.
+    it, the evidence says no more than what was known before; and however long a recording is,
+    what no formula explains may look like an effect of a small ratio. Evidence against counts
+    whole.
     """
+    if after <= before:
+        return after
     counts = ratio**2 / (ratio**2 + MIMICS**2)
-    return before + counts * (after - before) if after > before else after
+    found = before + counts * (after - before)
+    most = logit(NAMED) + 2.0 * np.log(max(ratio, 1e-9) / TOLD_APART)
+    return max(before, -float(np.logaddexp(-found, -most)))

@@ -81,9 +81,8 @@ def sensor_columns(
         'meter_filter': lambda: np.gradient(rate, 1.0 / s.rate, axis=0),
     }
     known = spreads(s)
-    return np.stack(
-        [known[name] * summed(given[name]()[..., None])[:, 0] for name in SENSORS], axis=1
-    )
+    columns = [np.broadcast_to(known[name] * given[name](), s.torque.shape) for name in SENSORS]
+    return summed(np.stack(columns, axis=-1))
 
 
 def slip(torque: Floats) -> Floats:
