@@ -50,6 +50,14 @@ class JudgedEffects:
         """Probability that each effect is missing."""
         return {one.active.name: one.probability for one in self.candidates}
 
+    def explains(self, name: str) -> Floats:
+        """W rms of an effect at 2.5, 50 and 97.5 % [3]."""
+        return next((o.explains for o in self.candidates if o.active.name == name), np.zeros(3))
+
+    def share(self, name: str) -> float:
+        """Share of what the model misses that an effect explains."""
+        return next((one.share for one in self.candidates if one.active.name == name), 0.0)
+
     @property
     def named(self) -> tuple[Active, ...]:
         """Effects that are missing with certainty."""

@@ -129,6 +129,19 @@ def known_all(actives: Sequence[Active], known: Sequence[str]) -> bool:
     return all(active.name in known for active in actives)
 
 
+def settle(
+    meter: MeterProblem, actives: Sequence[Active], all_: Sequence[Active], known: Sequence[str]
+) -> Point:
+    """Return the point of a set on a meter; all_: effects beside which its noise is learned."""
+    point: Point = {}
+    for _ in range(2):
+        meter.absent = {}
+        meter.learn_noise(meter.columns(all_, point), known)
+        found = fit_set(meter, actives, known, point)
+        point, meter.place = found.point, found.place
+    return point
+
+
 class EffectSearch:
     """Sets of effects of one robot, from the model's own on, one effect more at a time."""
 
@@ -205,13 +218,7 @@ class EffectSearch:
         def point(d: int) -> Point:
             if d in known:
                 return known[d]
-            meter = self.problems[d]
-            meter.learn_noise(meter.columns(self.actives, {}), self.known)
-            found = fit_set(meter, own, self.known, {})
-            meter.learn_noise(meter.columns(self.actives, found.point), self.known)
-            found = fit_set(meter, own, self.known, found.point)
-            meter.place = found.place
-            return found.point
+            return settle(self.problems[d], own, self.actives, self.known)
 
         return for_each(point, range(len(self.problems)))
 

@@ -65,7 +65,8 @@ def _apart_w(search: EffectSearch, chosen: Chosen, place: int, instead: int, lef
         scales = columns.nuisance[:, : len(SCALES)]
         base = np.concatenate([others, scales], axis=1)[meter.used]
         price = np.eye(base.shape[1])[others.shape[1] :] * left * np.sqrt(len(base))
-        target = np.concatenate([columns.effects[meter.used, places] @ values, np.zeros(len(price))])
+        own = columns.effects[meter.used, places] @ values
+        target = np.concatenate([own, np.zeros(len(price))])
         both = np.concatenate([base, price])
         weights, *_ = np.linalg.lstsq(both, target, rcond=None)
         sizes.append(np.sqrt(np.sum(np.square(target - both @ weights)) / len(base)))

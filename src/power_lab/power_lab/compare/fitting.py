@@ -9,6 +9,8 @@ from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.training import fit_model
 from power_estimator.judge.judge import Judge
 from power_estimator.loader import on_base
+from power_estimator.posterior.intervals import with_intervals
+from power_estimator.posterior.priors import MOST_SECONDS
 from wattwalk_core.errors import InputError
 
 
@@ -25,9 +27,10 @@ def fitted(
     """A model of effects with its held-out error as the beginning of its history."""
     under = judge.base(base)
     names = {active.name for active in effects}
+    material = judge.material(under, per)
     model, _ = fit_model(
         name,
-        judge.material(under, per),
+        material,
         effects,
         judge.catalogue,
         base=base,
@@ -35,6 +38,8 @@ def fitted(
         seed=seed,
         prior={name: own for name, own in (prior or {}).items() if name in names},
     )
+    judged_on = material.at_most(MOST_SECONDS)
+    model = with_intervals(model, judged_on.prepared, judged_on.base_power)
     model = on_base(model, under)
     judged = judge.score(model)
     entry = {

@@ -1,0 +1,83 @@
+"""Intervals of a model's coefficients by the posterior of its effects."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from wattwalk_core.arrays import Floats
+
+from power_estimator.drive_types import assign
+from power_estimator.effects.fit.blocks import for_each
+from power_estimator.effects.fit.design import Active, BasePower
+from power_estimator.effects.fit.whole_robot import expanded, share_of
+from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.posterior.meter import MeterProblem
+from power_estimator.posterior.rates import with_quiet_rates
+from power_estimator.posterior.search import settle
+from power_estimator.posterior.summary import MeterSummary, summarised
+
+_LEVELS = (0.025, 0.975)
+
+
+def posteriors(
+    model: EffectModel, prepared: Prepared, base: BasePower | None = None
+) -> list[MeterSummary]:
+    """Draw the coefficients of a model's effects for each meter."""
+    prepared = replace(prepared, signals=with_quiet_rates(prepared.signals))
+    actives: Sequence[Active] = model.structure.actives
+    if prepared.whole:
+        actives = expanded(actives, prepared.signals)
+    fixed = [active for active in actives if active.effect.fixed is not None]
+    free = [active for active in actives if active.effect.fixed is None]
+    known = [active.name for active in free]
+    alone = len(prepared.names) == 1
+
+    def summary(d: int) -> MeterSummary:
+        own = prepared if alone else prepared.drive(d)
+        meter = MeterProblem(own, fixed, base if base is None or alone else base.drive(d))
+        return summarised(meter, free, known, settle(meter, free, free, known))
+
+    return for_each(summary, range(len(prepared.names)))
+
+
+def with_intervals(
+    model: EffectModel, prepared: Prepared, base: BasePower | None = None
+) -> EffectModel:
+    """
+    The model with intervals that allow for sensors, delay and what no formula explains.
+
+    Drives that share coefficients have their mean interval; the fitted value lies within. The
+    intervals of measurement terms stay as they are.
+    """
+    summaries = posteriors(model, prepared, base)
+    drives = prepared.signals.names
+    effects = {active.name: active.effect for active in model.structure.actives}
+
+    def interval(name: str, own: Sequence[int]) -> Floats:
+        ends = []
+        for d in own:
+            found = summaries[0 if prepared.whole else d].coefficients
+            drawn = found.get(f'{name}@{drives[d]}', found.get(name))
+            assert drawn is not None
+            share = share_of(effects[name], prepared, d)
+            ends.append(np.quantile(drawn * share, _LEVELS, axis=0))
+        return np.mean(ends, axis=0)  # [2, n]
+
+    def widened(group: DriveGroup) -> DriveGroup:
+        own = assign(drives, [group.type])[group.type.name]
+        coefficients = {
+            name: tuple(
+                _around(value, *ends) for value, ends in zip(values, ends_of.T, strict=True)
+            )
+            for name, values in group.coefficients.items()
+            for ends_of in [interval(name, own)]
+        }
+        return replace(group, coefficients=coefficients)
+
+    return replace(model, groups=tuple(widened(group) for group in model.groups))
+
+
+def _around(value: FittedValue, low: float, high: float) -> FittedValue:
+    ends = min(float(low), value.value), max(float(high), value.value)
+    return replace(value, interval=ends)
