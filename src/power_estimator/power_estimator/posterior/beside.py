@@ -19,7 +19,7 @@ class Beside:
     """An effect beside the most probable set, linearised about it."""
 
     place: int  # of its best shape among the effects of the search
-    explains: Floats  # W rms [3] at 2.5, 50 and 97.5 %
+    explains: Floats  # W rms [M, 3] at 2.5, 50 and 97.5 %
     gain: float  # nats over the set without it
 
 
@@ -34,8 +34,7 @@ def all_beside(search: EffectSearch, chosen: Chosen) -> Mapping[str, Beside]:
     out = {}
     for name, (score, new) in best.items():
         levels = [_explained(search, m, chosen, new) for m in range(len(search.meters))]
-        explains = np.sqrt(np.mean(np.square(levels), axis=0))
-        out[name] = Beside(new, explains, score - here)
+        out[name] = Beside(new, np.array(levels), score - here)
     return out
 
 

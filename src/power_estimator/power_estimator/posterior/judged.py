@@ -16,12 +16,13 @@ from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.beside import all_beside
 from power_estimator.posterior.priors import NAMED, OFF, SENSORS_OFF
 from power_estimator.posterior.rates import with_quiet_rates
-from power_estimator.posterior.search import Chosen, EffectSearch, prior_of, tempered
+from power_estimator.posterior.search import Chosen, EffectSearch, prior_odds, tempered
 from power_estimator.posterior.sensors import SCALES, spreads
-from power_estimator.posterior.stand_ins import odds_of_set
+from power_estimator.posterior.stand_ins import InSet, judged_set, ratio_of
 from power_estimator.posterior.summary import MeterSummary, rms, summarised
 
 _RESOLVED: Final = 0.002  # of some hundred draws
+_WEIGHS: Final = 0.1  # probability of another set from which it is fitted for its scales
 
 
 @dataclass(frozen=True)
@@ -96,42 +97,55 @@ def judged_effects(
         range(len(points)),
     )
     left = rms(np.array([one.discrepancy_w for one in meters]))
-    candidates = _candidates(search, chosen, meters, left)
-    usual = spreads(signals)
-    scales = {name: max(_scale(name, one, usual) for one in meters) for name in SCALES}
+    searched = [meters[d] for d in search.searched]
+    in_set = judged_set(search, chosen, searched)
+    candidates = _candidates(search, chosen, meters, in_set, left)
     added = tuple(search.actives[i] for i in sorted(chosen) if i not in search.base)
     any_missing = _any_missing(search, candidates, added, left)
+    scales = _scales(search, meters, in_set)
     return JudgedEffects(candidates, any_missing, scales, added, tuple(meters), left)
 
 
 def _candidates(
-    search: EffectSearch, chosen: Chosen, meters: Sequence[MeterSummary], left: float
+    search: EffectSearch,
+    chosen: Chosen,
+    meters: Sequence[MeterSummary],
+    in_set: Sequence[InSet],
+    left: float,
 ) -> tuple[JudgedEffect, ...]:
-    own = [one for d, one in enumerate(meters) if d in search.searched]
-    odds = odds_of_set(search, chosen, own)
-    watts = {}
-    for place in chosen:
-        if place not in search.base:
-            name = search.names[place]
-            levels = [np.quantile(one.explains[name], [0.025, 0.5, 0.975]) for one in meters]
-            watts[name] = place, np.sqrt(np.mean(np.square(levels), axis=0)), odds[name]
-    misses = sum(explains[1] ** 2 for _, explains, _ in watts.values()) + left**2
-    for name, one in all_beside(search, chosen).items():
-        chance = prior_of(name)
-        before = float(np.log(chance / (1.0 - chance)))
-        log = search.odds_beside(name, chosen, one.gain)
-        log = tempered(before, log, one.explains[1] / max(left, 1e-12))
-        watts[name] = one.place, one.explains, log
+    """Effects of the set, and all others beside it or in the place of one of them."""
+    found: list[tuple[int, Floats, float]] = []
+    instead: dict[str, float] = {}
+    for one in in_set:
+        name = search.names[one.place]
+        levels = [np.quantile(own.explains[name], [0.025, 0.5, 0.975]) for own in meters]
+        found.append((one.place, _rms_levels(levels), float(expit(one.log_odds))))
+        for other in one.others:
+            if other.instead is not None:
+                own = search.names[other.instead]
+                instead[own] = max(instead.get(own, 0.0), one.probability(other))
+    misses = sum(explains[1] ** 2 for _, explains, _ in found) + left**2
+    sizes = np.array([max(meters[d].discrepancy_w, 1e-12) for d in search.searched])
+    for name, beside in all_beside(search, chosen).items():
+        ratio = ratio_of(beside.explains[:, 1], sizes)
+        log = tempered(prior_odds(name), search.odds_beside(name, chosen, beside.gain), ratio)
+        probability = max(float(expit(log)), instead.get(name, 0.0))
+        found.append((beside.place, _rms_levels(beside.explains), probability))
     out = [
         JudgedEffect(
             search.actives[place],
-            float(expit(log)),
+            probability,
             explains,
             float(explains[1] ** 2 / max(misses, 1e-12)),
         )
-        for place, explains, log in watts.values()
+        for place, explains, probability in found
     ]
     return tuple(sorted(out, key=lambda one: (-one.probability, -one.explains[1])))
+
+
+def _rms_levels(levels: Sequence[Floats] | Floats) -> Floats:
+    """W rms over meters [3] of levels [M, 3]."""
+    return np.sqrt(np.mean(np.square(levels), axis=0))
 
 
 def _any_missing(
@@ -151,6 +165,30 @@ def _any_missing(
     ratio = float(np.hypot.reduce(watts)) / max(left, 1e-12)
     odds = tempered(0.0, float(logsumexp(list(scores.values()))) - none, ratio)
     return max(most, float(expit(odds)))
+
+
+def _scales(
+    search: EffectSearch, meters: Sequence[MeterSummary], in_set: Sequence[InSet]
+) -> Mapping[str, float]:
+    """Probability that each scale is off, over the best set and those that may be in its place."""
+    weights, found = [1.0], [_scales_of(search, meters)]
+    for one in in_set:
+        for other in one.others:
+            weight = one.probability(other)
+            if weight >= _WEIGHS:
+                own = [search.actives[i] for i in other.chosen]
+                fitted = zip(search.meters, search.at(other.chosen), strict=True)
+                summaries = [summarised(m, own, search.known, f.point) for m, f in fitted]
+                weights.append(weight / (1.0 - weight))
+                found.append(_scales_of(search, summaries))
+    return {
+        name: float(np.average([own[name] for own in found], weights=weights)) for name in SCALES
+    }
+
+
+def _scales_of(search: EffectSearch, meters: Sequence[MeterSummary]) -> Mapping[str, float]:
+    usual = spreads(search.problems[0].signals)
+    return {name: max(_scale(name, one, usual) for one in meters) for name in SCALES}
 
 
 def _scale(name: str, one: MeterSummary, usual: Mapping[str, float]) -> float:

@@ -390,6 +390,11 @@ def prior_of(name: str) -> float:
     return MISSING.get(name.partition('@')[0], OF_USERS)
 
 
+def prior_odds(name: str) -> float:
+    """Log odds that a model without an effect lacks it, before the recording."""
+    return float(logit(prior_of(name)))
+
+
 def tempered(before: float, after: float, ratio: float) -> float:
     """
     Log odds between those before and after the evidence.

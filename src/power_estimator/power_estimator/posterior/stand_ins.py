@@ -1,73 +1,125 @@
 """Effects of the most probable set against others in their place."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
+from wattwalk_core.arrays import Floats
 
-from power_estimator.posterior.search import Chosen, EffectSearch, prior_of, tempered
+from power_estimator.posterior.priors import MIMICS
+from power_estimator.posterior.search import Chosen, EffectSearch, prior_odds, tempered
 from power_estimator.posterior.sensors import SCALES
 from power_estimator.posterior.summary import MeterSummary, rms
 
 _STAND_INS = 3  # effects that are fitted in the place of one, the most probable as linearised
+_HARDLY_EVER = 3.0  # prior spreads
+_MOST_RATIO = 4.0  # of one meter, at which evidence counts whole
 
 
-def odds_of_set(
-    search: EffectSearch, chosen: Chosen, summaries: list[MeterSummary]
-) -> Mapping[str, float]:
+@dataclass(frozen=True)
+class Against:
+    """An effect of the most probable set against none, or against another in its place."""
+
+    chosen: Chosen  # the other set
+    instead: int | None  # the other effect
+    before: float  # log odds that were known
+    after: float  # log odds by the evidence
+    ratio: float  # what the effect explains that the other can't, over the discrepancy
+
+    @property
+    def log_odds(self) -> float:
+        """Log odds of the effect."""
+        return tempered(self.before, self.after, self.ratio)
+
+
+@dataclass(frozen=True)
+class InSet:
+    """An effect of the most probable set with all that may stand in its place."""
+
+    place: int
+    others: tuple[Against, ...]
+
+    @property
+    def log_odds(self) -> float:
+        """Log odds that it is missing."""
+        return -float(logsumexp([-one.log_odds for one in self.others]))
+
+    def probability(self, other: Against) -> float:
+        """Probability of the other in its place."""
+        total = float(logsumexp([0.0, *(-one.log_odds for one in self.others)]))
+        return float(np.exp(-other.log_odds - total))
+
+
+def judged_set(
+    search: EffectSearch, chosen: Chosen, summaries: Sequence[MeterSummary]
+) -> list[InSet]:
     """
-    Log odds of each new effect of the set: against none, and against others in its place.
+    Judge each new effect of a set against none, and against others in its place.
 
-    Evidence counts by what the effect explains that the other model can't: viscous friction
-    is an iron loss beside a torque that reads low.
+    Evidence counts by what the effect explains that the other model can't: viscous friction is an
+    iron loss beside a torque that reads low.
     """
-    left = max(rms(np.array([one.discrepancy_w for one in summaries])), 1e-12)
-    here = search.score(chosen)
-    out = {}
+    left = np.array([max(one.discrepancy_w, 1e-12) for one in summaries])
+    here, out = search.score(chosen), []
     for place in chosen:
         if place in search.base:
             continue
         name = search.names[place]
         fewer = tuple(i for i in chosen if i != place)
-        own = rms(np.array([float(np.median(one.explains[name])) for one in summaries]))
-        chance = prior_of(name)
-        before = float(np.log(chance / (1.0 - chance)))
-        against = [tempered(before, here - search.score(fewer), own / left)]
+        own = np.array([float(np.median(one.explains[name])) for one in summaries])
+        before = prior_odds(name)
+        none = Against(fewer, None, before, here - search.score(fewer), ratio_of(own, left))
         screened = search.screened(search.swaps(chosen, place), chosen)
-        best: dict[str, tuple[float, Chosen]] = {}
+        best: dict[str, tuple[float, int, Chosen]] = {}
         for each, score in screened.items():
-            (new,) = search.names_of(each) - search.names_of(fewer)
-            best[new] = max(best.get(new, (-np.inf, each)), (score, each))
-        for new, (_, each) in sorted(best.items(), key=lambda item: -item[1][0])[:_STAND_INS]:
-            other = prior_of(new)
-            prior = before - float(np.log(other / (1.0 - other)))
-            (instead,) = (i for i in each if i not in fewer)
-            ratio = _apart_w(search, chosen, place, instead, left) / left
-            against.append(tempered(prior, here - search.score(each), ratio))
-        out[name] = -float(logsumexp(-np.array(against)))
+            (new,) = (i for i in each if i not in fewer)
+            last = best.get(search.names[new])
+            if last is None or score > last[0]:
+                best[search.names[new]] = score, new, each
+        others = [
+            Against(
+                each,
+                new,
+                before - prior_odds(search.names[new]),
+                here - search.score(each),
+                ratio_of(_apart_w(search, chosen, place, new, left), left),
+            )
+            for _, new, each in sorted(best.values(), reverse=True)[:_STAND_INS]
+        ]
+        out.append(InSet(place, (none, *others)))
     return out
 
 
-def _apart_w(search: EffectSearch, chosen: Chosen, place: int, instead: int, left: float) -> float:
-    """
-    W rms of an effect that the rest and another in its place can't show, with sensors off.
+def ratio_of(own: Floats, left: Floats) -> float:
+    """What an effect explains over the discrepancy, both W rms by meter [M]: rms over meters."""
+    return rms(np.minimum(own / left, _MOST_RATIO))
 
-    A scale that is off by its prior spread costs as much as the discrepancy, left in W rms.
+
+def _apart_w(
+    search: EffectSearch, chosen: Chosen, place: int, instead: int, left: Floats
+) -> Floats:
+    """
+    W rms of an effect that the rest and another in its place can't show, by meter [M].
+
+    Scales of sensors that are off by three spreads, which is hardly ever, cost as much as a ratio
+    to the discrepancy (left in W rms) at which evidence counts half.
     """
     effect, other = search.actives[place], search.actives[instead]
     rest = [search.actives[i] for i in chosen if i != place]
     sizes = []
-    for meter, point in zip(search.meters, search.points, strict=True):
+    for meter, point, size in zip(search.meters, search.points, left, strict=True):
         columns = meter.columns([*rest, effect, other], point)
         places = columns.places(effect)
         values = point[effect.name][1] / columns.watts[places]
         others = np.delete(columns.effects, np.r_[places], axis=1)
         scales = columns.nuisance[:, : len(SCALES)]
         base = np.concatenate([others, scales], axis=1)[meter.used]
-        price = np.eye(base.shape[1])[others.shape[1] :] * left * np.sqrt(len(base))
+        price = np.eye(base.shape[1])[others.shape[1] :]
+        price *= MIMICS * size / _HARDLY_EVER * np.sqrt(len(base))
         own = columns.effects[meter.used, places] @ values
         target = np.concatenate([own, np.zeros(len(price))])
         both = np.concatenate([base, price])
         weights, *_ = np.linalg.lstsq(both, target, rcond=None)
         sizes.append(np.sqrt(np.sum(np.square(target - both @ weights)) / len(base)))
-    return rms(np.array(sizes))
+    return np.array(sizes)
