@@ -12,8 +12,9 @@ from power_estimator.posterior.gaussian import (
     marginalised,
     solved,
 )
+from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import MIMICS, TOLD_APART
-from power_estimator.posterior.search import representatives, tempered
+from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
 from power_estimator.posterior.summary import by_cause
 from scipy.special import expit

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from wattwalk_core.arrays import Floats
 
-from power_estimator.posterior.gaussian import by_delay, solved
+from power_estimator.posterior.fitted_set import signs
 from power_estimator.posterior.meter import apart
-from power_estimator.posterior.priors import KNOWN_SIZE
-from power_estimator.posterior.search import Chosen, EffectSearch, signs
+from power_estimator.posterior.search import Chosen, EffectSearch
 
 _DRAWS = 200
 
@@ -42,22 +41,16 @@ def _explained(search: EffectSearch, m: int, chosen: Chosen, new: int) -> Floats
     """W rms [3] of an effect beside a set, linearised, at the most probable discrepancy."""
     meter, columns = search.meters[m], search.made[m]
     actives = [search.actives[i] for i in (*chosen, new)]
-    places = [columns.places(active) for active in actives]
-    own = np.concatenate([np.r_[place] for place in places])
-    count = columns.effects.shape[1]
-    kept = np.concatenate([own, np.arange(count, count + columns.nuisance.shape[1])])
-    flat = [active.name in search.known for active in actives for _ in active.effect.terms]
-    spread = np.ones(len(kept))
-    spread[: len(own)] = np.where(flat, KNOWN_SIZE, 0.3)
-    taken = [normal.taken(kept, meter.place) for normal in search.normals_of(m)]
-    best = max(taken, key=lambda normal: float(by_delay(normal, spread)[0]))
-    found = solved(best, 0, spread, signs(actives))
-    terms = slice(len(own) - (places[-1].stop - places[-1].start), len(own))
+    found = search.linearised(m, actives)
+    count = sum(len(active.effect.terms) for active in actives)
+    terms = slice(count - len(actives[-1].effect.terms), count)
     mean, covariance = found.mean[terms], found.covariance[terms, terms]
     drawn = np.random.default_rng(0).multivariate_normal(mean, covariance, _DRAWS)
     signed = signs(actives[-1:])
     drawn = np.where(signed, np.maximum(drawn, 0.0), drawn)
-    alone = apart(columns, meter.used, places[-1], [*search.names_of(chosen)])[meter.used]
+    alone = apart(columns, meter.used, columns.places(actives[-1]), [*search.names_of(chosen)])[
+        meter.used
+    ]
     gram = alone.T @ alone / len(alone)
     watts = np.sqrt(np.maximum(np.einsum('si,ij,sj->s', drawn, gram, drawn), 0.0))
     return np.asarray(np.quantile(watts, [0.025, 0.5, 0.975]))

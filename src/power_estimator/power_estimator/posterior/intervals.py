@@ -12,9 +12,9 @@ from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import expanded, share_of
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.posterior.fitted_set import settle
 from power_estimator.posterior.meter import MeterProblem
 from power_estimator.posterior.rates import with_quiet_rates
-from power_estimator.posterior.search import settle
 from power_estimator.posterior.summary import MeterSummary, summarised
 
 _LEVELS = (0.025, 0.975)

@@ -14,9 +14,10 @@ from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import shared_by_size
 from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.posterior.beside import all_beside
+from power_estimator.posterior.odds import prior_odds, tempered
 from power_estimator.posterior.priors import NAMED, OFF, SENSORS_OFF
 from power_estimator.posterior.rates import with_quiet_rates
-from power_estimator.posterior.search import Chosen, EffectSearch, prior_odds, tempered
+from power_estimator.posterior.search import Chosen, EffectSearch
 from power_estimator.posterior.sensors import SCALES, spreads
 from power_estimator.posterior.stand_ins import InSet, judged_set, ratio_of
 from power_estimator.posterior.summary import MeterSummary, rms, summarised

@@ -1,145 +1,30 @@
 """Search of the sets of effects that a model may miss, and their probabilities."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logit, logsumexp
+from scipy.special import logsumexp
 from wattwalk_core.arrays import Floats
 
 from power_estimator.drive_types import assign, infer_types
 from power_estimator.effects.fit.blocks import for_each
 from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.signals.prepared import Prepared
-from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution, by_delay, solved
+from power_estimator.posterior.fitted_set import LINEAR_SIZE, FittedSet, fit_set, settle, signs
+from power_estimator.posterior.gaussian import NormalEquations, Solution, by_delay, solved
 from power_estimator.posterior.meter import EffectColumns, MeterProblem, Point
+from power_estimator.posterior.odds import prior_of
 from power_estimator.posterior.priors import (
     ALIKE,
-    DEPARTING,
-    DISCREPANCY,
     KNOWN_SIZE,
-    MIMICS,
-    MISSING,
-    NAMED,
-    OF_USERS,
     SEARCHED,
-    SIZES,
     STEPS,
-    TOLD_APART,
     TRIED,
     WORTH,
 )
 
 Chosen = tuple[int, ...]
-_ITERATIONS = 4
-_SETTLED = 1.0  # nats
-_NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
 _LIKELY = 4.0  # the same, where sets are only screened
-_SIZES = len(DISCREPANCY) * len(DEPARTING)
-_CELLS = _SIZES * len(SIZES)
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A set at one size of the discrepancy and of new effects."""
-
-    normal: NormalEquations
-    sizes: Floats  # [n + z]
-    solution: Solution
-
-
-@dataclass(frozen=True)
-class FittedSet:
-    """A set of effects on one meter, at the set's own point."""
-
-    evidence: float  # nats
-    point: Point
-    place: int  # of the delay among the shifts
-
-
-def signs(actives: Sequence[Active]) -> Bools:
-    """Mark coefficients that may not be negative [n]."""
-    return np.array([term.lower >= 0 for a in actives for term in a.effect.terms], dtype=bool)
-
-
-def cells(
-    meter: MeterProblem, columns: EffectColumns, known: Sequence[str]
-) -> tuple[list[Cell], int]:
-    """Solve a linearised set at all sizes, at the best delay."""
-    actives = columns.actives
-    signed = signs(actives)
-    flat = np.array([a.name in known for a in actives for _ in a.effect.terms], dtype=bool)
-    ones = np.ones(columns.nuisance.shape[1])
-    normals = meter.normals(columns)
-    middle = np.concatenate([np.where(flat, KNOWN_SIZE, 0.3), ones])
-    logs = np.array([by_delay(normal, middle) for normal in normals])
-    place = int(np.argmax(logs.max(axis=0)))
-    out = []
-    for normal, log in zip(normals, logs[:, place], strict=True):
-        if log < logs[:, place].max() - _NEGLIGIBLE:
-            continue
-        for size in SIZES if not flat.all() else SIZES[:1]:
-            spread = np.concatenate([np.where(flat, KNOWN_SIZE, size), ones])
-            out.append(Cell(normal, spread, solved(normal, place, spread, signed)))
-    return out, place
-
-
-def fit_set(
-    meter: MeterProblem, actives: Sequence[Active], known: Sequence[str], start: Point
-) -> FittedSet:
-    """
-    Fit a set of effects, each time linearised about the last, until its evidence stands still.
-
-    A step after which there is less evidence than before is halved.
-    """
-    signed = signs(actives)
-    point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
-    before, values = np.zeros(len(signed)), np.zeros(len(signed))
-    found: FittedSet | None = None
-    for _ in range(_ITERATIONS):
-        columns = meter.columns(actives, point)
-        solutions, place = cells(meter, columns, known)
-        logs = np.array([cell.solution.evidence for cell in solutions])
-        evidence = float(
-            logsumexp(logs) - np.log(_CELLS if not known_all(actives, known) else _SIZES)
-        )
-        if found is not None and evidence < found.evidence:
-            values = 0.5 * (before + values)
-            point = {active.name: (active, values[columns.places(active)]) for active in actives}
-            continue
-        settled = found is not None and evidence < found.evidence + _SETTLED
-        if len(point) == len(actives):  # before that, departures of some are not there yet
-            found = FittedSet(evidence, point, place)
-        if settled:
-            break
-        best = solutions[int(np.argmax(logs))].solution
-        before = np.zeros(len(signed))
-        for active in actives:
-            if active.name in point:
-                before[columns.places(active)] = point[active.name][1]
-        values = best.mean[: len(signed)] * columns.watts
-        values = np.where(signed, np.maximum(values, 0.0), values)
-        point = {active.name: (active, values[columns.places(active)]) for active in actives}
-    assert found is not None
-    return found
-
-
-def known_all(actives: Sequence[Active], known: Sequence[str]) -> bool:
-    """Return whether a set has no new effect, so that there is one size of such."""
-    return all(active.name in known for active in actives)
-
-
-def settle(
-    meter: MeterProblem, actives: Sequence[Active], all_: Sequence[Active], known: Sequence[str]
-) -> Point:
-    """Return the point of a set on a meter; all_: effects beside which its noise is learned."""
-    point: Point = {}
-    for _ in range(2):
-        meter.absent = {}
-        meter.learn_noise(meter.columns(all_, point), known)
-        found = fit_set(meter, actives, known, point)
-        point, meter.place = found.point, found.place
-    return point
 
 
 class EffectSearch:
@@ -262,10 +147,45 @@ class EffectSearch:
         if key not in self.judged:
             own = [self.actives[i] for i in key]
             self.judged[key] = for_each(
-                lambda m: fit_set(self.meters[m], own, self.known, self.points[m]),
+                lambda m: fit_set(self.meters[m], own, self.known, self._start(m, own)),
                 range(len(self.meters)),
             )
         return self.judged[key]
+
+    def _start(self, m: int, actives: Sequence[Active]) -> Point:
+        """Coefficients of a set as linearised about the current point of a meter."""
+        point = {
+            a.name: (a, self.points[m][a.name][1]) for a in actives if a.name in self.points[m]
+        }
+        if len(point) == len(actives) or not self.points[m]:
+            return point
+        columns = self.made[m]
+        places = [columns.places(active) for active in actives]
+        found = self.linearised(m, actives)
+        start = 0
+        for active, place in zip(actives, places, strict=True):
+            stop = start + place.stop - place.start
+            if active.name not in point:
+                values = found.mean[start:stop] * columns.watts[place]
+                point[active.name] = (
+                    active,
+                    np.where(signs([active]), np.maximum(values, 0.0), values),
+                )
+            start = stop
+        return point
+
+    def linearised(self, m: int, actives: Sequence[Active]) -> Solution:
+        """Solve a set linearised about the current point, at the most probable discrepancy."""
+        meter, columns = self.meters[m], self.made[m]
+        own = np.concatenate([np.r_[columns.places(active)] for active in actives])
+        count = columns.effects.shape[1]
+        kept = np.concatenate([own, np.arange(count, count + columns.nuisance.shape[1])])
+        flat = [active.name in self.known for active in actives for _ in active.effect.terms]
+        spread = np.ones(len(kept))
+        spread[: len(own)] = np.where(flat, KNOWN_SIZE, LINEAR_SIZE)
+        taken = [normal.taken(kept, meter.place) for normal in self.normals_of(m)]
+        best = max(taken, key=lambda normal: float(by_delay(normal, spread)[0]))
+        return solved(best, 0, spread, signs(actives))
 
     def _move(self, chosen: Chosen) -> None:
         """Go to a set's own point; learn the noise there."""
@@ -352,7 +272,7 @@ class EffectSearch:
                 own = np.concatenate([np.r_[slices[i]] for i in each] or [nuisances[:0]])
                 kept = np.concatenate([own, nuisances]).astype(np.intp)
                 spread = np.ones(len(kept))
-                spread[: len(own)] = 0.3
+                spread[: len(own)] = LINEAR_SIZE
                 return float(by_delay(normal.taken(kept, meter.place), spread)[0])
 
             normals = self.normals_of(m)
@@ -383,30 +303,3 @@ def representatives(meters: Sequence[MeterProblem]) -> tuple[int, ...]:
         for rank, d in enumerate(sorted(own, key=lambda d: -meters[d].rms))
     ]
     return tuple(sorted(d for _, d in sorted(ranked)[:SEARCHED]))
-
-
-def prior_of(name: str) -> float:
-    """Probability that a model without an effect lacks it, before the recording."""
-    return MISSING.get(name.partition('@')[0], OF_USERS)
-
-
-def prior_odds(name: str) -> float:
-    """Log odds that a model without an effect lacks it, before the recording."""
-    return float(logit(prior_of(name)))
-
-
-def tempered(before: float, after: float, ratio: float) -> float:
-    """
-    Log odds between those before and after the evidence.
-
-    ratio: what an effect explains by itself over the discrepancy, W rms over W rms. With little of
-    it, the evidence says no more than what was known before; and however long a recording is,
-    what no formula explains may look like an effect of a small ratio. Evidence against counts
-    whole.
-    """
-    if after <= before:
-        return after
-    counts = ratio**2 / (ratio**2 + MIMICS**2)
-    found = before + counts * (after - before)
-    most = logit(NAMED) + 2.0 * np.log(max(ratio, 1e-9) / TOLD_APART)
-    return max(before, -float(np.logaddexp(-found, -most)))

@@ -7,8 +7,9 @@ import numpy as np
 from scipy.special import logsumexp
 from wattwalk_core.arrays import Floats
 
+from power_estimator.posterior.odds import prior_odds, tempered
 from power_estimator.posterior.priors import MIMICS
-from power_estimator.posterior.search import Chosen, EffectSearch, prior_odds, tempered
+from power_estimator.posterior.search import Chosen, EffectSearch
 from power_estimator.posterior.sensors import SCALES
 from power_estimator.posterior.summary import MeterSummary, rms
 

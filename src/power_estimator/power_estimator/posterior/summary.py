@@ -8,6 +8,7 @@ from scipy.special import logsumexp
 from wattwalk_core.arrays import Floats
 
 from power_estimator.effects.fit.design import Active
+from power_estimator.posterior.fitted_set import cells, signs
 from power_estimator.posterior.gaussian import draws
 from power_estimator.posterior.meter import (
     FRICTIONS,
@@ -18,7 +19,6 @@ from power_estimator.posterior.meter import (
     less,
 )
 from power_estimator.posterior.priors import MISFIT
-from power_estimator.posterior.search import cells, signs
 from power_estimator.posterior.sensors import SCALES, SENSORS, spreads
 
 _MOST_MISFIT = 20.0  # times; an effect that others take over has no size of its own

@@ -1,0 +1,123 @@
+"""Sets of effects fitted to one meter, each at its own point."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+from wattwalk_core.arrays import Floats
+
+from power_estimator.effects.fit.design import Active
+from power_estimator.posterior.gaussian import Bools, NormalEquations, Solution, by_delay, solved
+from power_estimator.posterior.meter import EffectColumns, MeterProblem, Point
+from power_estimator.posterior.priors import DEPARTING, DISCREPANCY, KNOWN_SIZE, SIZES
+
+_ITERATIONS = 4
+_SETTLED = 1.0  # nats
+_NEGLIGIBLE = 8.0  # nats below the best size of the discrepancy
+_SIZES = len(DISCREPANCY) * len(DEPARTING)
+_CELLS = _SIZES * len(SIZES)
+LINEAR_SIZE = 0.3  # prior spread of new effects where sets are only screened
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A set at one size of the discrepancy and of new effects."""
+
+    normal: NormalEquations
+    sizes: Floats  # [n + z]
+    solution: Solution
+
+
+@dataclass(frozen=True)
+class FittedSet:
+    """A set of effects on one meter, at the set's own point."""
+
+    evidence: float  # nats
+    point: Point
+    place: int  # of the delay among the shifts
+
+
+def signs(actives: Sequence[Active]) -> Bools:
+    """Mark coefficients that may not be negative [n]."""
+    return np.array([term.lower >= 0 for a in actives for term in a.effect.terms], dtype=bool)
+
+
+def cells(
+    meter: MeterProblem, columns: EffectColumns, known: Sequence[str]
+) -> tuple[list[Cell], int]:
+    """Solve a linearised set at all sizes, at the best delay."""
+    actives = columns.actives
+    signed = signs(actives)
+    flat = np.array([a.name in known for a in actives for _ in a.effect.terms], dtype=bool)
+    ones = np.ones(columns.nuisance.shape[1])
+    normals = meter.normals(columns)
+    middle = np.concatenate([np.where(flat, KNOWN_SIZE, LINEAR_SIZE), ones])
+    logs = np.array([by_delay(normal, middle) for normal in normals])
+    place = int(np.argmax(logs.max(axis=0)))
+    out = []
+    for normal, log in zip(normals, logs[:, place], strict=True):
+        if log < logs[:, place].max() - _NEGLIGIBLE:
+            continue
+        for size in SIZES if not flat.all() else SIZES[:1]:
+            spread = np.concatenate([np.where(flat, KNOWN_SIZE, size), ones])
+            out.append(Cell(normal, spread, solved(normal, place, spread, signed)))
+    return out, place
+
+
+def fit_set(
+    meter: MeterProblem, actives: Sequence[Active], known: Sequence[str], start: Point
+) -> FittedSet:
+    """
+    Fit a set of effects, each time linearised about the last, until its evidence stands still.
+
+    A step after which there is less evidence than before is halved.
+    """
+    signed = signs(actives)
+    point: Point = {a.name: (a, start[a.name][1]) for a in actives if a.name in start}
+    before, values = np.zeros(len(signed)), np.zeros(len(signed))
+    found: FittedSet | None = None
+    for _ in range(_ITERATIONS):
+        columns = meter.columns(actives, point)
+        solutions, place = cells(meter, columns, known)
+        logs = np.array([cell.solution.evidence for cell in solutions])
+        evidence = float(
+            logsumexp(logs) - np.log(_CELLS if not known_all(actives, known) else _SIZES)
+        )
+        if found is not None and evidence < found.evidence:
+            values = 0.5 * (before + values)
+            point = {active.name: (active, values[columns.places(active)]) for active in actives}
+            continue
+        settled = found is not None and evidence < found.evidence + _SETTLED
+        if len(point) == len(actives):  # before that, departures of some are not there yet
+            found = FittedSet(evidence, point, place)
+        if settled:
+            break
+        best = solutions[int(np.argmax(logs))].solution
+        before = np.zeros(len(signed))
+        for active in actives:
+            if active.name in point:
+                before[columns.places(active)] = point[active.name][1]
+        values = best.mean[: len(signed)] * columns.watts
+        values = np.where(signed, np.maximum(values, 0.0), values)
+        point = {active.name: (active, values[columns.places(active)]) for active in actives}
+    assert found is not None
+    return found
+
+
+def known_all(actives: Sequence[Active], known: Sequence[str]) -> bool:
+    """Return whether a set has no new effect, so that there is one size of such."""
+    return all(active.name in known for active in actives)
+
+
+def settle(
+    meter: MeterProblem, actives: Sequence[Active], all_: Sequence[Active], known: Sequence[str]
+) -> Point:
+    """Return the point of a set on a meter; all_: effects beside which its noise is learned."""
+    point: Point = {}
+    for _ in range(2):
+        meter.absent = {}
+        meter.learn_noise(meter.columns(all_, point), known)
+        found = fit_set(meter, actives, known, point)
+        point, meter.place = found.point, found.place
+    return point
