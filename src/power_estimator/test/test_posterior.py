@@ -16,6 +16,7 @@ from power_estimator.posterior.odds import tempered
 from power_estimator.posterior.priors import MIMICS, TOLD_APART
 from power_estimator.posterior.search import representatives
 from power_estimator.posterior.sensors import slip
+from power_estimator.posterior.stand_ins import Against, InSet
 from power_estimator.posterior.summary import by_cause
 from scipy.special import expit
 
@@ -191,3 +192,13 @@ def test_slip_of_small_steps_adds_them_up_and_turns_round_where_the_torque_does(
         expected.append(float(np.clip(expected[-1] + step, -1.0, 1.0)))
     assert found == pytest.approx(expected)
     assert min(found) == -1.0 < max(found)
+
+
+def test_effects_that_stand_for_each_other_share_the_probability_of_both():
+    alike = Against((1,), 1, before=0.0, after=-50.0, ratio=0.01)  # the other fits better
+    none = Against((), None, before=-1.0, after=200.0, ratio=10.0)
+    found = InSet(0, (none, alike))
+    assert expit(found.log_odds) == pytest.approx(0.5, abs=0.02)
+    assert found.probability(alike) == pytest.approx(0.5, abs=0.02)
+    apart = InSet(0, (none, Against((1,), 1, before=0.0, after=50.0, ratio=5.0)))
+    assert expit(apart.log_odds) > 0.99

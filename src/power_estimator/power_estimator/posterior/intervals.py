@@ -12,6 +12,7 @@ from power_estimator.effects.fit.design import Active, BasePower
 from power_estimator.effects.fit.whole_robot import expanded, share_of
 from power_estimator.effects.model_file.model import DriveGroup, EffectModel, FittedValue
 from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.posterior.fitted_set import settle
 from power_estimator.posterior.meter import MeterProblem
 from power_estimator.posterior.rates import with_quiet_rates
@@ -47,8 +48,8 @@ def with_intervals(
     """
     The model with intervals that allow for sensors, delay and what no formula explains.
 
-    Drives that share coefficients have their mean interval; the fitted value lies within. The
-    intervals of measurement terms stay as they are.
+    Drives that share coefficients have their mean interval; the fitted value lies within, as do
+    the ends within the effects' bounds. Intervals of measurement terms stay as they are.
     """
     summaries = posteriors(model, prepared, base)
     drives = prepared.signals.names
@@ -66,18 +67,21 @@ def with_intervals(
 
     def widened(group: DriveGroup) -> DriveGroup:
         own = assign(drives, [group.type])[group.type.name]
-        coefficients = {
-            name: tuple(
-                _around(value, *ends) for value, ends in zip(values, ends_of.T, strict=True)
+        scale = DriveScale.stack([group.scale])
+        coefficients = {}
+        for name, values in group.coefficients.items():
+            effect = effects[name]
+            most = effect.factors(scale)[0] * [term.upper for term in effect.terms]
+            least = effect.factors(scale)[0] * [term.lower for term in effect.terms]
+            ends = np.clip(interval(name, own), least, most)
+            coefficients[name] = tuple(
+                _around(value, float(low), float(high))
+                for value, low, high in zip(values, *ends, strict=True)
             )
-            for name, values in group.coefficients.items()
-            for ends_of in [interval(name, own)]
-        }
         return replace(group, coefficients=coefficients)
 
     return replace(model, groups=tuple(widened(group) for group in model.groups))
 
 
 def _around(value: FittedValue, low: float, high: float) -> FittedValue:
-    ends = min(float(low), value.value), max(float(high), value.value)
-    return replace(value, interval=ends)
+    return replace(value, interval=(min(low, value.value), max(high, value.value)))

@@ -73,16 +73,14 @@ class EffectSearch:
             tried = (*self._promising(chosen), chosen)
             score, best = max((self.score(each), each) for each in tried)
             if score < here + WORTH:
+                best = self._pruned(chosen)
+            if best == chosen:
                 break
             chosen = best
         else:
             self._move(chosen)
-        pruned = self._pruned(chosen)
-        if pruned != chosen:
-            self._move(pruned)
-        for each in (*self._promising(pruned), self.base):
-            self.score(each)
-        return pruned
+        self.score(self.base)
+        return chosen
 
     def _pruned(self, chosen: Chosen) -> Chosen:
         """Take out effects without which a set is as good, fitted without each of them."""

@@ -31,6 +31,8 @@ class Against:
     @property
     def log_odds(self) -> float:
         """Log odds of the effect."""
+        if self.instead is not None and self.after < self.before:  # evidence for the other
+            return -tempered(-self.before, -self.after, self.ratio)
         return tempered(self.before, self.after, self.ratio)
 
 

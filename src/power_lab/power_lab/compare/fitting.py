@@ -38,8 +38,9 @@ def fitted(
         seed=seed,
         prior={name: own for name, own in (prior or {}).items() if name in names},
     )
-    judged_on = material.at_most(MOST_SECONDS)
-    model = with_intervals(model, judged_on.prepared, judged_on.base_power)
+    if not model.prior:  # which the posterior does not know
+        judged_on = material.at_most(MOST_SECONDS)
+        model = with_intervals(model, judged_on.prepared, judged_on.base_power)
     model = on_base(model, under)
     judged = judge.score(model)
     entry = {
