@@ -25,12 +25,28 @@ def test_ready_maps_are_valid():
         ('degF', 'temperature', 5 / 9, -160 / 9),
         ('K', 'temperature', 1, -273.15),
         ('us', 'time', 1e-6, 0),
+        ('kgf.cm', 'torque', 0.0980665, 0),
+        ('kg-cm', 'torque', 0.0980665, 0),
+        ('oz.in', 'torque', 0.0070615518, 0),
+        ('ft·lbf', 'torque', 1.3558179483, 0),
+        ('0.1 V', 'voltage', 0.1, 0),
+        ('x1000 rpm', 'velocity', 2000 * np.pi / 60, 0),
+        ('V DC', 'voltage', 1, 0),
     ],
 )
 def test_units_are_converted(unit, quantity, factor, offset):
     found = conversion(unit, quantity)
     assert found.factor == pytest.approx(factor, rel=1e-9)
     assert found.offset == pytest.approx(offset, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('unit', 'quantity'),
+    [('counts', 'position'), ('1/s', 'velocity'), ('Wh', 'torque'), ('%', 'torque')],
+)
+def test_what_has_the_dimension_alone_is_no_unit_of_a_quantity(unit, quantity):
+    with pytest.raises(InputError, match=f'unit .{unit}. of {quantity}'):
+        conversion(unit, quantity)
 
 
 def test_a_map_of_others_is_plain_data():

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
 from wattwalk_core.arrays import Floats
 
 from power_recordings.importing.listing import Listed
@@ -14,34 +15,56 @@ from power_recordings.importing.units import quantities_of
 from power_recordings.importing.words import words
 
 MECHANICAL: Final = ('position', 'velocity', 'torque', 'winding')
+_MOTION: Final = MECHANICAL[:3]  # a current alone may be one of three phases
 _WANTED = r'(cmd|command|target|set_?point|desired|demand|soll|(^|_)(ref|des|set|goal|so|sp)(_|$))'
-_ROBOT = r'(robot|main|system|battery|batt|total|pack|(^|_)power_[va](_|$))'
+_ROBOT = r'(robot|main|system|battery|batt|total|pack|(^|_)power(?=_[va](_|$)))'
+_DC = r'(bus|dc|zk|input|supply|board|(^|_)ina|(^|_)in(?=_(volt|curr|amp)))'
+_OTHER = (
+    r'scaling|fraction|limits?|mode|errors?|faults?|status|bits?|register|samples?|tool|tcp|force|'
+    r'accelerometer|acc|imu|gnss|inertia|computed|momentum|receive|accuracy|eta|hours|levels?|'
+    r'tacho|index|count(er)?s?|max|min|serial|pwm|duty|gain|t_ff'
+)
+"""Words of columns that tell nothing of what is wanted."""
 # The first expression that fits decides; among columns of one quantity, the earlier is better.
 _RULES: Final = (
     (
         'time',
-        r'^(t|ms_\w+|\w*time(_?stamp)?|stamp|seconds|secs?|elapsed\w*)(_?(s|ms|us|ns|sec))?$',
+        r'^(t|ms_\w+|millis|micros|ticks?|\w*time(_?stamp)?|stamp|seconds|secs?|elapsed\w*)'
+        r'(_?(s|ms|us|ns|sec|min))?$',
     ),
     (
         '',
-        r'(scaling|fraction|limit|mode|error|fault|status|bits?(_|$)|register|sample|tool|tcp|force|accelerometer|imu|gnss|inertia|computed|momentum|foc_|receive_time|accuracy|effic|(^|_)eta(_|$)|differ|hours|level|tacho|(^|_)d_?(axis)?_?curr|(^|_)i?d(_axis)?_?(current|volt)|(^|_)q_(axis_)?volt|meters_per|(^|_)(max|min)(_|$)|mech\w*_(power|watt)|power\w*_mech)',
+        rf'(^|_)({_OTHER})(_|$)|effic|differ|loss|_per_'
+        r'|(^|_)d_?(axis)?_?curr|(^|_)i?d(_axis)?_?(current|volt|measured)|(^|_)[iuv]_?d(_|$)'
+        r'|(^|_)(q|phase)_(axis_)?volt|(^|_)[uv]_?q(_|$)'
+        r'|(^|_)(mech|out|shaft)\w*_(power|watt)|(power|watt)\w*_(mech|out|shaft)'
+        r'|(^|_)p_?(m|mech\w*|out|shaft)(_|$)',
     ),
-    ('command', rf'{_WANTED}.*(pos|angle|(^|_)q(_|$))|(pos|angle|(^|_)q(_|$)).*{_WANTED}'),
+    ('command', rf'{_WANTED}.*(pos|angle|(^|_)q(_|$))|(pos|angle|(^|_)[pq](_|$)).*{_WANTED}'),
     ('', rf'{_WANTED}'),
     ('supply_voltage', r'robot.*volt'),
     ('supply_voltage', rf'{_ROBOT}.*(volt|_v(_|$))'),
     ('supply_current', rf'{_ROBOT}.*(curr|(^|_)amps?(_|$)|_a(_|$))'),
     ('supply_power', rf'{_ROBOT}.*(power|watt)'),
-    ('temperature', r'^t_\w*(winding|motor)(?!.*_(in|out)$)'),
+    ('temperature', r'^t_\w*(winding|mot)(?!.*_(in|out)$)'),
     (
         'temperature',
-        r'(winding|motor).*temp(?!.*(fet|mos|_in$|_out$))|(?<!fet_)temp.*(winding|motor)',
+        r'(winding|motor).*temp(?!.*(fet|mos|_in$|_out$))'
+        r'|(?<!fet_)(^|_)temp.*(winding|motor)|motor_thermistor',
     ),
-    ('temperature', r'temp'),
-    ('voltage', r'(bus|dc|input|supply|board|vbus|(^|_)ina).*(volt|_v(_|$))|vbus|v_bus'),
-    ('current', r'(^|_)ina.*curr|(bus|dc|input|supply|ibus).*(curr|(^|_)amps?(_|$))|ibus|i_bus'),
-    ('current', r'current_in(_|$)'),
-    ('power', r'(power|watt).*(el|dc|in)|(el|dc|in)\w*_(power|watt)'),
+    ('temperature', r'(^|_)temp'),
+    (
+        'voltage',
+        rf'{_DC}.*(volt|_v(_|$))|v_?bus|(^|_)([uv]_?(dc|zk)|dc_?[uv])(_|$)|volt\w*_(dc|in)(_|$)',
+    ),
+    (
+        'current',
+        rf'{_DC}.*(curr|(^|_)amps?(_|$))|i_?bus|(^|_)(i_?(dc|zk)|dc_?i)(_|$)|curr\w*_(dc|in)(_|$)',
+    ),
+    (
+        'power',
+        r'(power|watt).*_(el\w*|dc|in)(_|$)|(^|_)p_?(el\w*|dc|in)(_|$)|(el|dc|in)\w*_(power|watt)',
+    ),
     ('torque', r'(load_?cell|sensor|transducer).*torque|torque.*(load_?cell|sensor|transducer)'),
     ('torque', r'(torque|trq|(^|_)tau|effort|moment)'),
     (
@@ -49,7 +72,8 @@ _RULES: Final = (
         r'(q_?(axis_)?current|(^|_)q_axis(_|$)|(^|_)iq|i_?q(_|$)|winding_current|phase_current)',
     ),
     ('winding', r'motor_?current|current_?motor(_|$)'),
-    ('winding', r'(actual|joint|measured).*current'),
+    ('winding', r'(actual|joint|measured|present).*current|current.*(actual|measured|present)'),
+    ('winding', r'(^|_)i_?rms(_|$)'),
     ('voltage', r'volt|(^|_)v(_|$)'),
     ('current', r'curr|(^|_)amps?(_|$)|(^|_)i(_|$)'),
     ('power', r'power|watt'),
@@ -58,6 +82,8 @@ _RULES: Final = (
 )
 _BY_UNIT: Final = len(_RULES)  # rank of columns that only their unit speaks for
 _OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current')
+_OF_NO_SIZE: Final = ('1/s', 's-1', 's^-1', 's⁻¹', '1/sec')  # rad/s to some, rev/s to others
+_STILL: Final = ('voltage', 'supply_voltage')  # a supply may hold it
 _BRACKETS = re.compile(r'[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 _FEW, _MANY = 0.2, 0.6  # share of rows in which a command changes, and a measurement
 
@@ -108,7 +134,8 @@ def candidates(listed: Sequence[Listed]) -> list[CandidateColumn]:
 
 def _candidate(item: Listed) -> CandidateColumn | None:
     column = item.column
-    if not (item.changes > 0 or item.rows < 2) or item.low == item.high:
+    still = item.low == item.high or (item.rows > 1 and not item.changes > 0)
+    if still and not (np.isfinite(item.low) and item.low != 0):
         return None
     name = words(column.address)
     unit = column.unit or unit_of(column.address)
@@ -120,16 +147,23 @@ def _candidate(item: Listed) -> CandidateColumn | None:
         and ':' not in column.address
         and bracket[1]
         and not bracket[1].isdigit()
+        and bracket[1] not in _OF_NO_SIZE
     )
-    for rank, (quantity, rule) in enumerate(_RULES):
-        if not re.search(rule, name):
-            continue
-        plain = {'winding': 'current'}.get(quantity, quantity.removeprefix('supply_'))
-        if foreign or (fits and quantity and plain not in fits):
-            continue
-        return CandidateColumn(quantity, rank, '', item) if quantity else None
-    own = next((q for q in _OF_UNIT if q in fits), '')
-    return CandidateColumn(own, _BY_UNIT, '', item) if own else None
+    rank, quantity = next(
+        ((i, q) for i, (q, rule) in enumerate(_RULES) if _suits(q, rule, name, fits, foreign)),
+        (_BY_UNIT, next((q for q in _OF_UNIT if q in fits), '')),
+    )
+    if not quantity or (still and quantity not in _STILL):
+        return None
+    return CandidateColumn(quantity, rank, '', item)
+
+
+def _suits(quantity: str, rule: str, name: str, fits: Sequence[str], foreign: bool) -> bool:
+    """Tell whether a rule fits a name, and its quantity the unit."""
+    if not re.search(rule, name):
+        return False
+    plain = {'winding': 'current'}.get(quantity, quantity.removeprefix('supply_'))
+    return not foreign and not (fits and quantity and plain not in fits)
 
 
 def _held(candidate: CandidateColumn, others: Sequence[CandidateColumn]) -> CandidateColumn:
@@ -161,14 +195,12 @@ def _by_number(found: Sequence[CandidateColumn]) -> list[CandidateColumn]:
     rows = {
         key
         for (quantity, _), keys in alike.items()
-        if quantity in MECHANICAL
+        if quantity in _MOTION
         for key in keys
         if len(keys) > 1
     }
     drives = {
-        key
-        for key, own in kinds.items()
-        if (len(own) > 1 or key in rows) and own & set(MECHANICAL)
+        key for key, own in kinds.items() if (len(own) > 1 or key in rows) and own & set(_MOTION)
     }
     if len(drives) < 2 and all(key.isdigit() for key in drives):
         return list(found)

@@ -25,23 +25,27 @@ SI: Final = {
 }
 """The unit of each quantity in a recording."""
 
-# Points and blanks as people write them. pint reads Nm as a textile number and does not know rev.
+# Names and spellings that people write; pint does not know rev.
 _ALIASES: Final = {
     **{name: 'turn' for name in ('rev', 'revs', 'revolution', 'revolutions', 'turns', 'r')},
-    **{name: 'turn/s' for name in ('rps', 'rev/s', 'turns/s', 'r/s', 'Hz')},
+    **{name: 'turn/s' for name in ('rps', 'rev/s', 'revs/s', 'turns/s', 'r/s', 'Hz')},
     **{name: 'rad/s' for name in ('rad/sec', 'rad.s', 'rad s-1', 'rad·s⁻¹')},
     **{
         name: 'rpm'
-        for name in ('RPM', 'Rpm', 'rev/min', 'r/min', '1/min', 'U/min', 'min-1', 'min^-1')
+        for name in (
+            'RPM',
+            'Rpm',
+            'r.p.m.',
+            'rev/min',
+            'r/min',
+            '1/min',
+            'U/min',
+            'min-1',
+            'min^-1',
+            'min⁻¹',
+        )
     },
-    **{name: 'N*m' for name in ('Nm', 'nm', 'NM', 'N m', 'N·m', 'N.m', 'N-m', 'newton_meter')},
-    **{name: 'mN*m' for name in ('mNm', 'mN·m')},
-    **{name: 'lbf*inch' for name in ('in-lb', 'in-lbs', 'lb-in', 'in-lbf', 'lbf-in', 'in lb')},
-    **{name: 'lbf*foot' for name in ('ft-lb', 'ft-lbs', 'lb-ft', 'ft-lbf', 'lbf-ft', 'ft lb')},
-    **{name: 'ozf*inch' for name in ('oz-in', 'in-oz', 'ozf-in', 'oz in')},
-    **{name: 'kN*m' for name in ('kNm', 'kN·m')},
-    **{name: 'N*cm' for name in ('Ncm', 'N·cm')},
-    **{name: 'N*mm' for name in ('Nmm', 'N·mm', 'N.mm', 'N-mm')},
+    **{name: 'krpm' for name in ('kRPM', 'k rpm')},
     **{
         name: 'degC'
         for name in (
@@ -53,19 +57,49 @@ _ALIASES: Final = {
             'deg_C',
             'deg C',
             'Deg C',
+            'degc',
             'degree_celsius',
         )
     },
     **{name: 'degF' for name in ('°F', 'F')},
     **{name: 'deg' for name in ('°', 'degrees')},
     **{name: 'deg/s' for name in ('°/s', 'dps', 'degrees/s')},
-    **{name: 's' for name in ('sec', 'secs', 'seconds')},
+    **{name: 's' for name in ('sec', 'secs', 'seconds', 'Seconds')},
+    **{name: 'V' for name in ('Volt', 'Volts', 'Vdc', 'VDC', 'V DC', 'Vrms', 'V rms')},
+    **{name: 'A' for name in ('Amp', 'Amps', 'Ampere', 'Adc', 'ADC', 'A DC', 'Arms', 'A rms')},
+    **{name: 'W' for name in ('Watt', 'Watts')},
+    'ma': 'mA',
+    'mv': 'mV',
+    'kw': 'kW',
     'µs': 'us',
     'μs': 'us',
     'usec': 'us',
     'msec': 'ms',
     'nsec': 'ns',
 }
+# A force and a lever in either order, with whatever stands between: kgf.cm, in-lb, N·mm, ozin.
+_FORCES: Final = {
+    **{name: name for name in ('N', 'mN', 'cN', 'kN')},
+    **{name: 'N' for name in ('n', 'newton', 'Newton')},
+    **{name: 'kgf' for name in ('kg', 'kgf', 'kp')},
+    **{name: 'pond' for name in ('g', 'gf')},
+    **{name: 'lbf' for name in ('lb', 'lbs', 'lbf')},
+    **{name: 'ozf' for name in ('oz', 'ozf')},
+}
+_LEVERS: Final = {
+    **{name: name for name in ('m', 'cm', 'mm')},
+    **{name: 'm' for name in ('M', 'meter', 'metre')},
+    **{name: 'inch' for name in ('in', 'inch')},
+    **{name: 'foot' for name in ('ft', 'foot')},
+}
+_FORCE, _LEVER = ('|'.join(sorted(own, key=len, reverse=True)) for own in (_FORCES, _LEVERS))
+_MOMENT: Final = re.compile(
+    rf'(?P<force>{_FORCE})[ .·⋅*_-]?(?P<lever>{_LEVER})'
+    rf'|(?P<arm>in|inch|ft|foot)[ .·⋅*_-]?(?P<weight>{_FORCE})s?'
+)
+_STEP: Final = re.compile(r'[x×]?\s*(\d{1,9}(?:[.,]\d{1,9})?)\s*[x×*]?\s*(?=[^\d\s/.,*^-])')
+"""Of units such as `0.1 V`, of which a reading counts so many."""
+_ENERGY: Final = re.compile(r'(?i)[kmµ]?(wh|w\*?s|j|joules?|e?v\*?a?s|cal)')
 
 # What pint is given: names, products and small powers. It computes 9**9**9, too.
 _NAME = r'[A-Za-zµμΩ°_]{1,20}(\^|\*\*)?-?\d?'
@@ -86,6 +120,18 @@ class Conversion:
         return values if self.factor == 1.0 else values * self.factor
 
 
+def _spelled(unit: str) -> str:
+    """A unit as pint knows it."""
+    unit = unit.strip()
+    if unit in _ALIASES:
+        return _ALIASES[unit]
+    found = _MOMENT.fullmatch('N' + unit[1:] if unit in ('nm', 'NM') else unit)
+    if found is None or found[0] in ('gm', 'g m'):
+        return unit
+    force, lever = found['force'] or found['weight'], found['lever'] or found['arm']
+    return f'{_FORCES[force]}*{_LEVERS[lever]}'
+
+
 @cache
 def conversion(unit: str, quantity: str) -> Conversion:
     """
@@ -94,16 +140,20 @@ def conversion(unit: str, quantity: str) -> Conversion:
     Raises InputError for a unit that is unknown or of another dimension.
     """
     wanted = SI[quantity]
-    unit = _ALIASES.get(unit.strip(), unit.strip())
+    if (step := _STEP.match(unit.strip())) is not None:
+        whole = conversion(unit.strip()[step.end() :], quantity)
+        return Conversion(float(step[1].replace(',', '.')) * whole.factor, whole.offset)
+    unit = _spelled(unit)
     if unit == wanted:
         return Conversion()
     import pint  # slow to import; SI does without
 
     registry = _registry()
     try:
-        if not _PLAIN.fullmatch(unit):
+        if not _PLAIN.fullmatch(unit) or (quantity == 'torque' and _ENERGY.fullmatch(unit)):
             raise ValueError
         zero, one = (registry.Quantity(x, unit).to(wanted).magnitude for x in (0.0, 1.0))
+        angular = 'radian' in dict(registry.get_root_units(unit)[1]._units)
     except pint.DimensionalityError:
         raise InputError(
             f'unit {quoted(unit)} is none of {quantity}; expected one such as '
@@ -114,6 +164,11 @@ def conversion(unit: str, quantity: str) -> Conversion:
             f'unit {quoted(unit)} of {quantity} is not known; expected one such as '
             f'{_examples(quantity)}'
         ) from None
+    if 'rad' in wanted and not angular:  # to pint a count is a radian, and 1/s is rad/s
+        raise InputError(
+            f'unit {quoted(unit)} of {quantity} does not say how large an angle is; expected one '
+            f'such as {_examples(quantity)}, or scale: RADIANS'
+        )
     return Conversion(float(one - zero), float(zero))
 
 
@@ -125,13 +180,6 @@ def is_unit(text: str) -> bool:
 @cache
 def quantities_of(unit: str) -> tuple[str, ...]:
     """Return the quantities that a unit can belong to."""
-    known = _ALIASES.get(unit.strip(), unit.strip())
-    if not _PLAIN.fullmatch(known):
-        return ()
-    try:
-        _registry().parse_units(known)
-    except Exception:  # pint raises whatever its parser of expressions does
-        return ()
     found = []
     for quantity in SI:
         try:
