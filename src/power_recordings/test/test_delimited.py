@@ -36,3 +36,26 @@ def test_a_column_of_dates_does_not_hide_the_delimiter(tmp_path: Path) -> None:
     rows = [f'15.06.2025 14:00:00.{i:03d};48,{i:03d};1,{i:03d}' for i in range(300)]
     path.write_text('\n'.join(['Zeit;Spannung;Strom', *rows]) + '\n')
     assert DelimitedFile(path).dialect.delimiter == ';'
+
+
+@pytest.mark.parametrize(
+    ('text', 'values'),
+    [
+        ('a;b\n1.234,5;2\n999,25;3\n', [1234.5, 999.25]),
+        ('a\tb\n1,234.5\t2.5\n999.25\t3\n', [1234.5, 999.25]),
+        ('a,b\n"1,234.5",2\n"12,999",3\n', [1234.5, 12999.0]),
+        ("a;b\n1'234.5;2\n999.25;3\n", [1234.5, 999.25]),
+    ],
+)
+def test_marks_between_thousands_are_no_decimals(tmp_path, text, values):
+    (tmp_path / 'log.csv').write_text(text)
+    blocks = list(DelimitedFile(tmp_path / 'log.csv').read(['a'], lambda done: None))
+    assert np.concatenate([block.values['a'] for block in blocks]).tolist() == values
+
+
+def test_a_preamble_with_a_row_of_numbers_and_names_above_comments_is_read(tmp_path):
+    text = 'Samples\t40\t40\t\n***End***\t\t\t\nX_Value\tTorque [Nm]\tI [A]\tComment\n'
+    text += ''.join(f'{i / 10}\t{i}\t2\t\n' for i in range(9))
+    (tmp_path / 'log.lvm').write_text(text)
+    columns = DelimitedFile(tmp_path / 'log.lvm').columns()
+    assert [column.address for column in columns][:3] == ['X_Value', 'Torque [Nm]', 'I [A]']

@@ -217,3 +217,92 @@ def test_a_power_at_a_constant_voltage_is_said_to_be_one(tmp_path, capsys):
     assert main([str(log), *args]) == 0
     out = capsys.readouterr().out
     assert 'its voltage is 24 V throughout: its power is a constant times its current' in out
+
+
+def swing(**columns):
+    """Columns of a drive that drives and brakes, with what is given."""
+    speed, torque = 30 * np.sin(0.7 * T), 3 * np.cos(1.3 * T)
+    watts = 1.1 * torque * speed + 0.5 * torque**2 + 4 + NOISE
+    table = {'time_s': T, 'speed [rad/s]': speed, 'torque_nm': torque, 'U_DC [V]': 48 + NOISE}
+    return {**table, 'I_DC [A]': watts / 48, **columns}
+
+
+def test_a_torque_that_counts_against_the_motion_is_turned_by_physics(tmp_path, capsys):
+    columns = swing()
+    columns['torque_nm'] = -columns['torque_nm']
+    recording, lines = guessed(tmp_path, capsys, columns)
+    assert 'scale: -1' in lines['torque']
+    assert 'sign by physics' in lines['torque']
+    np.testing.assert_allclose(recording.joint_states().effort[:, 0], swing()['torque_nm'], 1e-4)
+
+
+def test_a_current_that_is_negative_while_drawing_is_fed(tmp_path, capsys):
+    columns = swing()
+    columns['I_DC [A]'] = -columns['I_DC [A]']
+    _, lines = guessed(tmp_path, capsys, columns)
+    assert 'positive: fed' in lines['current']
+    assert 'scale' not in lines['torque']
+
+
+def test_a_battery_that_gives_in_the_mean_counts_what_is_fed(tmp_path, capsys):
+    columns = swing()
+    columns['battery_current [A]'] = -columns.pop('I_DC [A]')
+    columns['battery_voltage [V]'] = columns.pop('U_DC [V]')
+    recording, lines = guessed(tmp_path, capsys, columns)
+    assert 'positive: fed' in lines['supply']
+    assert recording.supply().power.mean() > 0
+
+
+def test_a_current_that_the_torque_was_computed_from_is_the_motors(tmp_path, capsys):
+    columns = swing()
+    log = csv(
+        tmp_path / 'log.csv',
+        np.stack([T, 30 * np.sin(0.7 * T), columns['torque_nm'], columns['torque_nm'] * 20], 1),
+        'time_s,speed_rpm,torque_nm,current_ma',
+    )
+    assert main([str(log), '--list']) == 0
+    text = capsys.readouterr().out
+    assert 'motor_current: {from: current_ma' in text
+    assert '# current: {from: COLUMN, unit: A}   # no column looks like that of a supply' in text
+
+
+def test_the_only_current_is_the_supplys_where_its_power_follows_the_shaft(tmp_path, capsys):
+    columns = swing()
+    columns['motorCurrent'] = columns.pop('I_DC [A]')
+    columns['voltage'] = columns.pop('U_DC [V]')
+    _, lines = guessed(tmp_path, capsys, columns)
+    assert 'from: motorCurrent' in lines['current']
+    assert 'motor_current' not in lines
+
+
+def test_letters_of_a_control_mode_and_a_speed_in_1_per_s_are_understood(tmp_path, capsys):
+    columns = swing()
+    renamed = {'t': T, 'p': 0 * T, 'v': columns['speed [rad/s]'], 'tau': columns['torque_nm']}
+    volts, amps = columns['U_DC [V]'], columns['I_DC [A]']
+    _, lines = guessed(tmp_path, capsys, {**renamed, 'V_bus': volts, 'I_bus': amps})
+    assert 'from: v, unit: rad/s' in lines['velocity']
+    assert 'from: V_bus' in lines['voltage']
+    columns['n [1/s]'] = columns.pop('speed [rad/s]') / (2 * np.pi)
+    (tmp_path / 'b').mkdir()
+    _, lines = guessed(tmp_path / 'b', capsys, columns)
+    assert "from: 'n [1/s]', unit: rev/s" in lines['velocity']
+
+
+def test_a_voltage_may_stand_still_and_one_that_lacks_is_to_be_filled_in(tmp_path, capsys):
+    recording, lines = guessed(tmp_path, capsys, swing(**{'U_DC [V]': 48 + 0 * T}))
+    assert "from: 'U_DC [V]'" in lines['voltage']
+    assert recording.drive_supply().voltage.max() == 48
+    columns = swing()
+    del columns['U_DC [V]']
+    (tmp_path / 'b').mkdir()
+    _, lines = guessed(tmp_path / 'b', capsys, columns)
+    assert lines['voltage'].startswith('voltage: {value: 48, unit: V}')
+    assert 'fill in' in lines['voltage']
+
+
+def test_a_first_column_that_goes_on_evenly_is_the_time(tmp_path, capsys):
+    columns = {'Name': 1e3 * T, **swing()}
+    del columns['time_s']
+    recording, lines = guessed(tmp_path, capsys, columns)
+    assert 'column: Name, unit: ms' in lines['time']
+    assert recording.duration == pytest.approx(11.99, abs=0.02)

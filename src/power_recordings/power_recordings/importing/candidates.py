@@ -141,13 +141,14 @@ def _candidate(item: Listed) -> CandidateColumn | None:
     unit = column.unit or unit_of(column.address)
     bracket = _BRACKETS.search(column.address)
     fits = quantities_of(unit) if unit else ()
+    if bracket and bracket[1] in _OF_NO_SIZE:
+        fits = ('velocity',)
     foreign = bool(
         bracket
         and not fits
         and ':' not in column.address
         and bracket[1]
         and not bracket[1].isdigit()
-        and bracket[1] not in _OF_NO_SIZE
     )
     rank, quantity = next(
         ((i, q) for i, (q, rule) in enumerate(_RULES) if _suits(q, rule, name, fits, foreign)),

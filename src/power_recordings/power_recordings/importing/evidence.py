@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from wattwalk_core.arrays import Floats
@@ -15,16 +15,24 @@ from power_recordings.importing.candidates import CandidateColumn
 from power_recordings.importing.units import conversion
 
 # Of a speed that states no unit: the most W of power for a W of torque × speed. What is less than
-# 0.45 W in rad/s is 4.3 W in rpm: the losses of a drive that mostly holds.
+# 0.45 W in rad/s is 4.3 W in rpm: the losses of a drive that mostly holds; and of one that drives
+# all the time, less than 0.9 W is 8.6 W.
 _SPEEDS: Final = {'rad/s': 2.5, 'rpm': 4.3, 'rev/s': 2.5}
+_DRIVES: Final = 0.95  # share of rows with torque × speed above 0,
+_SHOWN: Final = 0.05  # of those with so much of the largest
+_SURE: Final = 0.9  # R² at which a sign is turned round
 _MOST: Final = 8  # candidates of a quantity
 _LEAST: Final = 0.45  # W of power for a W of torque × speed: a brake gives back that much
+_LEAST_DRIVING: Final = 0.9
 _UNIT_STATED: Final = 10.0  # W, at most
 _RANK: Final = 0.02  # R² that makes up for a place in the list
 _MECHANICAL: Final = 0.9998  # R² of a power that is torque × speed itself
 _SAME: Final = 0.999  # R² of a torque that is a current times a constant
 _FEWEST: Final = 30  # rows
 _MOVED: Final = 0.2  # share of the power's variance
+
+
+Turned = Literal['torque', 'power', '']
 
 
 @dataclass(frozen=True)
@@ -41,13 +49,15 @@ class MeterColumns:
 
 @dataclass(frozen=True)
 class Choice:
-    """The columns that fit together, the unit of the speed, and why."""
+    """The columns that fit together, the unit of the speed, what is turned round, and why."""
 
     torque: CandidateColumn
     velocity: CandidateColumn
     speed_unit: str
     meter: MeterColumns
+    turned: Turned
     why: str
+    score: float  # R², less for each place in the lists
 
 
 def si(candidate: CandidateColumn, unit: str = '') -> Floats:
@@ -63,7 +73,7 @@ def choose(found: dict[str, list[CandidateColumn]]) -> Choice | None:
     """Return the torque, speed and power that fit together best; None where none do."""
     torques, speeds = (found.get(q, [])[:_MOST] for q in ('torque', 'velocity'))
     torques = [t for t in torques if not t.held] or torques
-    best, most = None, 0.0
+    best: Choice | None = None
     for (i, torque), (j, speed), (k, meter) in product(
         enumerate(torques), enumerate(speeds), enumerate(_meters(found))
     ):
@@ -72,13 +82,13 @@ def choose(found: dict[str, list[CandidateColumn]]) -> Choice | None:
             continue
         for n, unit in enumerate((speed.unit,) if speed.unit else _SPEEDS):
             fit = _fit(meter.power, si(torque), si(speed, unit))
-            most_lost = _UNIT_STATED if speed.unit else _SPEEDS[unit]
-            if fit is None or not _LEAST < fit[0] < most_lost:
+            if fit is None or not _likely(fit, unit, stated=bool(speed.unit)):
                 continue
-            score = 1 + fit[1] - _RANK * (i + j + k + n)
-            if score > most:
-                why = f'torque × speed explains the power, {fit[0]:.2f} W of it for each W'
-                best, most = Choice(torque, speed, unit, meter, why), score
+            score = fit.r2 - _RANK * (i + j + k + n + 2 * bool(fit.turned))
+            if best is None or score > best.score:
+                watts = f'{abs(fit.slope):.2f} W of it for each W'
+                why = f'torque × speed explains the power, {watts}'
+                best = Choice(torque, speed, unit, meter, fit.turned, why, score)
     return best
 
 
@@ -119,11 +129,31 @@ def _likeness(a: str, b: str) -> float:
     return round(difflib.SequenceMatcher(None, plain[0], plain[1], autojunk=False).ratio(), 2)
 
 
-def _fit(power: Floats, torque: Floats, speed: Floats) -> tuple[float, float] | None:
-    """
-    Slope of P = a·τω + d, and the R² of P = a·τω + b·τ² + c·|ω| + d.
+@dataclass(frozen=True)
+class _Fit:
+    """Slope of P = a·τω + d, R² of P = a·τω + b·τ² + c·|ω| + d, and whose sign is wrong."""
 
-    None for τω itself, too few rows, or a power that torque × speed hardly moves.
+    slope: float
+    r2: float
+    turned: Turned
+    drives: bool  # all the time
+
+
+def _likely(fit: _Fit, unit: str, stated: bool) -> bool:
+    slope = abs(fit.slope)
+    if stated:
+        return _LEAST < slope < _UNIT_STATED
+    more = _LEAST_DRIVING / _LEAST if fit.drives else 1.0
+    return _LEAST * more < slope < _SPEEDS[unit] * (more if unit == 'rpm' else 1.0)
+
+
+def _fit(power: Floats, torque: Floats, speed: Floats) -> _Fit | None:
+    """
+    Fit the power of a drive.
+
+    None for τω itself, too few rows, or a power that torque × speed hardly moves. Where the power
+    falls as τω rises, the sign of the power is wrong if losses would be fed by it, else that of
+    the torque.
     """
     good = np.isfinite(power) & np.isfinite(torque) & np.isfinite(speed)
     p, t, w = power[good], torque[good], speed[good]
@@ -135,11 +165,18 @@ def _fit(power: Floats, torque: Floats, speed: Floats) -> tuple[float, float] | 
     if 1 - float(np.mean(np.square(p - alone * shaft))) / spread > _MECHANICAL:
         return None
     slope = float(np.cov(shaft, p)[0, 1] / np.var(shaft, ddof=1))
+    if not slope**2 * float(np.var(shaft)) > _MOVED * spread:
+        return None
     design = np.stack([shaft, np.square(t), np.abs(w), np.ones_like(p)], axis=1)
     scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
     found, *_ = np.linalg.lstsq(design / scale, p, rcond=1e-10)
     r2 = 1 - float(np.var(p - design / scale @ found)) / spread
-    return (slope, r2) if slope**2 * float(np.var(shaft)) > _MOVED * spread else None
+    losses = float(np.mean(p - shaft * found[0] / scale[0]))
+    turned: Turned = '' if slope > 0 else ('torque' if losses > 0 else 'power')
+    if turned and (r2 < _SURE or not found[0] < 0):
+        return None
+    ahead = shaft[np.abs(shaft) > _SHOWN * np.abs(shaft).max()] * (-1 if turned == 'torque' else 1)
+    return _Fit(slope, r2, turned, float(np.mean(ahead > 0)) > _DRIVES)
 
 
 def made_of_current(

@@ -1,9 +1,9 @@
 """A guessed import map from a log's columns: their names, units and first rows."""
 
-import json
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -19,6 +19,7 @@ from power_recordings.importing.evidence import (
 )
 from power_recordings.importing.listing import Listed
 from power_recordings.importing.map_file import FORMAT, QUANTITIES
+from power_recordings.importing.time_guess import time_line, yaml_text
 from power_recordings.importing.words import words
 
 _GUESSED_UNIT: Final = {
@@ -34,10 +35,19 @@ _GUESSED_UNIT: Final = {
 }
 _TURN: Final = 400.0  # degrees; a unitless angle from 0 to there is in degrees
 _RADIANS: Final = 16 * np.pi  # that an angle without unit may reach before it counts as degrees
-_LEAST_RATE: Final = 25.0  # Hz
-_TIMES: Final = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
-_RATES: Final = (5.0, 2e4)  # Hz
-_ODRIVE: Final = 'fet_temp is of an ODrive, which counts turns: check'
+_ODRIVE: Final = 'named as by an ODrive, which counts turns: check'
+_OF_ODRIVE: Final = r'fet_temp|fet_thermistor|(pos|vel)_estimate'
+_CHANGES: Final = 0.2  # of the mean speed, by which it changes
+_TURNED: Final = 'sign by physics: power falls as torque × speed rises'
+_NO_TORQUE: Final = (
+    '    # torque: {from: COLUMN, unit: N*m}   # no column looks like one; of the current of a '
+    'motor: {from: COLUMN, unit: A, at: motor}'
+)
+_NO_VOLTAGE: Final = '    voltage: {value: 48, unit: V}   # no column looks like it: fill in'
+_NO_POWER: Final = (
+    '    # current: {from: COLUMN, unit: A}   # no column looks like that of a supply; or power: '
+    '{from: COLUMN, unit: W}'
+)
 _OTHERS: Final = 2  # candidates that are named beside the one that was taken
 
 
@@ -52,15 +62,22 @@ def guess_map(listed: Sequence[Listed], robot: str, *, is_bag: bool) -> str:
     shared = {q: own for d, qs in by_drive.items() if d not in drives for q, own in qs.items()}
     if not drives and set(MECHANICAL) & set(shared):
         drives, shared = {'': shared}, {}
-    lines = [f'format: {FORMAT}', 'time: {stamp: header}   # or log' if is_bag else _time(found)]
+    lines = [
+        f'format: {FORMAT}',
+        'time: {stamp: header}   # or log' if is_bag else time_line(found, listed),
+    ]
     lines.append('drives:')
-    in_turns = any('fet_temp' in words(c.address) for c in found)
-    bodies = {n or 'DRIVE': _Drive(q, shared, in_turns).lines() for n, q in drives.items()}
+    in_turns = any(re.search(_OF_ODRIVE, words(c.address)) for c in found)
+    own = {name or 'DRIVE': _Drive(q, shared, in_turns) for name, q in drives.items()}
+    chosen = [drive.choice for drive in own.values() if drive.choice is not None]
+    best = max(chosen, key=lambda choice: choice.score, default=None)
+    metered = 'supply:' in '\n'.join(supply := _supply_lines(found))
+    bodies = {name: drive.lines(best, metered) for name, drive in own.items()}
     for name, body in _folded(bodies).items():
-        lines += [f"  '{name}':" if '*' in name else f'  {_quoted(name)}:', *body]
+        lines += [f"  '{name}':" if '*' in name else f'  {yaml_text(name)}:', *body]
     if not drives:
         lines.append('  DRIVE: {}   # no column looks like a position, speed or torque: fill in')
-    lines += _supply_lines(found)
+    lines += supply
     lines.append(f'card: {{robot: {robot}}}')
     return '\n'.join(lines) + '\n'
 
@@ -78,15 +95,20 @@ class _Drive:
         measured = [c for c in own.get('torque', ()) if not c.held]
         if not measured and 'torque' in own and 'torque' in shared:
             own = {**own, 'torque': [*shared['torque'], *own['torque']]}
+        own = _velocity_apart_from_voltage(own)
         self._own, self._shared = own, shared
-        self._choice: Choice | None = choose(dict(own))
+        self.choice: Choice | None = choose(dict(own))
+        winding = own.get('winding')
+        if winding and not any({'current', 'power'} & set(part) for part in (own, shared)):
+            amps = [replace(c, quantity='current') for c in winding]
+            self.choice = choose({**own, 'current': amps})
         self._taken = self._take()
 
     def _take(self) -> dict[str, CandidateColumn]:
         taken = {q: own[0] for q, own in self._own.items() if own and q != 'winding'}
         if winding := self._own.get('winding'):
             taken['motor_current' if 'torque' in taken else 'torque'] = winding[0]
-        if (choice := self._choice) is not None:
+        if (choice := self.choice) is not None:
             taken |= {'torque': choice.torque, 'velocity': choice.velocity}
             parts = choice.meter.parts
             if len(parts) == 1 and (pair := metered_pair(parts[0], dict(self._own))) is not None:
@@ -94,6 +116,9 @@ class _Drive:
             for quantity in ('power', 'current'):
                 taken.pop(quantity, None)
             taken |= {part.quantity: part for part in parts}
+            if any(c.listed == part.listed for part in parts if (c := taken.get('motor_current'))):
+                del taken['motor_current']
+        self._current_of_motor(taken)
         for quantity in ('current', 'voltage', 'temperature'):
             others = self._shared.get(quantity, [])
             wanted = quantity == 'temperature' or (
@@ -113,9 +138,35 @@ class _Drive:
             taken.pop('position')
         return taken
 
-    def lines(self) -> list[str]:
-        """Return one line a quantity."""
-        return [self._line(q, self._taken[q]) for q in QUANTITIES if q in self._taken]
+    def _current_of_motor(self, taken: dict[str, CandidateColumn]) -> None:
+        """Take a current that the torque was computed from, at any speed, for the motor's."""
+        current, torque, velocity = (taken.get(q) for q in ('current', 'torque', 'velocity'))
+        if current is None or torque is None or velocity is None or 'motor_current' in taken:
+            return
+        speed = np.abs(velocity.values[np.isfinite(velocity.values)])
+        if (
+            len(speed)
+            and speed.std() > _CHANGES * speed.mean()
+            and made_of_current(torque, [current])
+        ):
+            taken['motor_current'] = replace(taken.pop('current'), quantity='winding')
+
+    def lines(self, best: Choice | None, metered: bool) -> list[str]:
+        """
+        Return one line a quantity, and what is lacking.
+
+        best: the choice of a drive of the log that decides the unit of speeds. metered: there is
+        a supply of the whole robot.
+        """
+        self.choice = self.choice or best
+        lines = [self._line(q, self._taken[q]) for q in QUANTITIES if q in self._taken]
+        if 'torque' not in self._taken:
+            lines.append(_NO_TORQUE)
+        if {'current', 'power'} & set(self._taken) and 'voltage' not in self._taken:
+            lines.append(_NO_VOLTAGE)
+        elif not metered and not {'current', 'power'} & set(self._taken):
+            lines.append(_NO_POWER)
+        return lines
 
     def _line(self, quantity: str, taken: CandidateColumn) -> str:
         notes = [taken.why]
@@ -128,14 +179,19 @@ class _Drive:
             notes.append(why)
         elif not unit:
             notes.append('unit not stated: check')
-        parts = [f'from: {_quoted(taken.address)}', f'unit: {unit or _GUESSED_UNIT[quantity]}']
+        parts = [f'from: {yaml_text(taken.address)}', f'unit: {unit or _GUESSED_UNIT[quantity]}']
         if quantity == 'torque':
             at, why = self._at(taken)
             parts[1:] = [f'unit: {unit or "A"}'] if taken.quantity == 'winding' else parts[1:]
+            if self._turned('torque', taken):
+                parts.append('scale: -1')
+                notes.append(_TURNED)
             parts.append(f'at: {at}')
             notes.append(why)
         if quantity in ('current', 'power'):
-            parts.append('positive: drawn')
+            fed = self._turned('power', taken)
+            parts.append('positive: fed' if fed else 'positive: drawn')
+            notes += [_TURNED] if fed else []
             if re.search(r'ibus', words(taken.address).replace('_', '')):
                 parts.append('computed: true')
                 notes.append('a controller computes it from the currents of its motor')
@@ -145,6 +201,13 @@ class _Drive:
         if others:
             notes.append('or ' + printable(', '.join(c.address + c.doubt for c in others)))
         return f'    {quantity}: {{{", ".join(parts)}}}   # {"; ".join(notes)}'
+
+    def _turned(self, what: str, taken: CandidateColumn) -> bool:
+        """Tell whether physics shows a column to count the other way."""
+        choice = self.choice
+        if choice is None or choice.turned != what:
+            return False
+        return taken == choice.torque if what == 'torque' else taken in choice.meter.parts
 
     def _rivals(self, quantity: str, taken: CandidateColumn) -> list[CandidateColumn]:
         own = [*self._own.get(taken.quantity, []), *self._shared.get(taken.quantity, [])]
@@ -158,17 +221,19 @@ class _Drive:
             return 'rpm', 'electrical: give scale: 0.1047 / pole pairs instead'
         if 'rpm' in name:
             return 'rpm', 'unit by its name'
-        if self._choice is not None and self._choice.velocity == taken:
-            unit = self._choice.speed_unit
-            return unit, f'unit by physics: in {unit} {self._choice.why}'
+        if self.choice is not None and not self.choice.velocity.unit and not self._in_turns:
+            unit, other = self.choice.speed_unit, self.choice.velocity
+            if other == taken:
+                return unit, f'unit by physics: in {unit} {self.choice.why}'
+            return unit, f'unit as of {printable(other.address)}'
         return ('rev/s', _ODRIVE) if self._in_turns else ('rad/s', 'unit not stated: check')
 
     def _angle_unit(self, taken: CandidateColumn) -> tuple[str, str]:
         if _RADIANS < taken.listed.high <= _TURN:
             return 'deg', 'unit by its range'
         velocity = self._taken.get('velocity')
-        if self._choice is not None and velocity is not None and not velocity.unit:
-            return self._choice.speed_unit.removesuffix('/s').replace('rpm', 'rev'), 'as the speed'
+        if self.choice is not None and self.choice.velocity == velocity and not velocity.unit:
+            return self.choice.speed_unit.removesuffix('/s').replace('rpm', 'rev'), 'as the speed'
         return ('rev', _ODRIVE) if self._in_turns else ('rad', 'unit not stated: check')
 
     def _at(self, taken: CandidateColumn) -> tuple[str, str]:
@@ -177,6 +242,21 @@ class _Drive:
         if (made := made_of_current(taken, self._own.get('winding', []))) is not None:
             return 'motor', f'it is {abs(made[1]):.4g} × {printable(made[0].address)}'
         return 'joint', 'at: motor where it is computed from a current'
+
+
+def _velocity_apart_from_voltage(
+    own: Mapping[str, list[CandidateColumn]],
+) -> Mapping[str, list[CandidateColumn]]:
+    """Take a column called v for a velocity where a voltage has another name."""
+    volts = own.get('voltage', [])
+    v = next((c for c in volts if words(c.address) == 'v' and not c.unit), None)
+    if v is None or len(volts) < 2 or 'velocity' in own:
+        return own
+    return {
+        **own,
+        'voltage': [c for c in volts if c != v],
+        'velocity': [replace(v, quantity='velocity')],
+    }
 
 
 def _better(other: CandidateColumn, own: CandidateColumn | None, quantity: str) -> bool:
@@ -213,79 +293,14 @@ def _folded(bodies: Mapping[str, list[str]]) -> dict[str, list[str]]:
 
 def _supply_lines(found: Sequence[CandidateColumn]) -> list[str]:
     parts: list[str] = []
+    note = ''
     for quantity in ('voltage', 'current', 'power'):
         own = [c for c in found if c.quantity == f'supply_{quantity}']
         if own and not (quantity == 'power' and len(parts) == 2):
             best = min(own, key=lambda c: c.rank)
             unit = best.unit or _GUESSED_UNIT[quantity]
-            parts.append(f'{quantity}: {{from: {_quoted(best.address)}, unit: {unit}}}')
-    return [f'supply: {{{", ".join(parts)}}}'] if len(parts) > 1 else []
-
-
-def _time(found: Sequence[CandidateColumn]) -> str:
-    times = [c for c in found if c.quantity == 'time' and _ascends(c)]
-    parts = {words(c.address).replace('_', ''): c for c in found if c.quantity == 'time'}
-    whole = next((c for n, c in parts.items() if n in ('sec', 'secs', 'seconds', 's')), None)
-    rest = next((c for n, c in parts.items() if n in ('nsec', 'nsecs', 'nanosec', 'ns')), None)
-    if whole is not None and rest is not None:
-        columns = (
-            f'{{from: {_quoted(whole.address)}, unit: s}}, '
-            f'{{from: {_quoted(rest.address)}, unit: ns}}'
-        )
-        return f'time: {{columns: [{columns}]}}   # seconds and nanoseconds, by name'
-    if not times:
-        return (
-            'time: {steady: true}   # no column looks like a time: each row an operating point; '
-            'of a log at a fixed rate: {rate: 100}'
-        )
-    best = min(times, key=lambda c: (_counts(c), -round(c.listed.changes, 1), len(c.address)))
-    unit, why = (best.unit, '') if best.unit else _time_unit(best)
-    known = best.values[np.isfinite(best.values)]
-    rows = len(known)
-    seconds = float(np.ptp(known)) * _TIMES.get(unit, 1.0) if rows else 0.0
-    if best.listed.changes < 0.5 and seconds > 0 and best.listed.changes * rows < seconds * 25:
-        return (
-            f'time: {{rate: {rows / seconds:.4g}}}   # rows over time: {best.address} changes in '
-            f'{best.listed.changes:.0%} of the rows only'
-        )
-    others = [c.address for c in times if c != best][:_OTHERS]
-    notes = [
-        text for text in (why, f'or {printable(", ".join(others))}' if others else '') if text
-    ]
-    note = f'   # {"; ".join(notes)}' if notes else ''
-    return f'time: {{column: {_quoted(best.address)}, unit: {unit}}}{note}'
-
-
-def _ascends(candidate: CandidateColumn) -> bool:
-    """Tell whether a column goes on as a time does; dates and what no row tells of count."""
-    values = candidate.values[np.isfinite(candidate.values)]
-    return len(values) < 2 or bool((np.diff(values) >= 0).mean() > 0.9)
-
-
-def _counts(candidate: CandidateColumn) -> bool:
-    """Tell whether a column numbers the rows."""
-    known = candidate.values[np.isfinite(candidate.values)]
-    return len(known) > 1 and bool((np.diff(known) == 1.0).all())
-
-
-def _time_unit(candidate: CandidateColumn) -> tuple[str, str]:
-    """The unit in a name, or the one that makes a likely rate."""
-    named = [part for part in words(candidate.address).split('_') if part in _TIMES]
-    if named:
-        return named[0], f'{named[0]} by its name'
-    steps = np.diff(candidate.values)
-    steps = steps[steps > 0]
-    if not len(steps):
-        return 's', ''
-    for unit, factor in _TIMES.items():
-        if _RATES[0] <= (rate := 1 / (float(np.median(steps)) * factor)) <= _RATES[1]:
-            return unit, f'{unit} makes {rate:.3g} rows a second'
-    return 's', 'unit not stated: check'
-
-
-def _quoted(text: str) -> str:
-    if not text.isprintable():
-        return json.dumps(text)
-    if re.fullmatch(r'[A-Za-z_/][\w/.:\-]*', text) and not text.endswith(':'):
-        return text if ': ' not in text else f"'{text}'"
-    return "'" + text.replace("'", "''") + "'"
+            sign = ''
+            if quantity != 'voltage' and np.nanmean(best.values) < 0:
+                sign, note = ', positive: fed', '   # negative in the mean: it counts what is fed'
+            parts.append(f'{quantity}: {{from: {yaml_text(best.address)}, unit: {unit}{sign}}}')
+    return [f'supply: {{{", ".join(parts)}}}{note}'] if len(parts) > 1 else []

@@ -25,6 +25,7 @@ class Listed:
     changes: float  # share of rows whose value differs from the row before
     rate: float  # rows a second, for bags
     values: Floats = field(default_factory=lambda: np.zeros(0))  # first rows
+    text: str = ''  # the first, of a column of texts
 
 
 def list_columns(source: LogSource) -> list[Listed]:
@@ -68,7 +69,8 @@ def _listed(column: LogColumn, values: np.ndarray, rate: float) -> Listed:
     count = len(values)
     if values.dtype.kind == 'O':
         changes = float(np.mean(values[1:] != values[:-1])) if count > 1 else 0.0
-        return Listed(column, count, np.nan, np.nan, changes, rate)
+        text = next((str(value) for value in values if value), '')
+        return Listed(column, count, np.nan, np.nan, changes, rate, text=text)
     values = np.where(np.abs(values) < LARGEST, values, np.nan)
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)

@@ -1,17 +1,16 @@
 """Stamps of a log's rows: units, dates, restarts, repeated and backward times."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from wattwalk_core.arrays import Floats, Stamps
-from wattwalk_core.errors import InputError, quoted
+from wattwalk_core.errors import InputError
 
+from power_recordings.importing.moments import DAY, moments, unwrapped
 from power_recordings.importing.units import conversion
 
 START = 1_000_000_000  # s, of logs whose times are relative
@@ -24,7 +23,6 @@ _DISORDER = 500_000_000  # ns that rows may be out of order by
 _LATEST = 4e9  # s
 _RATES = (0.2, 5e4)  # Hz, that a log of a drive can have
 _UNITS = ('s', 'ms', 'us', 'ns')
-_ORDINARY = re.compile(r'(\d{4})[:/.](\d\d)[:/.](\d\d)[ T:](\d\d:\d\d:.*)')
 
 
 @dataclass(frozen=True)
@@ -77,6 +75,7 @@ class LogClock:
     late: int = 0
     _before: int | None = None
     _span: int = 0  # ns, of all parts
+    _of_day: int = -1  # ns, of the last time of day
 
     def order(self, raw: Stamps) -> TimedRows:
         """Return the rows to keep and their stamps, of times in ns (negative: missing)."""
@@ -153,9 +152,7 @@ class LogClock:
     def nanoseconds(self, columns: Sequence[NDArray[Any]]) -> Stamps:
         """Return the sum of columns of times, numbers or dates, in ns; -1 where one is missing."""
         first, *others = columns
-        if first.dtype.kind == 'O':
-            return self._dates(first)
-        if others:
+        if others or first.dtype.kind == 'O':
             return self._added(columns)
         unit, times = self.units[0], first
         seconds = times * conversion(unit, 'time').factor
@@ -176,19 +173,33 @@ class LogClock:
         return np.where(bad, -1, result)
 
     def _added(self, columns: Sequence[NDArray[Any]]) -> Stamps:
-        """Each column is rounded to ns by itself: float64 holds no ns of seconds since 1970."""
+        """
+        Return the sum of columns: numbers, dates, times of day.
+
+        Each column is rounded to ns by itself: float64 holds no ns of seconds since 1970. Times of
+        day without a date go on over midnight.
+        """
         total, known = np.zeros(len(columns[0]), np.int64), np.ones(len(columns[0]), np.bool_)
+        of_day = dated = False
         for unit, times in zip(self.units, columns, strict=True):
             if times.dtype.kind == 'O':
-                raise InputError(f'{self.where}: dates and other times are not added')
-            seconds = times * conversion(unit, 'time').factor
-            good = np.isfinite(seconds) & (np.abs(seconds) < _LATEST)
+                part = moments(times, self.where)
+                good = part >= 0
+                of_day |= bool(good.any()) and int(part[good].max()) < DAY
+                dated |= bool(good.any()) and int(part[good].max()) >= DAY
+            else:
+                seconds = times * conversion(unit, 'time').factor
+                good = np.isfinite(seconds) & (np.abs(seconds) < _LATEST)
+                whole = np.where(good, np.trunc(seconds), 0.0)
+                rest = np.where(good, seconds - whole, 0.0)
+                part = whole.astype(np.int64) * 10**9 + np.rint(rest * 1e9).astype(np.int64)
             known &= good
-            whole = np.where(good, np.trunc(seconds), 0.0)
-            rest = np.where(good, seconds - whole, 0.0)
-            total += whole.astype(np.int64) * 10**9 + np.rint(rest * 1e9).astype(np.int64)
+            total += np.where(good, part, 0)
         if not known.any():
             return np.full(len(total), -1, np.int64)
+        if of_day and not dated:
+            total = unwrapped(np.where(known, total, -1), self._of_day)
+            self._of_day = int(total.max())
         if float(np.median(total[known])) < _EPOCH * 1e9:
             total += START * 10**9
         return np.where(known, total, -1)
@@ -210,22 +221,3 @@ class LogClock:
                     f'{self.where}: times in {self.units[0]} make {rate:.3g} rows a second; is '
                     f'that their unit? {other} would make {likely:.3g}: time: {{unit: {other}}}'
                 )
-
-    def _dates(self, texts: NDArray[Any]) -> Stamps:
-        result = np.full(len(texts), -1, np.int64)
-        for i, text in enumerate(texts.tolist()):
-            if text is None or not str(text).strip():
-                continue
-            ordinary = _ORDINARY.match(str(text))
-            iso = f'{ordinary[1]}-{ordinary[2]}-{ordinary[3]} {ordinary[4]}' if ordinary else text
-            try:
-                moment = datetime.fromisoformat(str(iso).strip())
-            except ValueError:
-                raise InputError(
-                    f'{self.where}: {quoted(text)} is no time; expected numbers or dates such as '
-                    '2026-11-22T10:00:00.000'
-                ) from None
-            span = moment - datetime(1970, 1, 1, tzinfo=UTC if moment.tzinfo else None)
-            seconds = span.days * 86_400 + span.seconds
-            result[i] = seconds * 10**9 + span.microseconds * 1000
-        return result

@@ -20,6 +20,8 @@ _OTHER_LANGUAGES: Final = {
     **dict.fromkeys(('strom', '电流'), 'current'),
     **dict.fromkeys(('leistung', '功率'), 'power'),
     **dict.fromkeys(('wirkungsgrad', '效率'), 'efficiency'),
+    **dict.fromkeys(('zeitstempel', '时间戳'), 'timestamp'),
+    **dict.fromkeys(('datum', '日期'), 'date'),
     **dict.fromkeys(('zeit', '时间'), 'time'),
     **dict.fromkeys(('temperatur', '温度'), 'temp'),
     **dict.fromkeys(('winkel', '角度', '位置'), 'angle'),

@@ -11,7 +11,7 @@ from wattwalk_core.errors import InputError
 from power_recordings.importing.sources.source import LogSource
 
 _READERS: Final = {
-    'delimited': ('.csv', '.tsv', '.txt', '.dat'),
+    'delimited': ('.csv', '.tsv', '.txt', '.dat', '.log', '.asc', '.prn', '.lvm'),
     'spreadsheet': ('.xlsx', '.xlsm'),
     'columnar': ('.parquet', '.pq', '.feather', '.arrow'),
     'matlab': ('.mat',),

@@ -16,7 +16,12 @@ from pyarrow import compute as pc
 from pyarrow import csv as arrow_csv
 from wattwalk_core.errors import InputError, printable
 
-from power_recordings.importing.sources.heads import Head, find_head, is_number
+from power_recordings.importing.sources.heads import (
+    THOUSANDS,
+    Head,
+    find_head,
+    is_number,
+)
 from power_recordings.importing.sources.source import MOST_COLUMNS, LogBlock, LogColumn, Progress
 
 _MARKS: Final = (
@@ -184,7 +189,7 @@ class DelimitedFile:
 
 def _column(texts: Any, decimal: str) -> np.ndarray:
     """Texts as float64, or as they are where most are no numbers, as dates are."""
-    texts = pc.utf8_trim_whitespace(texts)
+    texts = _without_thousands(pc.utf8_trim_whitespace(texts), decimal)
     if decimal == ',':
         texts = pc.replace_substring(texts, ',', '.')
     texts = pc.if_else(pc.is_in(texts, pa.array(_NOTHING)), pa.scalar(None, pa.string()), texts)
@@ -198,6 +203,17 @@ def _column(texts: Any, decimal: str) -> np.ndarray:
         return np.asarray(texts.to_numpy())
     texts = pc.if_else(number, texts, pa.scalar(None, pa.string()))
     return np.asarray(pc.cast(texts, pa.float64()).to_numpy())
+
+
+def _without_thousands(texts: Any, decimal: str) -> Any:
+    """Take out the marks between thousands; where all have one, it may be one of decimals."""
+    grouped = pc.match_substring_regex(texts, f'^({THOUSANDS[decimal]})$')
+    share = pc.mean(pc.cast(pc.fill_null(grouped, False), pa.float64())).as_py() or 0.0
+    marked = pc.match_substring_regex(texts, rf"[,'.]\d+{re.escape(decimal)}")
+    if not share > 0.0 or (share == 1.0 and not pc.any(marked).as_py()):
+        return texts
+    between = "[,']" if decimal == '.' else "['.]"
+    return pc.if_else(grouped, pc.replace_substring_regex(texts, between, ''), texts)
 
 
 class _Rows(io.RawIOBase):
@@ -249,7 +265,7 @@ def sniff(path: Path) -> TableDialect:
         # A comma between decimals also splits rows, but into fields that are no numbers.
         if numeric**2 / len(head.names) > most:
             most = numeric**2 / len(head.names)
-            comma = delimiter != ',' and any(',' in f and is_number(f) for r in values for f in r)
+            comma = delimiter != ',' and _has_decimal_comma(values)
             skip = mark + sum(sizes[: begin + head.first_row])
             best = TableDialect(encoding, delimiter, ',' if comma else '.', head, skip, longest)
     if best is None:
@@ -260,6 +276,12 @@ def sniff(path: Path) -> TableDialect:
             f'{path}: {len(best.head.names)} columns; at most {MOST_COLUMNS} are read'
         )
     return best
+
+
+def _has_decimal_comma(rows: Sequence[Sequence[str]]) -> bool:
+    """Tell whether commas stand before decimals, and not between thousands."""
+    fields = [field for row in rows for field in row if ',' in field and is_number(field)]
+    return bool(fields) and all(f.rfind('.') < f.rfind(',') for f in fields)
 
 
 def _numeric_columns(rows: Sequence[Sequence[str]], width: int) -> int:

@@ -23,6 +23,11 @@ from power_recordings.importing.units import is_unit
 _NUMBER = re.compile(
     r'\s*[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\s*|\s*[+-]?(nan|inf)\s*', re.I
 )
+THOUSANDS = {  # as they stand in a column, by the mark of decimals
+    '.': r"[+-]?\d{1,3}([,']\d{3})+(\.\d+)?",
+    ',': r"[+-]?\d{1,3}(['.]\d{3})+(,\d+)?",
+}
+_IN_GROUPS = re.compile('|'.join(THOUSANDS.values()))
 _DATE = re.compile(r'\d{2,4}[-./:]\d\d')
 _NO_UNIT = ('-', '–', '%', '1')
 _LIKE_A_HEAD = 0.5  # names to a value
@@ -55,7 +60,7 @@ class Head:
 
 def is_number(field: str) -> bool:
     """Return whether a field is a number, NaN or infinity, with a point or a comma."""
-    return bool(_NUMBER.fullmatch(field))
+    return bool(_NUMBER.fullmatch(field) or _IN_GROUPS.fullmatch(field.strip()))
 
 
 def find_head(
@@ -78,7 +83,13 @@ def find_head(
     if not usual:
         return None
     enough = usual[len(usual) // 2] / 2
-    first = next(i for i, count in enumerate(numbers) if count >= enough)
+    full = [i for i, count in enumerate(numbers) if count >= enough]
+    first = full[0]
+    for later in full[1:]:  # a row of numbers above a row of names is of a preamble
+        if later > first + 1 and any(map(_is_name, rows[later - 1])):
+            first = later
+        else:
+            break
     trailing = all(not row[-1].strip() for row in rows[first:] if len(row) == width)
     above = [fitted for row in rows[:first] if (fitted := _fitted(row, width, trailing))]
     above = above or [fitted for row in commented if (fitted := _fitted(row, width, trailing))]
@@ -89,7 +100,8 @@ def find_head(
     unfit = 0
     if not above and first and len(rows[first - 1]) >= max(2, _LIKE_A_HEAD * width):
         unfit = len(rows[first - 1])
-    names = above[-1] if above else [f'column{i}' for i in range(1, width + 1)]
+    fullest = max(above, key=lambda row: sum(map(_is_name, row)), default=None)
+    names = fullest or [f'column{i}' for i in range(1, width + 1)]
     units = [unit_of(n) or (u if is_unit(u) else '') for n, u in zip(names, units, strict=True)]
     return Head(unique(names), tuple(units), first, unfit)
 

@@ -1,7 +1,7 @@
 """Spreadsheets (xlsx), streamed with openpyxl."""
 
 from collections.abc import Iterator, Sequence
-from datetime import date, datetime
+from datetime import date, datetime, time
 from itertools import islice
 from pathlib import Path
 from typing import Any, Final
@@ -115,7 +115,7 @@ def _head(sheet: Any) -> Head | None:
 
 def _cell(row: Sequence[Any], index: int) -> Any:
     value = row[index] if index < len(row) else None
-    return value.isoformat() if isinstance(value, date | datetime) else value
+    return value.isoformat() if isinstance(value, date | datetime | time) else value
 
 
 def _column(cells: Sequence[Any]) -> np.ndarray:
