@@ -83,10 +83,19 @@ class Card:
 
     def column(self, drive: str, quantity: str) -> str:
         """Return what an imported signal was called in the user's log, in brackets; '' if none."""
+        name = (self._columns(drive) or {}).get(quantity)
+        return f' (column {quoted(name)})' if isinstance(name, str) else ''
+
+    def lacks(self, drive: str, quantity: str) -> bool:
+        """Return whether the map of an import names no column for a quantity."""
+        columns = self._columns(drive)
+        derived = quantity == 'velocity' and drive in self.derived_velocity
+        return columns is not None and quantity not in columns and not derived
+
+    def _columns(self, drive: str) -> Mapping[str, Any] | None:
         of_drive = self.imported.get('columns')
         named = of_drive.get(drive) if isinstance(of_drive, Mapping) else None
-        name = named.get(quantity) if isinstance(named, Mapping) else None
-        return f' (column {quoted(name)})' if isinstance(name, str) else ''
+        return named if isinstance(named, Mapping) else None
 
     def formula(self, drive: str) -> str:
         """Return the formula by which a drive's power was computed; '' where none is known."""

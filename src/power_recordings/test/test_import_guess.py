@@ -306,3 +306,12 @@ def test_a_first_column_that_goes_on_evenly_is_the_time(tmp_path, capsys):
     recording, lines = guessed(tmp_path, capsys, columns)
     assert 'column: Name, unit: ms' in lines['time']
     assert recording.duration == pytest.approx(11.99, abs=0.02)
+
+
+def test_an_efficiency_is_taken_where_no_power_is_there(tmp_path, capsys):
+    speed, torque = (x.ravel() for x in np.meshgrid(np.arange(1, 9) * 300.0, [2.0, 4.0, 9.0]))
+    columns = {'Speed [rpm]': speed, 'Torque [Nm]': torque, 'Efficiency [%]': 70 + torque}
+    recording, lines = guessed(tmp_path, capsys, columns)
+    assert "from: 'Efficiency [%]', unit: '%'" in lines['efficiency']
+    power = recording.drive_supply().power[:, 0]
+    np.testing.assert_allclose(power, torque * speed * np.pi / 30 / (0.7 + torque / 100), 1e-5)

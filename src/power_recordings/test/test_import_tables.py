@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from power_recordings.alignment.align import load_aligned
+from power_recordings.commands.arguments import import_logs as main
 from power_recordings.importing.sources.delimited import DelimitedFile
 from power_recordings.reading.reader import Recording
-from table_log import run
+from table_log import csv, run
 
 BENCH = """
 format: import/1
@@ -219,3 +220,44 @@ def test_operating_points_are_aligned_as_they_are_in_any_order(tmp_path):
     np.testing.assert_allclose(data.torque[:, 0], kept[:, 2], rtol=1e-6)
     np.testing.assert_allclose(data.power[:, 0], 24 * kept[:, 3], rtol=1e-6)
     np.testing.assert_allclose(np.diff(data.time), 0.02, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ('entry', 'column', 'drawn'),
+    [
+        ("efficiency: {from: eta, unit: '%'}", [80, 50, 80, 0], [250, 200, -80]),
+        ('efficiency: {from: eta}', [0.8, 0.5, 0.8, 1.1], [250, 200, -80]),
+        ('loss: {from: eta, unit: W}', [50, 100, 20, 0], [250, 200, -80]),
+    ],
+)
+def test_an_efficiency_or_a_loss_stands_for_the_power(tmp_path, entry, column, drawn):
+    torque, speed = np.array([2, 1, -1, 1.0]), np.array([100, 100, 100, 100.0])
+    rows = np.stack([speed, torque, column], axis=1)
+    log = csv(tmp_path / 'map.csv', np.vstack([rows] * 3), 'w,m,eta')
+    mapping = tmp_path / 'map.yaml'
+    mapping.write_text(
+        'format: import/1\ntime: {steady: true}\ndrives:\n  A:\n'
+        '    velocity: {from: w, unit: rad/s}\n    torque: {from: m, unit: N*m}\n'
+        f'    voltage: {{value: 50, unit: V}}\n    {entry}\n'
+    )
+    assert main([str(log), '--map', str(mapping), '-o', str(tmp_path / 'bag')]) == 0
+    recording = Recording.open(tmp_path / 'bag')
+    np.testing.assert_allclose(recording.drive_supply().power[:3, 0], drawn, rtol=1e-5)
+    assert len(recording.drive_supply()) == (12 if 'loss' in entry else 9)  # no share is 0 or 1.1
+    assert 'm × w' in recording.card.imported['columns']['A']['power']
+
+
+def test_an_efficiency_needs_torque_and_velocity_and_no_power_beside(tmp_path, capsys):
+    log = csv(tmp_path / 'map.csv', np.ones((9, 3)), 'w,m,eta')
+    begin = 'format: import/1\ntime: {steady: true}\ndrives:\n  A:\n    velocity: {from: w}\n'
+    mapping = tmp_path / 'map.yaml'
+    for rest, told in (
+        ('    efficiency: {from: eta}\n', 'efficiency without torque and velocity'),
+        (
+            '    torque: {from: m}\n    efficiency: {from: eta}\n    power: {from: eta}\n',
+            'give one of efficiency, power',
+        ),
+    ):
+        mapping.write_text(begin + rest)
+        assert main([str(log), '--map', str(mapping), '-o', str(tmp_path / 'bag')]) == 2
+        assert told in capsys.readouterr().err

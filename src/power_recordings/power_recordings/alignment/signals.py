@@ -166,10 +166,15 @@ class _Collector:
             nan = ~np.isfinite(values)
             unknown = nan.all(axis=0) if name == 'position' else np.zeros(len(columns), np.bool_)
             for drive, share in zip(self._names, nan.mean(axis=0) * ~unknown, strict=True):
+                quantity = _QUANTITIES[name]
+                if share == 1.0 and self._recording.card.lacks(drive, quantity):
+                    raise InputError(
+                        f'{path}: the map that it was imported by gives no {quantity} of {drive}'
+                    )
                 if share > _MOSTLY:
                     raise InputError(
                         f'{path}: joint_states.{name} of {drive}'
-                        f'{self._column(drive, _QUANTITIES[name])} is NaN or missing in '
+                        f'{self._column(drive, quantity)} is NaN or missing in '
                         f'{share:.0%} of the messages; expected numbers'
                     )
             bad |= (nan & ~unknown).any(axis=1)

@@ -21,7 +21,7 @@ _ROBOT = r'(robot|main|system|battery|batt|total|pack|(^|_)power(?=_[va](_|$)))'
 _DC = r'(bus|dc|zk|input|supply|board|(^|_)ina|(^|_)in(?=_(volt|curr|amp)))'
 _OTHER = (
     r'scaling|fraction|limits?|mode|errors?|faults?|status|bits?|register|samples?|tool|tcp|force|'
-    r'accelerometer|acc|imu|gnss|inertia|computed|momentum|receive|accuracy|eta|hours|levels?|'
+    r'accelerometer|acc|imu|gnss|inertia|computed|momentum|receive|accuracy|hours|levels?|'
     r'tacho|index|count(er)?s?|max|min|serial|pwm|duty|gain|t_ff'
 )
 """Words of columns that tell nothing of what is wanted."""
@@ -34,12 +34,16 @@ _RULES: Final = (
     ),
     (
         '',
-        rf'(^|_)({_OTHER})(_|$)|effic|differ|loss|_per_'
+        rf'(^|_)({_OTHER})(_|$)|differ|_per_'
         r'|(^|_)d_?(axis)?_?curr|(^|_)i?d(_axis)?_?(current|volt|measured)|(^|_)[iuv]_?d(_|$)'
         r'|(^|_)(q|phase)_(axis_)?volt|(^|_)[uv]_?q(_|$)'
         r'|(^|_)(mech|out|shaft)\w*_(power|watt)|(power|watt)\w*_(mech|out|shaft)'
         r'|(^|_)p_?(m|mech\w*|out|shaft)(_|$)',
     ),
+    ('efficiency', r'(total|system|overall|drive)_.*(effic|(^|_)eta(_|$))'),
+    ('efficiency', r'effic|(^|_)eta(_|$)'),
+    ('loss', r'(total|system|overall|drive)_.*loss'),
+    ('loss', r'loss'),
     ('command', rf'{_WANTED}.*(pos|angle|(^|_)q(_|$))|(pos|angle|(^|_)[pq](_|$)).*{_WANTED}'),
     ('', rf'{_WANTED}'),
     ('supply_voltage', r'robot.*volt'),
@@ -80,9 +84,11 @@ _RULES: Final = (
     ('velocity', r'(vel|speed|omega|rpm|(^|_)(qd|dq)(_|$)|(^|_)w(_|$))'),
     ('position', r'(pos|angle|theta|(^|_)q(_|$))'),
 )
+_VAGUE: Final = _RULES.index(('voltage', r'volt|(^|_)v(_|$)'))  # from which names do not say whose
 _BY_UNIT: Final = len(_RULES)  # rank of columns that only their unit speaks for
 _OF_UNIT: Final = ('torque', 'velocity', 'power', 'voltage', 'current')
 _OF_NO_SIZE: Final = ('1/s', 's-1', 's^-1', 's⁻¹', '1/sec')  # rad/s to some, rev/s to others
+_PLAIN: Final = {'winding': 'current', 'loss': 'power'}
 _STILL: Final = ('voltage', 'supply_voltage')  # a supply may hold it
 _BRACKETS = re.compile(r'[\[(]\s*([^\[\]()]*?)\s*[\])]\s*$')
 _FEW, _MANY = 0.2, 0.6  # share of rows in which a command changes, and a measurement
@@ -112,6 +118,11 @@ class CandidateColumn:
     def values(self) -> Floats:
         """The first rows."""
         return self.listed.values
+
+    @property
+    def is_vague(self) -> bool:
+        """Tell that the name does not say whose current or voltage it is."""
+        return self.rank >= _VAGUE
 
     @property
     def why(self) -> str:
@@ -163,7 +174,7 @@ def _suits(quantity: str, rule: str, name: str, fits: Sequence[str], foreign: bo
     """Tell whether a rule fits a name, and its quantity the unit."""
     if not re.search(rule, name):
         return False
-    plain = {'winding': 'current'}.get(quantity, quantity.removeprefix('supply_'))
+    plain = _PLAIN.get(quantity, quantity.removeprefix('supply_'))
     return not foreign and not (fits and quantity and plain not in fits)
 
 

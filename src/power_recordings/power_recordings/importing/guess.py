@@ -31,12 +31,16 @@ _GUESSED_UNIT: Final = {
     'voltage': 'V',
     'current': 'A',
     'power': 'W',
+    'efficiency': '1',
+    'loss': 'W',
     'temperature': 'degC',
 }
 _TURN: Final = 400.0  # degrees; a unitless angle from 0 to there is in degrees
 _RADIANS: Final = 16 * np.pi  # that an angle without unit may reach before it counts as degrees
 _ODRIVE: Final = 'named as by an ODrive, which counts turns: check'
 _OF_ODRIVE: Final = r'fet_temp|fet_thermistor|(pos|vel)_estimate'
+_POWERS: Final = {'current', 'power', 'efficiency', 'loss'}  # what a power is known by
+_WHOLE: Final = 1.5  # above which an efficiency counts percent
 _CHANGES: Final = 0.2  # of the mean speed, by which it changes
 _TURNED: Final = 'sign by physics: power falls as torque × speed rises'
 _NO_TORQUE: Final = (
@@ -132,7 +136,11 @@ class _Drive:
             volts.sort(key=lambda c: c.rank)
             if (own := companion(taken['current'], volts)) is not None:
                 taken['voltage'] = own
-        if not {'current', 'power'} & set(taken):
+        of_shaft = [q for q in ('efficiency', 'loss') if q in taken]
+        keep = not {'current', 'power'} & set(taken) and {'torque', 'velocity'} <= set(taken)
+        for quantity in of_shaft[1:] if keep else of_shaft:
+            del taken[quantity]
+        if not _POWERS & set(taken):
             taken.pop('voltage', None)
         if 'velocity' in taken and 'position' in taken and not _follows(taken):
             taken.pop('position')
@@ -141,7 +149,9 @@ class _Drive:
     def _current_of_motor(self, taken: dict[str, CandidateColumn]) -> None:
         """Take a current that the torque was computed from, at any speed, for the motor's."""
         current, torque, velocity = (taken.get(q) for q in ('current', 'torque', 'velocity'))
-        if current is None or torque is None or velocity is None or 'motor_current' in taken:
+        if current is None or torque is None or velocity is None:
+            return
+        if 'motor_current' in taken or not current.is_vague:
             return
         speed = np.abs(velocity.values[np.isfinite(velocity.values)])
         if (
@@ -162,9 +172,9 @@ class _Drive:
         lines = [self._line(q, self._taken[q]) for q in QUANTITIES if q in self._taken]
         if 'torque' not in self._taken:
             lines.append(_NO_TORQUE)
-        if {'current', 'power'} & set(self._taken) and 'voltage' not in self._taken:
+        if _POWERS & set(self._taken) and 'voltage' not in self._taken:
             lines.append(_NO_VOLTAGE)
-        elif not metered and not {'current', 'power'} & set(self._taken):
+        elif not metered and not _POWERS & set(self._taken):
             lines.append(_NO_POWER)
         return lines
 
@@ -177,9 +187,15 @@ class _Drive:
         elif quantity in ('position', 'command') and not unit:
             unit, why = self._angle_unit(taken)
             notes.append(why)
+        elif quantity == 'efficiency' and not unit:
+            unit = '%' if taken.listed.high > _WHOLE else '1'
+            notes.append('unit by its range')
         elif not unit:
             notes.append('unit not stated: check')
-        parts = [f'from: {yaml_text(taken.address)}', f'unit: {unit or _GUESSED_UNIT[quantity]}']
+        parts = [
+            f'from: {yaml_text(taken.address)}',
+            f'unit: {_unit_text(unit or _GUESSED_UNIT[quantity])}',
+        ]
         if quantity == 'torque':
             at, why = self._at(taken)
             parts[1:] = [f'unit: {unit or "A"}'] if taken.quantity == 'winding' else parts[1:]
@@ -257,6 +273,11 @@ def _velocity_apart_from_voltage(
         'voltage': [c for c in volts if c != v],
         'velocity': [replace(v, quantity='velocity')],
     }
+
+
+def _unit_text(unit: str) -> str:
+    """Return a unit as YAML has it: % and 1 would be no texts."""
+    return f"'{unit}'" if unit in ('%', '1', '-') else unit
 
 
 def _better(other: CandidateColumn, own: CandidateColumn | None, quantity: str) -> bool:

@@ -15,7 +15,7 @@ from wattwalk_core.yaml_file import read_yaml
 FORMAT: Final = 'import/1'
 MAPS: Final = Path(__file__).parent / 'maps'
 JOINT: Final = ('position', 'velocity', 'torque')
-ELECTRICAL: Final = ('voltage', 'current', 'power', 'temperature')
+ELECTRICAL: Final = ('voltage', 'current', 'power', 'efficiency', 'loss', 'temperature')
 QUANTITIES: Final = (*JOINT, 'motor_current', 'command', *ELECTRICAL)
 GEARED: Final = ('position', 'velocity', 'command')
 _LONGEST: Final = 200  # characters of the name of a map
@@ -70,7 +70,8 @@ class DriveMap:
     The signals of one drive; those that were not recorded are left out.
 
     gear_ratio: turns of the motor to one of the joint, which everything but signals `at: motor`
-    belongs to. motor_current makes the torque, of its quadrature axis.
+    belongs to. motor_current makes the torque, of its quadrature axis. An efficiency, or a loss in
+    W, stands for the power that the shaft draws with it.
     """
 
     position: Signal | None = None
@@ -81,6 +82,8 @@ class DriveMap:
     voltage: Signal | None = None
     current: Signal | None = None
     power: Signal | None = None
+    efficiency: Signal | None = None
+    loss: Signal | None = None
     temperature: Signal | None = None
     gear_ratio: Annotated[float, Quantity(1e-3, 1e5)] | None = None
 

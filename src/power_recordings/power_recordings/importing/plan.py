@@ -74,6 +74,47 @@ class LogChannel:
 
 
 @dataclass(frozen=True)
+class ShaftPower(LogChannel):
+    """
+    Power that a drive draws for torque × speed at an efficiency, or with a loss in W.
+
+    A drive that brakes returns torque × speed × efficiency.
+    """
+
+    torque: LogChannel | None = None
+    velocity: LogChannel | None = None
+    share: LogChannel | None = None
+
+    @property
+    def _parts(self) -> tuple[LogChannel, LogChannel, LogChannel]:
+        assert self.torque is not None
+        assert self.velocity is not None
+        assert self.share is not None
+        return self.torque, self.velocity, self.share
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Addresses of the columns."""
+        return tuple(dict.fromkeys(a for part in self._parts for a in part.addresses))
+
+    @property
+    def formula(self) -> str:
+        """The columns as the user knows them."""
+        torque, velocity, share = (part.formula for part in self._parts)
+        sign = '+' if self._parts[2].quantity == 'loss' else '/'
+        return f'{torque} × {velocity} {sign} {share}'
+
+    def convert(self, values: Mapping[str, NDArray[Any]]) -> Floats:
+        """Return W [N]; NaN at an efficiency of 0 and less, and above 1."""
+        torque, velocity, share = (part.convert(values) for part in self._parts)
+        shaft = torque * velocity
+        if self._parts[2].quantity == 'loss':
+            return np.asarray(shaft + share)
+        share = np.where((share > 0.0) & (share <= 1.0), share, np.nan)
+        return np.asarray(np.where(shaft < 0.0, shaft * share, shaft / share))
+
+
+@dataclass(frozen=True)
 class ImportPlan:
     """Signals that a map takes out of one log."""
 
@@ -132,6 +173,7 @@ def make_plan(
             for q, s in signals.items()
             if not s.optional or all(column in known for term in s.terms for column in term)
         }
+        _with_shaft_power(channels[name], f'{where}: drives.{name}')
         _check_drive(channels[name], f'{where}: drives.{name}')
     supply = {
         q: _channel(q, s, known, f'{where}: supply.{q}')
@@ -258,6 +300,7 @@ def _channel(
 
 
 def _conversion(quantity: str, signal: Signal, unit: str) -> Conversion:
+    quantity = 'power' if quantity == 'loss' else quantity
     if signal.scale is None:
         if quantity == 'torque' and unit in ('A', 'mA'):
             base = conversion(unit, 'current')
@@ -280,7 +323,7 @@ def _stated(column: LogColumn, quantity: str) -> str:
     """The unit that the log itself states, where it fits the quantity."""
     unit = column.unit or unit_of(column.address)
     try:
-        conversion(unit, quantity)
+        conversion(unit, 'power' if quantity == 'loss' else quantity)
     except InputError:
         return ''
     return unit
@@ -294,6 +337,28 @@ def _find(address: str, known: Mapping[str, LogColumn], where: str) -> LogColumn
     near = difflib.get_close_matches(address[:_LONGEST], short, 3, 0.6)
     found = f'is {printable(", ".join(near))}' if near else f'are {len(known)}: see --list'
     raise InputError(f'{where}: no column {quoted(address)}; there {found}')
+
+
+def _with_shaft_power(channels: dict[str, LogChannel], where: str) -> None:
+    """Put a power in the place of an efficiency or a loss."""
+    given = [q for q in ('efficiency', 'loss', 'power', 'current') if q in channels]
+    if not {'efficiency', 'loss'} & set(given):
+        return
+    if len(given) > 1:
+        raise InputError(f'{where}: give one of {", ".join(given)}')
+    share = channels.pop(given[0])
+    torque, velocity = (channels.get(quantity) for quantity in ('torque', 'velocity'))
+    if torque is None or velocity is None or not torque.terms or not velocity.terms:
+        raise InputError(
+            f'{where}: {given[0]} without torque and velocity, whose product it is of'
+        )
+    if len({channel.stream for channel in (torque, velocity, share)}) > 1:
+        raise InputError(
+            f'{where}: {given[0]}, torque and velocity are of one table or topic only'
+        )
+    channels['power'] = ShaftPower(
+        'power', torque.terms, Conversion(), torque=torque, velocity=velocity, share=share
+    )
 
 
 def _check_drive(channels: Mapping[str, LogChannel], where: str) -> None:

@@ -25,6 +25,9 @@ SI: Final = {
 }
 """The unit of each quantity in a recording."""
 
+_SHARES: Final = {'%': 0.01, 'percent': 0.01, 'pct': 0.01, '1': 1.0, '-': 1.0}
+"""Units of an efficiency."""
+
 # Names and spellings that people write; pint does not know rev.
 _ALIASES: Final = {
     **{name: 'turn' for name in ('rev', 'revs', 'revolution', 'revolutions', 'turns', 'r')},
@@ -139,6 +142,10 @@ def conversion(unit: str, quantity: str) -> Conversion:
 
     Raises InputError for a unit that is unknown or of another dimension.
     """
+    if quantity == 'efficiency':
+        if unit.strip() not in _SHARES:
+            raise InputError(f'unit {quoted(unit)} is none of efficiency; expected % or 1')
+        return Conversion(_SHARES[unit.strip()])
     wanted = SI[quantity]
     if (step := _STEP.match(unit.strip())) is not None:
         whole = conversion(unit.strip()[step.end() :], quantity)
@@ -181,7 +188,7 @@ def is_unit(text: str) -> bool:
 def quantities_of(unit: str) -> tuple[str, ...]:
     """Return the quantities that a unit can belong to."""
     found = []
-    for quantity in SI:
+    for quantity in (*SI, 'efficiency'):
         try:
             conversion(unit, quantity)
         except InputError:
