@@ -1,5 +1,5 @@
 """
-Judgements that the benchmark of reliability scores, and the lab of today as one that judges.
+Judgements that the benchmark of reliability scores, and the lab as one that judges.
 
 A judge is a function (AlignedDataset, effects of the base model) -> Judgement; the benchmark takes
 any by `--judge module:function`.
@@ -8,9 +8,9 @@ any by `--judge module:function`.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from math import hypot
-from typing import Any
 
+import numpy as np
+from power_estimator.posterior.summary import MeterSummary
 from power_recordings.alignment.dataset import AlignedDataset
 
 LEVELS = (0.5, 0.8, 0.95)
@@ -56,32 +56,6 @@ def plugged_in(name: str) -> Judge:
     return judge
 
 
-def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Judgement:
-    """Today's `diagnose` and `fit`: 0.97 for what is named, and the intervals at 95 % of `fit`."""
-    from power_estimator.effects import builtin_catalogue
-    from power_estimator.effects.fit.design import Active
-    from power_estimator.effects.fit.fitter import measurement_terms
-    from power_estimator.effects.training import fit_model, material
-    from power_lab.diagnose.diagnosis import Diagnoser
-    from power_lab.diagnose.probable import probable, with_names
-
-    catalogue = builtin_catalogue()
-    given = material(data, per='drive')
-    actives = [Active.of(catalogue[name]) for name in known]
-    actives = [active for active in actives if active.effect.usable(given.prepared.signals)]
-    structure = given.structure(actives)
-    terms = measurement_terms(catalogue, shaft=True, steady=given.prepared.steady)
-    diagnoser = Diagnoser(given.fitter(per_drive=True), structure.plus(*terms), catalogue)
-    found, posterior = diagnoser.run(), probable(given, structure.actives, catalogue, 0.0)
-    if posterior is not None:
-        found = with_names(found, posterior, diagnoser)
-    named = found.effects if found.verdict == 'named' else ()
-    model, _ = fit_model('trial', given, actives, catalogue)
-    intervals = [one for group in model.groups for one in _intervals(group)]
-    words = f'{found.verdict} {" ".join(found.effects)}'.strip()
-    return Judgement(tuple(Statement(name, 0.97) for name in named), tuple(intervals), words)
-
-
 COEFFICIENTS = {
     'copper_loss': 'k',
     'rotor_inertia': 'inertia',
@@ -91,22 +65,39 @@ COEFFICIENTS = {
 }
 
 
-def _intervals(group: Any) -> list[Interval]:
-    """Intervals of a drive; the friction at 1 rad/s by its parts, as if they were independent."""
-    drive = group.type.name
-    out = [
-        Interval(drive, name, 0.95, *value.interval)
-        for effect, name in COEFFICIENTS.items()
-        for value in group.coefficients.get(effect, ())[:1]
+def diagnosed(data: AlignedDataset, known: Sequence[str]) -> Judgement:
+    """Judge as `diagnose` does: probabilities of effects and scales, intervals at three levels."""
+    from power_estimator.effects import builtin_catalogue
+    from power_estimator.effects.fit.design import Active
+    from power_estimator.effects.training import material
+    from power_estimator.posterior.judged import judged_effects
+    from power_estimator.posterior.priors import MOST_SECONDS
+
+    catalogue = builtin_catalogue()
+    given = material(data, per='drive').at_most(MOST_SECONDS)
+    prepared = given.prepared
+    actives = [Active.of(catalogue[name]) for name in known]
+    actives = [active for active in actives if active.effect.usable(prepared.signals)]
+    found = judged_effects(prepared, given.structure(actives).actives, catalogue)
+    statements = {**found.probability, **found.scales}
+    named = ' '.join(sorted(active.name for active in found.named))
+    return Judgement(
+        tuple(Statement(name, chance) for name, chance in statements.items()),
+        tuple(
+            interval
+            for name, one in zip(prepared.names, found.meters, strict=True)
+            for interval in _intervals(name, one)
+        ),
+        named or 'nothing named',
+    )
+
+
+def _intervals(drive: str, one: MeterSummary) -> list[Interval]:
+    drawn = {COEFFICIENTS[e]: v[:, 0] for e, v in one.coefficients.items() if e in COEFFICIENTS}
+    if one.friction_at_1 is not None:
+        drawn['friction_at_1'] = one.friction_at_1
+    return [
+        Interval(drive, name, level, *np.quantile(values, [0.5 - level / 2, 0.5 + level / 2]))
+        for name, values in drawn.items()
+        for level in LEVELS
     ]
-    parts = [
-        value
-        for effect in ('coulomb_friction', 'viscous_friction')
-        for value in group.coefficients.get(effect, ())[:1]
-    ]
-    if parts:
-        centre = sum(value.value for value in parts)
-        low = hypot(*(value.value - value.interval[0] for value in parts))
-        high = hypot(*(value.interval[1] - value.value for value in parts))
-        out.append(Interval(drive, 'friction_at_1', 0.95, centre - low, centre + high))
-    return out

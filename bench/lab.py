@@ -21,13 +21,12 @@ from typing import Any
 import numpy as np
 from lab_scenarios import UNMODELLED, Scenario, random_order, scenarios
 from power_estimator.effects import builtin_catalogue
-from power_estimator.effects.fit.design import Active, Structure
-from power_estimator.effects.fit.fitter import Fitter, measurement_terms
+from power_estimator.effects.fit.design import Active
 from power_estimator.effects.signals.prepared import prepare
 from power_estimator.effects.training import fit_model, material
 from power_estimator.judge.judge import Judge
 from power_estimator.judge.recordings import Loaded
-from power_lab.diagnose.diagnosis import Diagnoser
+from power_lab.diagnose.diagnosis import diagnosed
 from power_lab.diagnose.findings import Diagnosis
 from power_recordings.alignment.dataset import AlignedDataset
 from rich.console import Console
@@ -50,11 +49,10 @@ def judge(scenario: Scenario) -> dict[str, Any]:
         data = scenario.record()
         with threadpool_limits(limits=1):
             start = time.monotonic()
-            diagnoser = examined(data, scenario.known)
-            diagnosis = diagnoser.run()
+            diagnosis = examined(data, scenario.known)
             row['seconds_taken'] = round(time.monotonic() - start, 1)
             row |= told(diagnosis)
-            row['unabsorbed_w'] = unabsorbed(diagnoser, diagnosis, scenario.truth)
+            row['unabsorbed_w'] = unabsorbed(diagnosis, scenario.truth)
             row['hidden_w'] = hidden(scenario, data)
             if scenario.followed_up and diagnosis.verdict == 'named':
                 row['fall'] = fall(scenario, data, diagnosis.effects)
@@ -63,11 +61,10 @@ def judge(scenario: Scenario) -> dict[str, Any]:
     return row
 
 
-def examined(data: AlignedDataset, known: Sequence[str]) -> Diagnoser:
-    """The lab, ready to judge a model with the known effects."""
-    structure = Structure(tuple(Active.of(CATALOGUE[name]) for name in known))
-    terms = measurement_terms(CATALOGUE, shaft=True)
-    return Diagnoser(Fitter(prepare(data)), structure.plus(*terms), CATALOGUE)
+def examined(data: AlignedDataset, known: Sequence[str]) -> Diagnosis:
+    """Judge a model with the known effects."""
+    actives = [Active.of(CATALOGUE[name]) for name in known]
+    return diagnosed(material(data, per='drive'), actives, CATALOGUE)
 
 
 def hidden(scenario: Scenario, data: AlignedDataset) -> float | None:
@@ -87,40 +84,23 @@ def hidden(scenario: Scenario, data: AlignedDataset) -> float | None:
     return round(min(sizes), 4)
 
 
-def unabsorbed(diagnoser: Diagnoser, diagnosis: Diagnosis, truth: Iterable[str]) -> float:
-    """
-    W rms over the drives that nothing else in the model can absorb of the smallest hidden effect.
-
-    By the lab's own fit with all hidden effects, against those without each.
-    """
-    actives = {c.name: c.active for c in diagnosis.singles if c.name in truth}
-    if not actives:
-        return 0.0
-    start = diagnosis.base.fit
-    whole = diagnoser.added(start, tuple(actives.values())).mean_mse
-    gains = []
-    for name in actives:
-        rest = tuple(active for other, active in actives.items() if other != name)
-        without = diagnoser.added(start, rest) if rest else diagnosis.base
-        gains.append(float(np.sqrt(max((without.mean_mse - whole).mean(), 0.0))))
-    return round(min(gains), 4)
+def unabsorbed(diagnosis: Diagnosis, truth: Iterable[str]) -> float:
+    """W rms over the drives that the model cannot absorb of the smallest hidden effect."""
+    watts = [one.explains[1] for one in diagnosis.candidates if one.name in truth]
+    return round(min(watts, default=0.0), 4)
 
 
 def told(diagnosis: Diagnosis) -> dict[str, Any]:
     """The parts of a diagnosis that are scored."""
-    left = float(np.sqrt(diagnosis.unexplained.explained.mean()))
+    left = diagnosis.residual
     return {
         'verdict': diagnosis.verdict,
         'effects': list(diagnosis.effects),
-        'certain': sorted(diagnosis.certain),
-        'possible': [sorted(member) for member in diagnosis.possible],
-        'chosen': list(diagnosis.chosen),
-        'leftover_w': round(left, 4),
-        'remainder': None if diagnosis.remainder is None else diagnosis.remainder.kind,
-        'share': round(diagnosis.share, 4),
+        'probability': {one.name: round(one.probability, 4) for one in diagnosis.candidates},
+        'residual_w': 0.0 if left is None else round(left.rms_w, 4),
+        'over': [] if left is None else list(left.over),
         'rmse_w': np.round(diagnosis.base.rmse, 3).tolist(),
-        'gain_w': np.round(np.sqrt(diagnosis.explained), 3).tolist(),
-        'floor_w': np.round(diagnosis.floor, 3).tolist(),
+        'rmse_after_w': np.round(diagnosis.best.rmse, 3).tolist(),
     }
 
 
@@ -147,39 +127,33 @@ def score(row: dict[str, Any]) -> str:
     """
     Named, in the set, part, missed, none of the above, FALSE ALARM or WRONG.
 
-    A set of effects that may be missing counts as right if it is just what was hidden, as part if
-    all of it was hidden; one untrue name in every possible set is WRONG. What a constant torque
-    imitates may be in a set with it, or be none of the above.
+    `named` is right with just what was hidden, and part of it where some of it was named; a set of
+    which one is missing is right where it holds what was hidden. What a constant torque imitates
+    has no name.
     """
     truth = {name for name in row['hidden'] if name not in UNMODELLED}
     unmodelled = any(name in UNMODELLED for name in row['hidden'])
-    verdict = row['verdict']
-    if row['group'] == 'constant':
-        beside = any('torque_bias' in member for member in row['possible'])
-        named = 'in the set' if verdict == 'ambiguous' and beside else 'WRONG'
-        return {'none_of_the_above': 'none of the above', 'no_evidence': 'missed'}.get(
-            verdict, named
-        )
-    if verdict in ('named', 'ambiguous'):
-        possible = [set(member) for member in row['possible']]
-        if truth in possible:
-            return 'named' if verdict == 'named' else 'in the set'
-        return 'part' if any(member < truth for member in possible) else 'WRONG'
+    verdict, effects = row['verdict'], set(row['effects'])
+    if verdict in ('named', 'ambiguous') and row['group'] == 'constant':
+        return 'WRONG'
+    if verdict == 'named':
+        return 'named' if effects == truth else 'part' if effects < truth else 'WRONG'
+    if verdict == 'ambiguous':
+        return 'in the set' if effects & truth else 'WRONG'
     if verdict == 'no_evidence':
         return 'no evidence' if not truth and not unmodelled else 'missed'
-    if unmodelled:
-        return 'none of the above'
-    return 'none of the above' if truth else 'FALSE ALARM'
+    return 'none of the above' if truth or unmodelled else 'FALSE ALARM'
 
 
-DESCRIBED = {'position_rub': 'position', 'fan': 'time', 'cross_talk': 'other_drive'}
-"""Kinds of the remainder that an unmodelled effect leaves."""
+DESCRIBED = {'position_rub': 'position', 'fan': 'time'}
+"""Causes that the remainder of an unmodelled effect follows."""
 
 
 def described(row: dict[str, Any]) -> str:
-    """Verdict on whether the remainder was said to depend on what was hidden."""
-    kinds = {DESCRIBED[name] for name in row['hidden'] if name in DESCRIBED}
-    return 'described' if row.get('remainder') in kinds else 'not described'
+    """Verdict on whether the remainder was said to follow what was hidden."""
+    causes = tuple(DESCRIBED[name] for name in row['hidden'] if name in DESCRIBED)
+    follows = any(cause.startswith(causes) for cause in row['over'])
+    return 'described' if follows else 'not described'
 
 
 def main() -> int:
@@ -339,7 +313,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         _gate('  none of the above', beside, ('none of the above',), '–'),
         _gate(
             'what an unmodelled effect depends on, beside another or alone',
-            [described(r) for r in good if r['group'] in ('beside', 'unmodelled')],
+            [described(r) for r in good if {*r['hidden']} & {*DESCRIBED}],
             ('described',),
             '≥ 90 %',
         ),

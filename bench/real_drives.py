@@ -147,8 +147,8 @@ def judged(bags: list[Path], log: DriveLog) -> list[str]:
         outcome = lab.diagnose()
     except InputError as error:
         return [*found, _refused(error)]
-    names = outcome.diagnosis.effects or outcome.diagnosis.chosen
-    return [*found, f'`{outcome.verdict}` {", ".join(names)}'.strip()]
+    names = ', '.join(outcome.diagnosis.effects)
+    return [*found, f'`{outcome.verdict}` {names}'.strip()]
 
 
 def _refused(error: InputError) -> str:

@@ -4,7 +4,6 @@ import json
 
 import pytest
 import reliability
-from discrepancy import judged
 from judgements import diagnosed
 from reliability_figures import by, clopper_pearson, covered, measurement, said, share
 from reliability_questions import OfPlant, OfRobot, Sealed, plant_questions, robot_questions
@@ -98,10 +97,14 @@ def test_scales_are_counted_where_they_are_off_and_where_they_are_not():
     ]
 
 
-def test_todays_lab_can_be_asked():
+def test_the_lab_states_a_probability_of_every_effect_and_scale_and_intervals_at_three_levels():
     sealed = OfPlant(Case('rigid', 'ladder', 30.0, 1, seed=1)).seal()
     judgement = diagnosed(sealed.data, sealed.known)
     assert {one.coefficient for one in judgement.intervals} >= {'k', 'idle', 'friction_at_1'}
+    assert {one.level for one in judgement.intervals} == {0.5, 0.8, 0.95}
+    said_of = {one.effect for one in judgement.statements}
+    assert said_of >= {'spring', 'load_friction', 'power_gain', 'torque_scale'}
+    assert not said_of & {*sealed.known}
     assert judgement.words
 
 
@@ -115,10 +118,10 @@ def test_every_other_walk_of_the_robot_has_real_drives():
     assert sealed.coefficients['LF_KFE']['spring'] == pytest.approx(1 / 400)
 
 
-def test_a_judge_with_a_discrepancy_names_copper_that_is_left_out_and_nothing_of_a_null():
+def test_the_lab_names_copper_that_is_left_out_and_nothing_of_a_null():
     whole = record(Case('rigid', 'walk', seconds=40.0, drives=1, seed=3))
     said_of_whole, said_without = (
-        {one.effect for one in judged(whole.data, known).statements if one.probability >= 0.95}
+        {one.effect for one in diagnosed(whole.data, known).statements if one.probability >= 0.95}
         for known in (whole.known, tuple(n for n in whole.known if n != 'copper_loss'))
     )
     assert said_of_whole == set()

@@ -143,9 +143,8 @@ def test_the_measured_temperature_counts_only_where_it_moved():
     assert effect.usable(signals(), time_constant=20.0)
 
 
-def test_an_effect_of_a_whole_robot_rests_on_what_it_rests_on_in_a_drive():
+def test_an_effect_of_a_whole_robot_is_near_what_it_is_near_in_a_drive():
     heating = shared_by_size(CATALOGUE['winding_heating'], signals())
-    assert heating.rests_on == ('copper_loss',)
     assert heating.near == CATALOGUE['winding_heating'].near
 
 

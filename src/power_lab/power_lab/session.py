@@ -145,7 +145,7 @@ class Session:
 
     def diagnose(self, seed: int = 0) -> 'Outcome':
         """Find the effects that the model misses."""
-        from power_lab.diagnose.outcome import diagnose  # its learner takes seconds to import
+        from power_lab.diagnose.outcome import diagnose  # slow to import: the judge
 
         spec = self.spec or self.model.name
         return diagnose(self.recordings, self.model, spec, self.judge.catalogue, seed)

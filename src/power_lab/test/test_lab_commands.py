@@ -50,14 +50,15 @@ def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path,
     assert told['effects'] == ['load_friction']
     assert set(told) >= {
         *('verdict', 'effects', 'measurement', 'candidates', 'leftover', 'next_recording'),
-        'drives',
+        *('drives', 'notes', 'any_missing', 'limits', 'residual'),
     }
     for term in ('time_offset', 'power_gain', 'current_offset', 'torque_bias', 'velocity_lag'):
         assert set(told['measurement'][term]) >= {'value', 'interval', 'matters'}
     assert told['measurement']['velocity_lag']['value'] == pytest.approx(0.004, abs=0.0015)
     best = told['candidates'][0]
     assert best['name'] == 'load_friction'
-    assert best['in_confidence_set']
+    assert best['probability'] >= 0.95
+    assert best['explains_w'] > 0.2
     assert best['interval'][0] < best['coefficient'] < best['interval'][1]
     assert best['delta_rmse_w'] > 0.2
     assert {'r2', 'worst'} <= set(told['leftover'])
@@ -65,7 +66,9 @@ def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path,
     assert executed['segments']
     assert all(segment['seconds'] > 0 for segment in executed['segments'])
     assert 'Friction that grows with load is missing' in html.read_text()
-    assert 'active effects' in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert shown.index('power balance of LF_KFE') < shown.index('named')
+    assert 'active effects' in shown
 
     better, compared = tmp_path / 'better.yaml', tmp_path / 'c.json'
     arguments = ['load_friction', '--to', str(base), '--bag', str(bag), '-o', str(better)]
@@ -88,19 +91,19 @@ def test_a_hidden_effect_is_found_added_and_the_error_falls(bag, base, tmp_path,
     assert effects['stribeck_friction'].scale == 0.0
 
 
-def test_where_nothing_is_missing_it_says_what_could_hide_and_how_to_see_it(bag, tmp_path):
+def test_where_nothing_is_missing_it_says_what_is_open_and_how_to_see_it(bag, tmp_path):
     model, found = tmp_path / 'whole.yaml', tmp_path / 'd.json'
     effects = ['--effects', f'{KNOWN},load_friction', '-o', str(model)]
     assert fit_command([str(bag), *effects]) == 0
     assert diagnose_command([str(bag), '--model', str(model), '--json', str(found)]) == 0
     told = json.loads(found.read_text())
-    assert told['verdict'] == 'no_evidence'
-    hidden = {row['name']: row['could_hide_w'] for row in told['candidates']}
-    assert all(watts >= 0.0 for watts in hidden.values())
-    most = max(hidden, key=lambda name: hidden[name])
-    assert hidden[most] > 1.0
-    assert most in told['next_recording']['reason']
-    assert f'({hidden[most]:.1f} W)' in told['sentence']
+    assert (told['verdict'], told['residual']) == ('no_evidence', None)
+    assert told['any_missing'] < 0.95
+    chances = {row['name']: row['probability'] for row in told['candidates']}
+    assert max(chances.values()) < 0.95
+    open_ = [one['effect'] for one in told['limits']]
+    assert open_ == [name for name, chance in chances.items() if chance >= 0.05]
+    assert all(one['needs'] for one in told['limits'])
     assert told['next_recording']['segments']
 
 

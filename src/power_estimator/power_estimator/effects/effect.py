@@ -23,7 +23,7 @@ class Term:
     """
     One coefficient of an effect: symbol, SI unit and physical bounds.
 
-    Bounds, prior and least are those of the reference drive (`DriveScale`).
+    Bounds and prior are those of the reference drive (`DriveScale`).
     """
 
     symbol: str
@@ -31,7 +31,6 @@ class Term:
     lower: float = 0.0
     upper: float = np.inf
     prior: float = np.inf  # spread known beforehand; finite for measurement terms
-    least: float = 0.0  # a smaller coefficient is not named
     attained: bool = False  # real drives may lie at the upper bound
     of_recording: bool = False  # a state at its start, which no other recording has
 
@@ -79,7 +78,6 @@ class Effect:
     needs_joint_torque: bool = False  # the torque of the motor contains the effect already
     ties: tuple[str, ...] = ()  # effects that no recording can tell from it
     near: tuple[str, ...] = ()  # effects that only its excitation tells from it
-    rests_on: tuple[str, ...] = ()  # effects that it changes: it cannot stand for them
     shapes: tuple[Shape, ...] = ({},)
     fixed: float | None = None  # a coefficient that physics fixes
     follows: frozenset[str] = frozenset()  # estimates it uses: motor_torque, drawn

@@ -27,11 +27,6 @@ class Evidence:
         return tuple(a for a in self.fit.structure.actives if a.name in self.names)
 
     @property
-    def loss(self) -> Floats:
-        """Summed over drives: log of the mean squared error of each block [B]."""
-        return np.nansum(np.log(self.mse + self.fit.fitter.settings.least_mse), axis=1)
-
-    @property
     def mean_mse(self) -> Floats:
         """W² [D]."""
         return np.nanmean(self.mse, axis=0)

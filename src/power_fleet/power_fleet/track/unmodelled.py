@@ -6,13 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.design import Active
 from power_estimator.judge.recordings import load
-from power_lab.diagnose.diagnosis import STRUCTURE_FLOOR, STRUCTURE_SHARE_OF_RMS
 from power_lab.diagnose.outcome import Outcome, diagnose
+from power_lab.discover.discovery import FLOOR, FLOOR_SHARE_OF_RMS
 from power_lab.discover.outcome import discover
-from power_lab.structure.candidates import CONSTANT_TORQUE
 from power_lab.structure.words import in_words
 from wattwalk_core.errors import InputError, printable
 
@@ -126,7 +124,7 @@ def growths(histories: Sequence[DriveHistory]) -> list[Growth]:
         size = known.changes[0].size
         before = float(np.exp(known.levels[0][0]))
         after = before * float(np.exp(size))
-        floor = max(STRUCTURE_FLOOR, STRUCTURE_SHARE_OF_RMS * histories[place].power)
+        floor = max(FLOOR, FLOOR_SHARE_OF_RMS * histories[place].power)
         if np.sqrt(max(after**2 - before**2, 0.0)) > floor:
             out.append(Growth(place, known.changes[0], before, after, 1.0 - p))
     return sorted(out, key=lambda one: one.before / one.after)
@@ -173,8 +171,7 @@ def explain(
         return Unmodelled(before, after, growth, (), _discovered(outcome, request, show))
     if growth is None and set(after.effects) <= set(before.effects):
         return None
-    added = [a for a in outcome.diagnosis.best.actives if _addable(a, request.catalogue)]
-    return Unmodelled(before, after, growth, tuple(added))
+    return Unmodelled(before, after, growth, outcome.diagnosis.actives)
 
 
 def sides(history: DriveHistory, change: Change) -> tuple[list[str], list[str]]:
@@ -184,11 +181,6 @@ def sides(history: DriveHistory, change: Change) -> tuple[list[str], list[str]]:
     late = np.flatnonzero(course >= min(_AFTER, float(course[-1])))
     names = history.recordings
     return [names[i] for i in early[-_POOLED:]], [names[i] for i in late[:_POOLED]]
-
-
-def _addable(active: Active, catalogue: Catalogue) -> bool:
-    """Return whether an effect is one of the catalogue, that `track` can fit."""
-    return active.name != CONSTANT_TORQUE and active.name in catalogue
 
 
 def _pool(

@@ -10,9 +10,9 @@ from wattwalk_core.files import together
 
 from power_lab.budget.levers import parse_changes
 from power_lab.commands import options as common
+from power_lab.compare.notes import notes
 from power_lab.report.budget_figures import write_figures
 from power_lab.report.budget_page import write_budget
-from power_lab.report.tables import notes
 from power_lab.session import Session
 
 

@@ -1,79 +1,144 @@
-"""Outcome of a diagnosis: verdict, candidates and the steps that led there."""
+"""Findings of a diagnosis: candidates, what is left, and the verdict that follows."""
 
-from collections.abc import Collection
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.design import Active
+from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.judge.evidence import Evidence
+from power_estimator.posterior.judged import JudgedEffects
+from power_estimator.posterior.priors import NAMED
+from wattwalk_core.arrays import Floats
 
-from power_lab.diagnose.free_shapes import Remainder
-from power_lab.diagnose.residual_structure import ResidualStructure
-from power_lab.structure.floors import above_floor
-
-Floats = NDArray[np.float64]
 Verdict = Literal['named', 'ambiguous', 'none_of_the_above', 'no_evidence']
+UNLIKELY = 0.05
+"""Probability below which an effect is no candidate of a set that may be missing."""
+_LIKELY = 0.5  # of all effects of such a set together
+_OF_BEST, _LEAST_FALL = 0.1, 0.01  # of the largest fall of the error, and of the error
+
+
+def short(value: float) -> float:
+    """Five digits, as JSON has them."""
+    return float(f'{value:.5g}')
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect on top of the base."""
+    """An effect that the model may lack."""
 
-    name: str
     active: Active
-    evidence: Evidence
-    gain: Floats  # W² [D], held-out
-    columns: NDArray[np.float32]  # [N, D, n], of its coefficients
-    intervals: Floats  # [D, n, 2], of its coefficients
-    explained: NDArray[np.float32]  # W [N, D], that the base's residual has more than its own
+    probability: float  # that it is missing
+    explains: tuple[float, float, float]  # W rms that no known effect can, at 2.5, 50, 97.5 %
+    share: float  # of what the model misses, by the square of its watts
+    family: str  # effects that explain the same here, joined by slashes
+    delta_r2: float  # gain on held-out data when it is added alone
+    delta_rmse_w: float
+    symbol: str
+    unit: str
+    coefficient: float
+    interval: tuple[float, float]
+    drive: str  # the one that coefficient and interval are of
+    coefficients: dict[str, list[float]]  # by drive
+    explained: NDArray[np.float32]  # W [N, M], that the model's residual has more than its own
+
+    @property
+    def name(self) -> str:
+        """Name in the catalogue."""
+        return self.active.name
+
+    def json(self) -> dict[str, Any]:
+        """As `diagnose --json` writes it."""
+        low, middle, high = self.explains
+        return {
+            'name': self.name,
+            'family': self.family,
+            'probability': round(self.probability, 4),
+            'explains_w': short(middle),
+            'explains_interval': [short(low), short(high)],
+            'share': short(self.share),
+            'delta_r2': short(self.delta_r2),
+            'delta_rmse_w': short(self.delta_rmse_w),
+            'coefficient': short(self.coefficient),
+            'interval': [short(bound) for bound in self.interval],
+            'unit': self.unit,
+            'symbol': self.symbol,
+            'drive': self.drive,
+            'shape': self.active.parameters,
+            'coefficients': self.coefficients,
+        }
 
 
 @dataclass(frozen=True)
-class Step:
-    """One round: what competed for the next place, and what could have it."""
+class Residual:
+    """Power that neither the model nor a known effect explains, more than the meter's noise."""
 
-    added: tuple[str, ...]
-    members: tuple[tuple[str, ...], ...]  # sets of effects that may be the best
-    none_possible: bool
-    best: tuple[str, ...]
-    gain: Floats  # W² [D], of the best over what was there before
+    rms_w: float
+    share: float  # of what the model misses, by the square of its watts
+    over: tuple[str, ...]  # causes that it follows, the largest first
+    noise_w: float  # of the meter
+    drives: dict[str, float]  # W rms
 
-    def less(self, redundant: Collection[str]) -> 'Step':
-        """Without effects that proved superfluous beside the others."""
-        if not redundant:
-            return self
-        left = [tuple(name for name in member if name not in redundant) for member in self.members]
-        return replace(self, members=tuple(dict.fromkeys(left)))
+    def json(self) -> dict[str, Any]:
+        """As `diagnose --json` writes it."""
+        return {
+            'rms_w': short(self.rms_w),
+            'share': short(self.share),
+            'over': list(self.over),
+            'noise_w': short(self.noise_w) if np.isfinite(self.noise_w) else None,
+            'drives': {name: short(watts) for name, watts in self.drives.items()},
+        }
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The verdict with everything it rests on."""
+    """What the posterior finds, and held-out errors without it and with what it names."""
 
-    verdict: Verdict
-    effects: tuple[str, ...]
+    found: JudgedEffects
+    prepared: Prepared
+    delays: Floats  # s [R], of each recording beside that of all
     base: Evidence
-    best: Evidence  # with the effects that the data ask for
-    chosen: tuple[str, ...]
-    singles: tuple[Candidate, ...]
-    in_set: frozenset[str]
-    certain: frozenset[str]  # in every set that may be the best
-    possible: tuple[tuple[str, ...], ...]  # sets that may be missing, where something is named
-    ladder: tuple[Evidence, ...]  # the base, and what the data asked for step by step
-    explained: Floats  # W² [D], by the chosen effects
-    unexplained: ResidualStructure
-    floor: Floats  # W [D], of what is worth a name
-    structure_floor: Floats  # W [D]
-    share: float
-    steps: tuple[Step, ...] = field(default=())
-    beyond: tuple[str, ...] = ()  # effects that only fit with a coefficient at its bound
-    noise: Floats = field(default_factory=lambda: np.zeros(0))  # W [D], of the meters
-    remainder: Remainder | None = None  # of structure that no effect explains
-    beside: 'Diagnosis | None' = None  # the same with free shapes in the base, where they decided
+    best: Evidence
+    candidates: tuple[Candidate, ...]  # the most probable first
+    residual: Residual | None  # None where it is too small to be an effect
+
+    raising: tuple[str, ...] = ()  # of several names, those that raise the held-out error
 
     @property
-    def unmodelled(self) -> bool:
-        """True if structure is left that is large enough to be an unmodelled effect."""
-        return above_floor(self.unexplained.explained, self.structure_floor)
+    def verdict(self) -> Verdict:
+        """Names where some are certain, though more may be left."""
+        if self.found.named:
+            return 'named'
+        if self.effects:
+            return 'ambiguous'
+        return 'none_of_the_above' if self.residual else 'no_evidence'
+
+    @cached_property
+    def actives(self) -> tuple[Active, ...]:
+        """Effects that are certain, first what explains most."""
+        watts = {one.name: one.explains[1] for one in self.candidates}
+        return tuple(sorted(self.found.named, key=lambda active: -watts[active.name]))
+
+    @cached_property
+    def effects(self) -> tuple[str, ...]:
+        """
+        Names of effects that are certain, or else of those of which one is.
+
+        Of the latter, each has to lower the held-out error: evidence that does not is of what no
+        formula explains.
+        """
+        if self.found.named:
+            return tuple(active.name for active in self.actives)
+        most = max((one.delta_rmse_w for one in self.open), default=0.0)
+        least = max(_OF_BEST * most, _LEAST_FALL * float(np.sqrt(self.base.mean_mse.mean())))
+        shown = [one for one in self.open if one.delta_rmse_w >= least]
+        likely = sum(one.probability for one in shown)
+        sure = self.found.any_missing >= NAMED and likely >= _LIKELY
+        return tuple(one.name for one in shown) if sure else ()
+
+    @cached_property
+    def open(self) -> tuple[Candidate, ...]:
+        """Candidates that these recordings cannot decide on, the most probable first."""
+        return tuple(one for one in self.candidates if UNLIKELY <= one.probability < NAMED)

@@ -24,7 +24,6 @@ class JudgedSteps:
 
     comparison: Comparison
     first: int  # place of the model among the steps
-    last: int  # place of what the diagnosis decides for
 
     @property
     def model(self) -> JudgedModel:
@@ -43,8 +42,8 @@ class JudgedSteps:
 
     @property
     def after(self) -> JudgedModel:
-        """With the effects that the diagnosis decides for."""
-        return self.comparison.models[self.last]
+        """With all effects that the diagnosis names."""
+        return self.comparison.models[-1]
 
     @property
     def regimes(self) -> tuple[Regime, ...]:
@@ -53,8 +52,8 @@ class JudgedSteps:
 
     @property
     def regimes_after(self) -> tuple[Regime, ...]:
-        """Regimes in which it fails most with the effects that the diagnosis decides for."""
-        return self.comparison.regimes[self.last]
+        """Regimes in which it fails most with all effects that the diagnosis names."""
+        return self.comparison.regimes[-1]
 
 
 def judged_steps(
@@ -73,17 +72,13 @@ def judged_steps(
         return replace(model, name=name, structure=structure, groups=(), fitted_on=(), history=())
 
     whole = judge.prepared.whole
-    rungs = [*diagnosis.ladder[1:]]
-    if diagnosis.best is not diagnosis.base and diagnosis.best not in rungs:
-        rungs.append(diagnosis.best)
-    names = [f'+ {", ".join(map(in_words, rung.names))}' for rung in rungs]
+    actives = diagnosis.actives
     models: list[PowerModel] = [
-        grown(rung.actives, name) for rung, name in zip(rungs, names, strict=True)
+        grown(actives[:count], f'+ {", ".join(in_words(one.name) for one in actives[:count])}')
+        for count in range(1, len(actives) + 1)
     ]
     elsewhere = not (given is model and judge.refits(model))
     if elsewhere and models:
         models.insert(0, grown((), f'{model.name}, refitted here'))
     found = comparison(judge, [given, *models], [spec, *(one.name for one in models)])
-    first = int(elsewhere and bool(rungs))
-    last = first if diagnosis.best is diagnosis.base else first + 1 + rungs.index(diagnosis.best)
-    return JudgedSteps(found, first, last)
+    return JudgedSteps(found, int(elsewhere and bool(models)))

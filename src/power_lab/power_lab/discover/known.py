@@ -14,7 +14,7 @@ from power_estimator.judge.evidence import Evidence, Examiner
 from wattwalk_core.arrays import Floats
 
 from power_lab.discover.formula import Formula
-from power_lab.structure.candidates import CONSTANT_TORQUE, best_shapes, candidates
+from power_lab.structure.candidates import best_shapes, candidates
 from power_lab.structure.floors import beyond_physics
 from power_lab.structure.shapes import instant
 
@@ -86,7 +86,6 @@ def best_named(
     least: W² [D] that counts as explained on a drive.
     """
     left = candidates(fitter, best.fit.structure, catalogue)
-    left = [active for active in left if active.name != CONSTANT_TORQUE]
     if not left:
         return None
     screener = CandidateScreener(fitter, examiner.folds, best.fit, left)

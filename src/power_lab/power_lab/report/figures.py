@@ -117,19 +117,19 @@ def error_by(groups: Mapping[str, NDArray[np.bool_]], residuals: Mapping[str, Fl
     return finished(figure)
 
 
-def candidates(names: Sequence[str], falls: Sequence[float], chosen: Sequence[bool]) -> Figure:
-    """By how much each effect lowers the held-out error, the best on top."""
+def candidates(names: Sequence[str], watts: Sequence[float], chosen: Sequence[bool]) -> Figure:
+    """W that each effect explains, the most probable on top."""
     colors = [COLORS['better'] if own else COLORS['line'] for own in chosen]
     figure = go.Figure(
         go.Bar(
             y=list(names)[::-1],
-            x=short(list(falls)[::-1]),
+            x=short(list(watts)[::-1]),
             orientation='h',
             marker={'color': colors[::-1]},
             hovertemplate='%{y}: %{x} W<extra></extra>',
         )
     )
-    figure.update_xaxes(title_text='error falls by, W', rangemode='tozero')
+    figure.update_xaxes(title_text='explains, W', rangemode='tozero')
     figure.update_yaxes(automargin=True, ticksuffix='  ')
     return finished(figure)
 

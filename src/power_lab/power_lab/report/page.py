@@ -8,14 +8,14 @@ import yaml
 from numpy.typing import NDArray
 from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.prepared import WHOLE, Prepared
+from power_estimator.posterior.sensors import SENSORS
 from wattwalk_core.pages.page import Page, escape
 
 from power_lab.compare.comparison import Comparison, by_drive, compare
-from power_lab.diagnose.measurement_check import UNITS as TERM_UNITS
+from power_lab.diagnose.findings import UNLIKELY
 from power_lab.diagnose.outcome import Outcome
 from power_lab.report import figures
 from power_lab.report.staircase import Stairs
-from power_lab.structure.candidates import CONSTANT_TORQUE
 from power_lab.structure.words import in_words, verdict_in_words
 
 Floats = NDArray[np.float64]
@@ -30,11 +30,13 @@ def write_diagnosis(
 ) -> None:
     """The page of `diagnose`; also: models whose error is drawn beside the staircase."""
     diagnosis = outcome.diagnosis
-    prepared = outcome.diagnoser.fitter.prepared
+    prepared = outcome.prepared
     kind = verdict_in_words(diagnosis.verdict, len(diagnosis.effects))
     page = Page(f'{kind}: {outcome.model.name}')
     page.add(f'<p class="kind {diagnosis.verdict}">{kind}</p>')
     page.add(f'<h1 id="verdict">{escape(outcome.sentence)}</h1>')
+    for note in outcome.notes:
+        page.text(note)
     page.facts(
         {
             'Model': outcome.model.name
@@ -49,9 +51,8 @@ def write_diagnosis(
     found = judged.comparison
     shown = [judged.before] if judged.after is judged.before else [judged.before, judged.after]
     residuals = {one.name: one.residual for one in shown}
-    floors = dict(zip(found.prepared.names, found.prepared.noise.tolist(), strict=True))
-    floors |= zip(prepared.names, diagnosis.floor.tolist(), strict=True)
-    _section_traces(page, found.prepared, shown[-1].measured, residuals, floors)
+    noise = dict(zip(found.prepared.names, found.prepared.noise.tolist(), strict=True))
+    _section_traces(page, found.prepared, shown[-1].measured, residuals, noise)
     _section_failures(
         page,
         found.prepared,
@@ -107,8 +108,8 @@ def write_comparison(path: Path, comparison: Comparison) -> None:
     of_best = next(i for i, one in enumerate(comparison.models) if one.name == order[0])
     residuals = {name: judged[name].residual for name in reversed(order)}
     measured = judged[order[0]].measured
-    floors = dict(zip(prepared.names, prepared.noise, strict=True))
-    _section_traces(page, prepared, measured, residuals, floors)
+    noise_by_drive = dict(zip(prepared.names, prepared.noise, strict=True))
+    _section_traces(page, prepared, measured, residuals, noise_by_drive)
     regimes = [regime.text for regime in comparison.regimes[of_best]]
     _section_failures(
         page, prepared, measured, residuals, comparison.state, comparison.labels, regimes
@@ -133,7 +134,7 @@ def _section_traces(
     prepared: Prepared,
     measured: Floats,
     residuals: Mapping[str, Floats],
-    floors: Mapping[str, float],
+    noise: Mapping[str, float],
 ) -> None:
     page.heading('Measured against model')
     page.text(
@@ -142,8 +143,8 @@ def _section_traces(
             if prepared.steady
             else 'At most twelve seconds without a gap in which the model is worst'
         )
-        + '. Drag to zoom, double-click to go back. The grey band of the error is what is too '
-        'small to judge.',
+        + '. Drag to zoom, double-click to go back. The grey band of the error is '
+        "the meter's noise.",
         faint=True,
     )
     panels = {}
@@ -157,7 +158,7 @@ def _section_traces(
             _points(power, own)
             if prepared.steady
             else figures.traces(
-                prepared.time, power, own, float(floors[name]), prepared.reducer.stretches()
+                prepared.time, power, own, float(noise[name]), prepared.reducer.stretches()
             )
         )
         panels[name] = page.figure(figure, f'Power of {name} over time', size='tall')
@@ -232,51 +233,53 @@ def _section_failures(
 
 def _section_candidates(page: Page, outcome: Outcome) -> None:
     page.heading('Which effect explains it')
-    rows = outcome.rows
+    diagnosis = outcome.diagnosis
+    rows = diagnosis.candidates
     page.text(
-        'By how much the error on held-out data falls when one effect is added to the model and '
-        'everything is fitted anew. Coloured bars are plausible; grey ones are ruled out.'
+        'Watts that each effect explains and no effect of the model can, with the probability '
+        'that it is missing. Coloured bars are plausible; grey ones are improbable.'
     )
     shown = rows[:10]
     page.add(
         page.figure(
             figures.candidates(
                 [in_words(row.name) for row in shown],
-                [max(row.delta_rmse_w, 0.0) for row in shown],
-                [row.in_confidence_set for row in shown],
+                [row.explains[1] for row in shown],
+                [row.probability >= UNLIKELY for row in shown],
             ),
             'Candidates',
         )
     )
     page.table(
-        ['effect', 'error falls by', 'coefficient', '95 % interval', 'of drive', 'plausible'],
+        [
+            *('effect', 'probability', 'explains', '95 % interval', 'share of what is missed'),
+            *('error falls by', 'coefficient', '95 % interval', 'of drive'),
+        ],
         [
             [
                 in_words(row.name),
-                f'{row.delta_rmse_w + 0.0:.3f} W'.replace('-0.000', '0.000'),
-                f'{row.symbol} = {row.coefficient:.3g}{"*" if row.at_bound else ""} '
-                f'{row.unit if row.unit != "1" else ""}',
+                f'{row.probability:.2f}',
+                f'{row.explains[1]:.2f} W',
+                f'{row.explains[0]:.2f} … {row.explains[2]:.2f} W',
+                f'{row.share:.0%}',
+                f'{row.delta_rmse_w:.3f} W',
+                f'{row.symbol} = {row.coefficient:.3g} {row.unit if row.unit != "1" else ""}',
                 f'{row.interval[0]:.3g} … {row.interval[1]:.3g}',
                 row.drive,
-                'yes' if row.in_confidence_set else 'no',
             ]
             for row in rows
         ],
-        numbers=(1,),
-        bold=[i for i, row in enumerate(rows) if row.name in outcome.diagnosis.effects],
+        numbers=(1, 2, 4, 5),
+        bold=[i for i, row in enumerate(rows) if row.name in diagnosis.effects],
     )
-    left = outcome.diagnosis.unexplained
-    total = float(np.sqrt(np.mean(left.explained)))
-    sentence = f'After that, {total:.2f} W of structure is left'
     regimes = outcome.judged.regimes_after
-    if regimes and total > 0.05:
-        sentence += f'; most of it: {regimes[0].text}'
-    page.text(sentence + '.')
+    if regimes and diagnosis.residual is not None:
+        page.text(f'What is left is most at {regimes[0].text}.')
 
 
 def _section_next(page: Page, outcome: Outcome) -> None:
     page.heading('Ties, and what to record next')
-    ties = sorted({row.family for row in outcome.rows if '/' in row.family})
+    ties = sorted({row.family for row in outcome.diagnosis.candidates if '/' in row.family})
     if ties:
         page.text('No recording like this one can tell these apart:')
         items = ''.join(
@@ -300,7 +303,7 @@ def _section_staircase(
 ) -> None:
     page.heading('The error falls')
     judged = outcome.judged
-    noise = outcome.diagnoser.fitter.prepared.noise
+    noise = outcome.prepared.noise
     stairs = Stairs.of(outcome.model.history, judged.steps, outcome.loaded, noise)
     highest = _HIGHEST * max(stairs.errors)
     errors = {str(model['name']): _error(model) for model in others}
@@ -314,8 +317,8 @@ def _section_staircase(
             f'{judged.model.name} as it is, on recordings that it was not fitted on: '
             f'{judged.model.rms_w:.2f} W.'
         )
-    added = [name for name in outcome.diagnosis.chosen if name != CONSTANT_TORQUE]
-    if added:
+    added = outcome.diagnosis.effects
+    if outcome.verdict == 'named':
         page.text(
             'To keep it: ros2 run power_lab add '
             f'{" ".join(added)} --to {outcome.model.name}.yaml --bag … -o better.yaml',
@@ -327,15 +330,14 @@ def _section_measurement(page: Page, outcome: Outcome) -> None:
     page.heading('Is the measurement sound?')
     page.text(
         'Errors of the meter and the sensors are part of every fit, so that they are not taken '
-        'for physics. One is significant if the error from ignoring it is more than can be judged.'
+        'for physics. One is significant if it is certain, and the error grows by ignoring it.'
     )
     page.table(
         ['error', 'value', '95 % interval', 'error if ignored', 'of drive', 'significant'],
         [
             [
                 name.replace('_', ' '),
-                f'{term.value:.3g}{"*" if term.at_bound else ""} '
-                f'{TERM_UNITS[name] if TERM_UNITS[name] != "1" else ""}',
+                f'{term.value:.3g} {SENSORS[name].unit if SENSORS[name].unit != "1" else ""}',
                 f'{term.interval[0]:.3g} … {term.interval[1]:.3g}',
                 f'{term.watts:.2f} W',
                 term.drive,
@@ -352,11 +354,9 @@ def _section_reading(page: Page) -> None:
     page.add(
         '<h2>How to read this</h2><p class="faint">Products of the signals and the measured power '
         'pass the same low-pass at 12.5 Hz. Every error is on data that the coefficients were not '
-        'fitted to (five folds of ten-second pieces with a second between). An effect is named '
-        'only if it beats the unchanged model and all other effects in a confidence set, explains '
-        'more than can be judged at all, and leaves little that a flexible learner still finds. '
-        'A coefficient with * stands at the bound that the catalogue sets: the recording does not '
-        'give its value, and nothing is named by it.'
+        'fitted to (five folds of ten-second pieces with a second between). Probabilities come '
+        'from a linear Gaussian model with errors of the sensors and a smooth discrepancy beside '
+        'the effects. An effect is named at 0.95 or more, beside what stays unexplained.'
         '</p>'
     )
 

@@ -3,13 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.model_file.model import EffectModel, FittedValue
-from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.signals.reducer import REDUCED_RATE
-from power_estimator.effects.signals.sizing import UNKNOWN_CONSTANT
-from power_estimator.effects.training import LEAST_SECONDS
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -80,44 +76,6 @@ def _fitted_table(
     return table
 
 
-def notes(prepared: Prepared) -> list[str]:
-    """Facts that a fit rests on: little data, one meter, torque computed from a current."""
-    found = []
-    if prepared.steady:
-        found.append(
-            f'{prepared.extent} of a steady recording, each a row of its own: not offered are '
-            f'{", ".join(without_time())} and a winding that warms unmeasured, which all show '
-            'while something changes'
-        )
-    elif prepared.seconds < LEAST_SECONDS:
-        found.append(
-            f'{prepared.seconds:.1f} s are little: believe the intervals, not the values; '
-            f'diagnose needs {LEAST_SECONDS:.0f} s'
-        )
-    if prepared.whole:
-        found.append(
-            'only the power of the whole robot was measured: the drives share it by how they '
-            'move, drives that move alike cannot be told apart, and idle is the constant of the '
-            'robot, spread evenly'
-        )
-    if prepared.reducer.window:
-        found.append(
-            f'the meter is slow: energy over {prepared.reducer.window:.1f} s was judged, nothing '
-            'faster'
-        )
-    for name, constant in zip(prepared.signals.names, prepared.torque_constant, strict=True):
-        if constant == UNKNOWN_CONSTANT:
-            found.append(f'{name} turns too little to tell its torque constant; taken as 1 N·m/A')
-        elif np.isfinite(constant):
-            found.append(f'{name}: {constant:.3g} N·m/A, from the power that its current makes')
-    return found
-
-
-def without_time() -> list[str]:
-    """Names of what operating points do not show."""
-    return [effect.name for effect in builtin_catalogue().values() if effect.needs_time]
-
-
 def print_comparison(console: Console, content: dict[str, Any]) -> None:
     """Errors by model and drive, and where they are worst."""
     table = _table(f'held-out errors over {content["extent"]}')
@@ -157,26 +115,29 @@ def _extent(rows: int, content: dict[str, Any]) -> str:
 def print_outcome(console: Console, outcome: Outcome) -> None:
     """Verdict, candidates, measurement, what to record next."""
     content = outcome.json()
+    if outcome.headline:
+        console.print(f'[bold]measurement[/]: {outcome.headline}')
     style = _VERDICT_STYLE[content['verdict']]
     console.print(f'[{style}]{content["verdict"]}[/]: {content["sentence"]}')
+    for note in content['notes'][bool(outcome.headline) :]:
+        console.print(note)
     console.print(f'active effects: {", ".join(content["active"]) or "none"}')
-    if content['judged_on_s'] < content['of_s']:
-        console.print(
-            f'judged on {content["judged_on_s"]:.0f} of {content["of_s"]:.0f} s, '
-            'in pieces spread over the recordings'
+    table = _table('candidates: probability that each is missing, and watts that it explains')
+    for column in ('effect', 'probability', 'W', '95 %', 'share', 'alone W', 'coefficient'):
+        table.add_column(
+            column, justify='left' if column in ('effect', 'coefficient') else 'right'
         )
-    table = _table('candidates: by how much the held-out error falls with each')
-    for column in ('effect', 'W', 'coefficient', '95 % interval', 'plausible'):
-        table.add_column(column, justify='right' if column == 'W' else 'left')
     for row in content['candidates'][:_SHOWN]:
         low, high = row['interval']
         table.add_row(
             row['name'],
+            f'{row["probability"]:.2f}',
+            f'{row["explains_w"]:.3f}',
+            '{:.2g} … {:.2g}'.format(*row['explains_interval']),
+            f'{row["share"]:.0%}',
             f'{row["delta_rmse_w"]:.3f}',
-            f'{row["symbol"]} = {row["coefficient"]:.3g}{_mark(row["at_bound"])} '
-            f'{_unit(row["unit"])}',
-            f'{low:.3g} … {high:.3g} ({row["drive"]})',
-            'yes' if row['in_confidence_set'] else '',
+            f'{row["symbol"]} = {row["coefficient"]:.3g} {_unit(row["unit"])} '
+            f'({low:.3g} … {high:.3g}, {row["drive"]})',
         )
     console.print(table)
     terms = _table('measurement: error if its faults are ignored')
@@ -187,16 +148,11 @@ def print_outcome(console: Console, outcome: Outcome) -> None:
         terms.add_row(
             name,
             f'{term["watts"]:.2f}',
-            f'{term["value"]:.3g}{_mark(term["at_bound"])} {_unit(term["unit"])}',
+            f'{term["value"]:.3g} {_unit(term["unit"])}',
             f'{low:.3g} … {high:.3g} ({term["drive"]})',
             'yes' if term['matters'] else '',
         )
     console.print(terms)
-    if any(
-        row['at_bound']
-        for row in (*content['candidates'][:_SHOWN], *content['measurement'].values())
-    ):
-        console.print(_AT_BOUND)
     for regime in outcome.judged.regimes[:3]:
         console.print(f'the model fails at {regime.text}')
     motion = outcome.motion

@@ -2,15 +2,11 @@
 
 from dataclasses import replace
 
-from power_estimator.effects import Catalogue, Effect, Term
+from power_estimator.effects import Catalogue, Effect
 from power_estimator.effects.fit.candidate_screener import CandidateScreener, Screened, Trial
 from power_estimator.effects.fit.design import Active, Structure
 from power_estimator.effects.fit.fitter import Fitter
 from power_estimator.effects.fit.whole_robot import shared_by_size
-from power_estimator.effects.library.sensors import TORQUE_BIAS
-
-CONSTANT_TORQUE = TORQUE_BIAS.name
-"""In the effects that a diagnosis asks for, it is the constant torque and no name."""
 
 
 def with_free_coefficient(of: Effect) -> Effect:
@@ -19,20 +15,8 @@ def with_free_coefficient(of: Effect) -> Effect:
     return replace(of, terms=(term,), fixed=None, made=(with_free_coefficient, (of,)))
 
 
-def constant_torque() -> Effect:
-    """
-    A torque on the motor that never changes its sign, of any size.
-
-    A zero error of the torque sensor larger than usual, or friction in one direction only (half of
-    that is a constant torque): no recording of power tells them apart. It competes with the
-    effects so that none is named for what it can imitate, and takes the place of the bias that
-    every model has.
-    """
-    return replace(TORQUE_BIAS, terms=(Term('b', 'N·m', -80.0, 80.0),), made=(constant_torque, ()))
-
-
 def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Active]:
-    """Physical effects that the base has not, in every usable shape, and a constant torque."""
+    """Physical effects that the base has not, in every usable shape."""
     signals, whole = fitter.prepared.signals, fitter.prepared.whole
     known = {name.partition('@')[0] for name in base.names}
     effects = [
@@ -40,13 +24,12 @@ def candidates(fitter: Fitter, base: Structure, catalogue: Catalogue) -> list[Ac
         for effect in catalogue.physics()
         if effect.name not in known and (effect.fixed is None or fitter.builder.base is None)
     ]
-    constant = [Active.of(constant_torque())] if CONSTANT_TORQUE in known else []
     return [
         Active.of(shared_by_size(effect, signals) if whole else effect, shape)
         for effect in effects
         for shape in effect.shapes_of(signals.scale)
         if effect.usable(signals, **shape)
-    ] + constant
+    ]
 
 
 def best_shapes(screener: CandidateScreener) -> dict[str, Screened]:

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 from power_estimator.effects.fit.fitter import Fit, Fitter
 from power_estimator.effects.signals.prepared import Prepared
-from power_estimator.effects.signals.scale import DriveScale
 from power_estimator.judge.evidence import Evidence
 
 Floats = NDArray[np.float64]
@@ -16,8 +15,6 @@ Times the floor, on one drive alone.
 
 Decides for robots of five drives and more: with n drives one alone reaches the pooled floor at √n.
 """
-_SHARED = 0.5  # times the floor, on a second drive, of a further effect
-_BY_FAR = 4.0  # the same on one drive alone
 
 
 def floors(fitter: Fitter, least: float, share: float) -> Floats:
@@ -44,18 +41,6 @@ def above_floor(gain: Floats, floor: Floats) -> bool:
     return bool(ratio.mean() >= 1.0 or ratio.max() >= _ALONE**2)
 
 
-def shared(gain: Floats, floor: Floats) -> bool:
-    """
-    Return whether squared watts [D] come from more than one drive, or from one by far.
-
-    Drives of one robot are built alike: a small further effect in one of them alone is more often
-    a formula that does not quite fit than physics.
-    """
-    ratio = np.maximum(gain, 0.0) / np.square(floor)
-    several = int((ratio >= _SHARED**2).sum()) > 1
-    return len(ratio) < 2 or several or bool(ratio.max() >= _BY_FAR**2)
-
-
 def beyond_physics(evidence: Evidence) -> list[str]:
     """Added effects with a coefficient at a bound that no drive attains: nothing to name."""
     fit = evidence.fit
@@ -72,15 +57,3 @@ def beyond_physics(evidence: Evidence) -> list[str]:
         )
         if not term.attained and any(beyond(d, column) for d in range(len(fit.coefficients)))
     ]
-
-
-def negligible(evidence: Evidence, scale: DriveScale) -> bool:
-    """Return whether an added effect has a coefficient too small to be what it is called."""
-    fit = evidence.fit
-    for active in fit.structure.free:
-        least = np.array([t.least for t in active.effect.terms]) * active.effect.factors(scale)
-        if active.name in evidence.names and least.any():
-            found = np.abs(fit.coefficients[:, fit.structure.columns_of(active.name)])
-            if bool((found < least).all()):
-                return True
-    return False

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from power_lab.diagnose.outcome import Outcome
 
 Show = Callable[[str, Any], None]
-_PREVIEWED = 10  # candidates, those in the confidence set and then by what they explain
+_PREVIEWED = 10  # candidates, the most probable ones
 
 
 class SessionWorker:
@@ -134,10 +134,9 @@ class SessionWorker:
         content['kind'] = verdict_in_words(outcome.verdict, len(content['effects']))
         for row in content['candidates']:
             row['words'] = in_words(row['name'])
-        singles = {one.name: one for one in outcome.diagnosis.singles}
-        names = [row.name for row in outcome.rows][:_PREVIEWED]
-        explained = {name: singles[name].explained for name in names}
-        part = outcome.diagnoser.fitter.prepared.part
+        shown = outcome.diagnosis.candidates[:_PREVIEWED]
+        explained = {one.name: one.explained for one in shown}
+        part = outcome.prepared.part
         if part is not None:
             explained = {name: part.everywhere(own) for name, own in explained.items()}
         return Findings(content, explained)

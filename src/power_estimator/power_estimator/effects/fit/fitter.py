@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -123,24 +123,18 @@ class Fitter:
         """Scale of the meters."""
         return self.prepared.scale
 
-    def leave_out(self, events: Bools) -> None:
-        """Take blocks of drives [B, D] out of all that follows."""
-        self.blocks = replace(self.blocks, valid=self.blocks.valid & ~events)
-
     def fit(
         self,
         structure: Structure,
         start: 'Fit | None' = None,
         iterations: int = 3,
         delay: float | None = None,
-        give_up: float = np.inf,
     ) -> Fit:
         """
         Fit all coefficients within their bounds, and the delay unless it is given (s).
 
         start gives the point to linearise about by the names of its effects. At most so many
-        iterations: fewer where a step no longer moves what the linearisation depends on, or
-        where one leaves a larger error than give_up.
+        iterations: fewer where a step no longer moves what the linearisation depends on.
         """
         settings = self.settings
         point = carried(structure, start, len(self.prepared.names))
@@ -151,8 +145,6 @@ class Fitter:
             design = self.builder.build(structure, point, keep=current is None)
             normal, chosen = self.delays.found(design, self.blocks, weights, near, delay)
             current = self._solved(design, normal, point, weights, chosen, settings.reweightings)
-            if current.error > give_up:
-                break
             still = near is not None and abs(chosen - near) <= settings.fine_delay
             if left and still and self._settled(current, design, normal):
                 more = settings.reweightings * left

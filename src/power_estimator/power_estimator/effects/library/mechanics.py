@@ -57,7 +57,7 @@ SPRING = Effect(
     name='spring',
     physics='the motor also turns to load the series spring, and friction acts on that too',
     formula='(torque + friction)·dx/dt, relaxation·dx²/dt² + dx/dt = dtorque/dt/ks',
-    terms=(Term('1/ks', 'rad/(N·m)', 0.0, 0.05, least=3e-4),),
+    terms=(Term('1/ks', 'rad/(N·m)', 0.0, 0.05),),
     scaling={},
     regressors=_torque_rate,
     acts_on='speed',

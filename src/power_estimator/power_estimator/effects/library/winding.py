@@ -105,7 +105,6 @@ WINDING_HEATING = Effect(
         for seconds in (0.0, 8.0, 20.0, 50.0, 120.0, 300.0, 700.0, 1500.0)
     ),
     near=('copper_loss',),
-    rests_on=('copper_loss',),
     excitation=Excitation(
         'a hot soak longer than three thermal time constants, then cooling under light load',
         mode='torque',

@@ -19,38 +19,34 @@ export function update() {
   discover.drawShapes();
 }
 
-/** Not where the posterior gives the effect next to nothing. */
-const isPlausible = (one) => one.in_confidence_set && (one.probability == null || one.probability >= UNLIKELY);
+const isPlausible = (one) => one.probability >= UNLIKELY;
 const rms = (values) => Math.sqrt(values.reduce((sum, value) => sum + value * value, 0) / Math.max(values.length, 1));
 const nameOf = (found, name) => (found.candidates.find((one) => one.name === name) || { words: name }).words;
 
 function candidates(state, found) {
   const own = Object.values(found.drives);
   const scale = { error: rms(own.map((one) => one.rmse_w)), noise: rms(own.map((one) => one.sensor_noise_w).filter((value) => value != null)) };
-  const best = (one) => Math.max(one.delta_rmse_w, one.explains_w || 0);
-  const order = (list) => [...list].sort((a, b) => (b.probability || 0) - (a.probability || 0) || best(b) - best(a));
+  const best = (one) => Math.max(one.delta_rmse_w, one.explains_w);
   const shown = found.candidates.filter((one) => isPlausible(one) || best(one) >= NOTHING * scale.error);
-  const [plausible, others] = [true, false].map((inside) => order(shown.filter((one) => isPlausible(one) === inside)));
+  const [plausible, others] = [true, false].map((inside) => shown.filter((one) => isPlausible(one) === inside));
   const none = found.candidates.filter((one) => !shown.includes(one)).map((one) => one.words);
-  const two = shown.some((one) => one.explains_w != null);
   const tied = [...new Set(plausible.map((one) => one.family).filter((family) => family.includes('/')))];
   const rows = (list) => list.map((one) => row(state, found, one, scale));
   return h('div', {},
-    h('p', { class: 'faint' }, `Bars: part of the error of ${watts(scale.error)} that goes with the effect alone${two ? ' (dark), and that no other effect explains (light)' : ''}; hatched: the meter’s noise. Point at one to preview the error with it.`),
-    found.judged_on_s < found.of_s - 1 ? h('p', { class: 'faint' }, `Judged on ${found.judged_on_s.toFixed(0)} of ${found.of_s.toFixed(0)} s, in pieces spread evenly over the recording; a preview is drawn in these.`) : null,
+    h('p', { class: 'faint' }, `Bars: part of the error of ${watts(scale.error)} that goes with the effect alone (dark), and that no effect of the model explains (light); hatched: the meter’s noise. Point at one to preview the error with it.`),
+    found.notes.map((note) => h('p', { class: 'faint note' }, note.replaceAll('`', ''))),
     tied.map((family) => h('p', { class: 'tie faint' }, `This recording cannot tell these apart: ${family.split('/').map((name) => nameOf(found, name)).join(', ')}.`)),
     h('div', { id: 'candidates' },
       plausible.length ? [h('h3', {}, found.verdict === 'named' ? 'Found' : 'Plausible'), rows(plausible)] : null,
-      others.length ? h('details', { open: !plausible.length }, h('summary', {}, plausible.length ? `Ruled out (${others.length})` : `None is plausible; the nearest ${others.length}`), rows(others)) : null),
+      others.length ? h('details', { open: !plausible.length }, h('summary', {}, plausible.length ? `Improbable (${others.length})` : `None is plausible; the nearest ${others.length}`), rows(others)) : null),
     none.length ? h('p', { class: 'faint' }, `Explain nothing here: ${none.join(', ')}.`) : null);
 }
 
 function reason(found, one) {
-  if (one.at_bound) return 'only with a coefficient at its limit';
   if (isPlausible(one)) return '';
   const ties = one.family.split('/').filter((name) => name !== one.name && found.effects.includes(name));
   const names = (ties.length ? ties : found.effects).map((name) => nameOf(found, name));
-  return names.length ? `stand-in for ${names.join(', ')}` : 'not more than chance, or not in every part';
+  return names.length ? `stand-in for ${names.join(', ')}` : '';
 }
 
 function row(state, found, one, { error, noise }) {
@@ -59,13 +55,13 @@ function row(state, found, one, { error, noise }) {
   const floor = h('div', { class: 'noise' });
   floor.style.width = `${Math.min(100, (100 * noise) / error)}%`;
   const why = reason(found, one);
-  const sure = one.probability != null && isPlausible(one) ? ` ${one.probability > 0.99 ? 'over 99 %' : percent(one.probability)} sure` : '';
+  const sure = ` ${one.probability > 0.99 ? 'over 99 %' : one.probability < 0.01 ? 'under 1 %' : percent(one.probability)} sure${one.share >= 0.01 ? `, ${percent(one.share)} of what is missed` : ''}`;
   const node = h('div', { class: `candidate${isPlausible(one) ? ' in' : ''}`, 'data-preview': seen },
-    h('span', {}, one.words, sure || why ? h('small', {}, [sure, why].filter(Boolean).join(', ').replace(/^ ?/, ' ')) : null),
-    h('div', { class: one.explains_w == null ? 'track one' : 'track', 'aria-hidden': 'true' }, bar(one.delta_rmse_w, 'alone'), one.explains_w == null ? null : bar(one.explains_w, 'with'), floor),
-    h('span', { class: 'falls' }, watts(Math.max(one.delta_rmse_w, 0)), one.explains_w == null ? null : h('small', {}, ` ${watts(one.explains_w)}`)),
+    h('span', {}, one.words, h('small', {}, why ? `${sure}, ${why}` : sure)),
+    h('div', { class: 'track', 'aria-hidden': 'true' }, bar(one.delta_rmse_w, 'alone'), bar(one.explains_w, 'with'), floor),
+    h('span', { class: 'falls' }, watts(Math.max(one.delta_rmse_w, 0)), h('small', {}, ` ${watts(one.explains_w)}`)),
     h('small', { class: 'value' }, `${one.drive} ${quantity(one.coefficient, one.unit)} `, whisker(one.coefficient, one.interval, [Math.min(0, one.interval[0]), Math.max(0, one.interval[1])], one.unit)),
-    one.name === 'torque_bias' ? h('span') : h('button', { type: 'button', disabled: Boolean(state.job), 'aria-label': `Add ${one.words}`, onclick: () => take({ kind: 'add', effects: [one.name] }) }, 'Add'));
+    h('button', { type: 'button', disabled: Boolean(state.job), 'aria-label': `Add ${one.words}`, onclick: () => take({ kind: 'add', effects: [one.name] }) }, 'Add'));
   if (seen) {
     for (const event of ['mouseenter', 'focusin']) node.addEventListener(event, () => preview(one));
     for (const event of ['mouseleave', 'focusout']) node.addEventListener(event, () => preview(null));

@@ -36,6 +36,8 @@ function step(state) {
   if (!found) return ['Find what is missing', () => attempt(() => post('diagnose')), 'Every effect of the catalogue is tried on data that the fit did not see.'];
   const active = new Set(state.model.effects.map((one) => one.name));
   const missing = found.effects.filter((name) => !active.has(name));
+  const squares = (key) => Object.values(found.drives).reduce((sum, one) => sum + (one[key] || 0) ** 2, 0);
+  if (found.verdict === 'named' && missing.length && squares('rmse_after_w') >= squares('rmse_w')) return ['See what to record next', go('next'), 'The error on unseen data does not fall with it; the motion proposed there would show it.'];
   if (found.verdict === 'named' && missing.length) return [missing.length > 1 ? `Add all ${missing.length}` : `Add ${wordsOf(missing[0])}`, () => take({ kind: 'add', effects: missing }), 'All coefficients are fitted anew.'];
   if (found.verdict === 'ambiguous') return ['See what to record next', go('next'), 'This recording cannot tell these effects apart; the motion proposed there can.'];
   if (found.verdict === 'none_of_the_above' && !learned) return ['Discover what no catalogue has', () => attempt(() => post('discover')), 'It learns the shape of what is missing, and writes it down as an effect of your own.'];
@@ -54,7 +56,7 @@ function measured(found, { scores }) {
 
 const SAYS = {
   power_gain: (term) => `the power meter reads ${percent(Math.abs(term.value))} ${term.value > 0 ? 'high' : 'low'}`,
-  torque_scale: (term) => `the torque is ${percent(Math.abs(term.value))} too ${term.value > 0 ? 'small' : 'large'}`,
+  torque_scale: (term) => `the torque reads ${percent(Math.abs(term.value))} ${term.value > 0 ? 'high' : 'low'}`,
   time_offset: (term) => `power and motion are ${quantity(Math.abs(term.value), 's')} apart`,
 };
 

@@ -1,0 +1,144 @@
+"""Errors of the measurement as the posterior has them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from power_estimator.effects.signals.prepared import Prepared
+from power_estimator.posterior.judged import JudgedEffects
+from power_estimator.posterior.priors import NAMED, OFF
+from power_estimator.posterior.sensors import SENSORS, spreads
+from wattwalk_core.arrays import Floats
+
+from power_lab.diagnose.findings import short
+
+_MATTERS = 0.2  # of the model's error, that ignoring it costs
+_FAR = 2.0  # spreads of what such sensors are known for
+
+
+@dataclass(frozen=True)
+class MeasurementTerm:
+    """One error of the measurement: of the drive where it costs most, and of all."""
+
+    name: str
+    value: float
+    interval: tuple[float, float]
+    watts: float  # rms error if it is ignored
+    matters: bool
+    far_out: bool  # beyond what such sensors are known for
+    drive: str
+    at_motor: bool  # the torque comes from the motor's current
+    drives: Mapping[str, float]
+    recordings: Mapping[str, float] = field(default_factory=dict)
+
+    def json(self) -> dict[str, object]:
+        """As `diagnose --json` writes it."""
+        return {
+            'value': self.value,
+            'interval': list(self.interval),
+            'matters': self.matters,
+            'unit': SENSORS[self.name].unit,
+            'watts': round(self.watts, 4),
+            'drive': self.drive,
+            'drives': dict(self.drives),
+            'recordings': dict(self.recordings),
+        }
+
+    @property
+    def sentence(self) -> str:
+        """The error, with what would tell it from physics."""
+        if self.name in _IN_WORDS:
+            return _IN_WORDS[self.name](self)
+        unit = SENSORS[self.name].unit
+        return (
+            f'The measurement of {self.drive} may be off: {self.name.replace("_", " ")} '
+            f'{self.value:.3g} {unit if unit != "1" else ""}'.rstrip()
+            + '.'
+        )
+
+
+def measurement_terms(
+    found: JudgedEffects, prepared: Prepared, rms_w: float, delays: Floats
+) -> dict[str, MeasurementTerm]:
+    """
+    Errors of the sensors by name, with 95 % intervals.
+
+    rms_w: the model's error, that those which matter are large against; delays: of each recording
+    beside that of all, s [R].
+    """
+    usual, names = spreads(prepared.signals), prepared.names
+    lag = prepared.lag.mean(keepdims=True) if prepared.whole else prepared.lag
+    out = {}
+    for name in SENSORS:
+        if prepared.steady and name not in _SCALES_AND_OFFSETS:
+            continue
+        drawn = [one.sensors[name] for one in found.meters]
+        costs = np.array([one.costs[name] for one in found.meters])
+        worst = int(np.argmax(costs))
+        middle = float(np.mean(drawn[worst]))
+        low, high = np.quantile(drawn[worst], [0.025, 0.975]).tolist()
+        if name in found.scales:
+            sure = found.scales[name] >= NAMED and abs(middle) > OFF
+            far = sure
+        else:
+            sure = not low <= 0.0 <= high
+            far = sure and abs(middle) > _FAR * usual[name]
+        matters = bool(sure and costs[worst] >= _MATTERS * rms_w)
+        known = lag if name == 'velocity_lag' else np.zeros(len(names))
+        out[name] = MeasurementTerm(
+            name=name,
+            value=short(middle + known[worst]),
+            interval=(short(low + known[worst]), short(high + known[worst])),
+            watts=float(costs[worst]),
+            matters=matters,
+            far_out=bool(matters and far),
+            drive=names[worst],
+            at_motor=bool(prepared.signals.at_motor[0 if prepared.whole else worst]),
+            drives={
+                drive: short(float(np.mean(own)) + float(known[i]))
+                for i, (drive, own) in enumerate(zip(names, drawn, strict=True))
+            },
+            recordings=_by_recording(prepared, middle + delays)
+            if name == 'time_offset' and delays.any()
+            else {},
+        )
+    return out
+
+
+def _by_recording(prepared: Prepared, values: Floats) -> Mapping[str, float]:
+    """Values [R] by recording; a name that comes twice gets its number."""
+    out: dict[str, float] = {}
+    for number, (name, value) in enumerate(zip(prepared.recordings, values, strict=True)):
+        out[f'{name} ({number + 1})' if name in out else name] = short(float(value))
+    return out
+
+
+def _torque_scale(term: MeasurementTerm) -> str:
+    read = f'The torque of {term.drive} reads {1.0 + term.value:.2f} of what the power says'
+    if term.at_motor:
+        return f'{read}: check the torque constant.'
+    gear = f', or a gear that loses {-term.value:.0%}' if term.value < 0 else ''
+    return f'{read}: a wrong scale{gear}; weigh a known mass on it.'
+
+
+def _power_gain(term: MeasurementTerm) -> str:
+    way = 'high' if term.value > 0 else 'low'
+    return (
+        f'The power meter of {term.drive} reads {abs(term.value):.0%} {way}: calibrate it '
+        'against a reference.'
+    )
+
+
+def _torque_bias(term: MeasurementTerm) -> str:
+    return (
+        f'The torque of {term.drive} has a constant error of {term.value:.2g} N·m: the zero of '
+        'its sensor, or friction in one direction.'
+    )
+
+
+_SCALES_AND_OFFSETS = ('power_gain', 'torque_scale', 'current_offset', 'torque_bias')
+_IN_WORDS: Mapping[str, Callable[[MeasurementTerm], str]] = {
+    'torque_scale': _torque_scale,
+    'power_gain': _power_gain,
+    'torque_bias': _torque_bias,
+}
