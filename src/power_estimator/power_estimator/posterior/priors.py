@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 MISSING: Final[Mapping[str, float]] = {
-    'copper_loss': 0.98,  # every winding has it
+    'copper_loss': 0.995,  # every winding has it
     'idle': 0.8,  # and nearly every meter sees the electronics
     'viscous_friction': 0.4,
     'coulomb_friction': 0.4,
