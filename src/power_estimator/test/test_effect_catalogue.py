@@ -302,3 +302,12 @@ def test_a_user_effect_that_misbehaves_is_named(tmp_path, body, words):
 def test_a_file_of_effects_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match=r'nowhere\.py: No such file'):
         load_catalogue([tmp_path / 'nowhere.py'])
+
+
+def test_cogging_is_looked_for_where_the_motion_covers_a_period():
+    swing = 0.3 * np.sin(np.arange(400) / 20.0)[:, None]  # 0.6 rad; a period of order 12 is 0.52
+    given = replace(signals(), position=swing)
+    cogging = CATALOGUE['cogging']
+    assert cogging.usable(given, order=12.0)
+    assert not cogging.usable(given, order=6.0)
+    assert cogging.usable(given)  # in some shape

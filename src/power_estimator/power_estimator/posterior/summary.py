@@ -37,7 +37,7 @@ class MeterSummary:
     explains: Mapping[str, Floats]  # W rms that known effects cannot take over [s] by effect
     sensors: Mapping[str, Floats]  # in their units [s]
     costs: Mapping[str, float]  # W rms of each error of a sensor that no effect can take over
-    discrepancy_w: float  # rms
+    discrepancy_w: float  # rms that known effects cannot take over
     left: Mapping[str, float]  # W rms of the discrepancy by cause, largest first
     noise_w: float  # rms of what is left over the rows, without the discrepancy
 
@@ -76,7 +76,12 @@ def summarised(
     departures = slice(len(SENSORS), None)
     parts = np.concatenate([columns.nuisance[:, departures], columns.smooth[:, :there]], axis=1)
     parts = parts[meter.used] * np.concatenate([mean[count:][departures], weights_of])
-    size = rms(parts.sum(axis=1))
+    together = parts.sum(axis=1)
+    size = rms(together)
+    # Known effects and the meter's gain are free: what they take, the discrepancy gives back.
+    own = columns.places_of(known)
+    taken = np.concatenate([columns.effects[:, own], columns.nuisance[:, :1]], axis=1)[meter.used]
+    left = rms(less(together[:, None], taken, np.ones(len(parts), dtype=bool)))
     apart_of = less(columns.nuisance[:, : len(SENSORS)], columns.effects, meter.used)[meter.used]
     unit_w = dict(zip(SENSORS, np.sqrt(np.mean(apart_of**2, axis=0)).tolist(), strict=True))
     costs = {
@@ -112,7 +117,7 @@ def summarised(
         explains,
         sensors,
         costs,
-        size,
+        left,
         by_cause(parts, columns.causes),
         float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0,
     )

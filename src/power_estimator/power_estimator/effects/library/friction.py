@@ -40,6 +40,14 @@ def _ripple(signals: Signals, *, order: float = 12.0, **_: float) -> Floats:
 
 
 _friction = partial(Effect, acts_on='torque', needs_joint_torque=True, per_drive=True)
+
+
+def _shows_a_period(signals: Signals, order: float = np.inf, **_: float) -> bool:
+    """A part of a period is any other function of the position."""
+    at = signals.position
+    return bool(np.isfinite(at).all()) and bool(np.ptp(at, axis=0).max() >= 2 * np.pi / order)
+
+
 VISCOUS_FRICTION = _friction(
     name='viscous_friction',
     physics='grease drags in proportion to speed, and the motor carries that torque as well',
@@ -112,7 +120,7 @@ COGGING = _friction(
     terms=(Term('A·cos(phase)', 'N·m', -20.0, 20.0), Term('A·sin(phase)', 'N·m', -20.0, 20.0)),
     scaling={'gear_ratio': None},
     regressors=_ripple,
-    recorded=lambda signals, **_: bool(np.isfinite(signals.position).all()),
+    recorded=_shows_a_period,
     needs_time=True,  # over a turn it takes nothing
     shapes=tuple({'order': float(order)} for order in (6, 7, 12, 14, 21, 24, 36, 42, 50, 100)),
     near=('rotor_inertia',),
