@@ -80,8 +80,8 @@ TOLD_APART: Final = 0.5
 """
 The same size from which an effect is named, however long the recording is.
 
-With 0.25, 2 of 16 names were false in the blind benchmark's recordings of seed 0, with this none of
-11 (docs/results/reliability.md).
+With 0.25 and MIMICS of 0.5, 2 of 16 names were false on 27 recordings of the blind benchmark's
+seed 0, with these none of 11 (docs/results/reliability.md).
 """
 MISFIT: Final = 0.12
 """
