@@ -93,8 +93,7 @@ bench: setup
 	$(BIN)/python bench/run.py
 
 bench-lab: setup
-	$(BIN)/python bench/lab.py
-	$(BIN)/python bench/reliability.py --sources plants robot logs
+	$(BIN)/python bench/reliability.py --sources plants robot logs blind
 
 # Logs of real drives, where WATTWALK_REAL_DATA says that they lie: the library, and its page of results.
 bench-real: setup

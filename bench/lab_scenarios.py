@@ -1,11 +1,10 @@
 """Scenarios of the lab's blind benchmark: hidden effects and the simulated hardware."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
-import numpy as np
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
 from truth_circuit import CONSTANT, UNMODELLED, Faults, Truth, record
@@ -83,32 +82,21 @@ class Scenario:
         return ('shaft', *(name for name in BASES[self.base] if name not in self.hidden))
 
     @property
-    def followed_up(self) -> bool:
-        """True if the error that `add` removes is measured on another recording too."""
-        usual = 2.0 if self.source == 'sim' else 1.0
-        return self.group == 'effect' and set(self.hidden.values()) == {usual}
-
-    @property
     def truth(self) -> frozenset[str]:
         """Effects that a perfect diagnosis names."""
         return frozenset(name for name in self.hidden if name not in (*UNMODELLED, *CONSTANT))
 
-    def content(self) -> dict[str, Any]:
-        """For a file of results."""
-        return asdict(self)
-
-    def record(self, *, other: bool = False, without: Collection[str] = ()) -> AlignedDataset:
-        """Simulate; other: another run of the same unit; without: these are not hidden."""
+    def record(self, *, without: Collection[str] = ()) -> AlignedDataset:
+        """Simulate; without: these are not hidden."""
         effects: dict[str, float] = dict.fromkeys(self.known[1:], 1.0)
         effects.update(self.hidden)
         effects.update(dict.fromkeys(without, 0.0))
-        seed = self.seed + (5000 if other else 0)
         if self.source == 'circuit':
             faults = Faults(**FAULTS[self.fault]) if self.fault else Faults()
             motion = 'walk' if self.motion == 'walk' else 'ladder'
-            truth = Truth(effects, motion, self.seconds, seed, self.seed + 50, faults)
+            truth = Truth(effects, motion, self.seconds, self.seed, self.seed + 50, faults)
             return record(truth)
-        return _simulated(self, effects, seed)
+        return _simulated(self, effects, self.seed)
 
 
 def _simulated(scenario: Scenario, effects: Mapping[str, float], seed: int) -> AlignedDataset:
@@ -206,9 +194,3 @@ def _sim(seed: int, quick: bool) -> list[Scenario]:
     pairs = combinations(('load_friction', 'regeneration_efficiency', 'spring'), 2)
     out += [walk('pair', dict.fromkeys(pair, 2.0)) for pair in pairs]
     return out
-
-
-def random_order(all_: Sequence[Scenario], seed: int = 0) -> list[Scenario]:
-    """Shuffled, so that a part of them is a fair sample."""
-    order = np.random.default_rng(seed).permutation(len(all_))
-    return [all_[index] for index in order]

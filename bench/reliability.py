@@ -2,7 +2,7 @@
 Reliability of the lab: of what it says at a probability, the share that is true.
 
     python bench/reliability.py [--judge judgements:diagnosed] [--families …] [--count 60]
-        [--seconds S] [--drives D] [--nulls] [--sources plants robot logs] [--out FILE.jsonl]
+        [--seconds S] [--drives D] [--nulls] [--sources plants robot logs blind] [--out FILE.jsonl]
 
 Recordings come from families of true plants (bench/truths), from the shipped robot and from real
 logs with power of a hidden effect added, or an effect left out of the model. A judge is any
@@ -27,7 +27,12 @@ from drive_logs import log_questions
 from judgements import plugged_in
 from power_recordings.alignment.dataset import AlignedDataset
 from reliability_figures import tables
-from reliability_questions import Question, plant_questions, robot_questions
+from reliability_questions import (
+    Question,
+    blind_questions,
+    plant_questions,
+    robot_questions,
+)
 from rich.console import Console
 from rich.progress import track
 from threadpoolctl import threadpool_limits
@@ -36,6 +41,7 @@ from wattwalk_core.engine.options import Workplace, add_workplace
 from wattwalk_core.engine.task_engine import TaskEngine
 
 HERE = Path(__file__).resolve().parent
+SOURCES = ('plants', 'robot', 'logs', 'blind')
 
 
 @dataclass(frozen=True)
@@ -108,6 +114,8 @@ def questions(options: argparse.Namespace) -> list[Question]:
         )
     if 'robot' in options.sources:
         every += robot_questions(options.count, seed=options.seed, nulls=options.nulls)
+    if 'blind' in options.sources:
+        every += blind_questions(options.seed)
     if 'logs' in options.sources:
         asked, skipped = log_questions()
         every += asked
@@ -124,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     add = parser.add_argument
     add('--judge', default='judgements:diagnosed', metavar='MODULE:FUNCTION')
-    add('--sources', nargs='+', choices=('plants', 'robot', 'logs'), default=['plants'])
+    add('--sources', nargs='+', choices=SOURCES, default=['plants'])
     add('--families', nargs='+', choices=list(FAMILIES), default=list(FAMILIES))
     add('--count', type=int, default=60, help='recordings of each family')
     add('--seconds', type=float, help='length of all of them, instead of 20 to 600 s')

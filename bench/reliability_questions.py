@@ -10,7 +10,8 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from lab_scenarios import LEG
+from lab_scenarios import FAULTS, LEG, Scenario, scenarios
+from power_estimator.effects.signals.prepared import prepare
 from power_recordings.alignment.align import align
 from power_recordings.alignment.dataset import AlignedDataset
 from sim_bridge.offline.run import simulate_recording, walking_run
@@ -152,6 +153,56 @@ class OfRobot:
             for i, name in enumerate(LEG)
         }
         return Sealed(data, known, frozenset(self.hidden), coefficients)
+
+
+@dataclass(frozen=True)
+class OfScenario:
+    """A question of the blind benchmark: an effect, a pair, a fault or nothing in 150 s."""
+
+    scenario: Scenario
+
+    @property
+    def key(self) -> str:
+        """Key in a file of results."""
+        return f'blind|{self.scenario.key}'
+
+    @property
+    def about(self) -> Mapping[str, object]:
+        """Family, motion, length and so on."""
+        one = self.scenario
+        return {
+            'family': f'blind, {one.group}',
+            'developed': True,
+            'motion': one.motion,
+            'seconds': one.seconds,
+            'drives': len(LEG),
+            'hidden': [*one.hidden, *([one.fault] if one.fault else [])],
+        }
+
+    def seal(self) -> Sealed:
+        """Simulate the scenario."""
+        one = self.scenario
+        data = one.record()
+        fault = FAULTS.get(one.fault, {})
+        wrong = {'power_gain'} if abs(fault.get('gain', 0.0)) >= NAMED_FROM else set()
+        return Sealed(data, one.known, one.truth | wrong, watts=self._watts(data))
+
+    def _watts(self, data: AlignedDataset) -> Mapping[str, float]:
+        """W rms by which hidden effects change the power; a robot moves otherwise without them."""
+        if self.scenario.source != 'circuit':
+            return {}
+        power = prepare(data).power_at(0.0)
+        without = {
+            name: prepare(self.scenario.record(without=(name,))).power_at(0.0)
+            for name in self.scenario.truth
+        }
+        return {n: float(np.sqrt(np.nanmean(np.square(power - p)))) for n, p in without.items()}
+
+
+def blind_questions(seed: int = 0) -> list[OfScenario]:
+    """All questions of the blind benchmark at one strength."""
+    every = scenarios((seed,), sources=('circuit', 'sim'), quick=True)
+    return [OfScenario(one) for one in every]
 
 
 def _robot_coefficients(p: Mapping[str, float]) -> dict[str, float]:
