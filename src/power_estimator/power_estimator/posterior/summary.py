@@ -37,7 +37,7 @@ class MeterSummary:
     explains: Mapping[str, Floats]  # W rms that known effects cannot take over [s] by effect
     sensors: Mapping[str, Floats]  # in their units [s]
     costs: Mapping[str, float]  # W rms of each error of a sensor that no effect can take over
-    discrepancy_w: float  # rms that known effects cannot take over
+    discrepancy_w: float  # rms that neither known effects nor the meter's noise take over
     left: Mapping[str, float]  # W rms of the discrepancy by cause, largest first
     noise_w: float  # rms of what is left over the rows, without the discrepancy
 
@@ -82,6 +82,10 @@ def summarised(
     own = columns.places_of(known)
     taken = np.concatenate([columns.effects[:, own], columns.nuisance[:, :1]], axis=1)[meter.used]
     left = rms(less(together[:, None], taken, np.ones(len(parts), dtype=bool)))
+    noise = float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0
+    of_meter = float(meter.prepared.noise[0])
+    if of_meter < noise:  # what is not smooth either, such as a fan that is switched
+        left = float(np.sqrt(left**2 + noise**2 - of_meter**2))
     apart_of = less(columns.nuisance[:, : len(SENSORS)], columns.effects, meter.used)[meter.used]
     unit_w = dict(zip(SENSORS, np.sqrt(np.mean(apart_of**2, axis=0)).tolist(), strict=True))
     costs = {
@@ -119,7 +123,7 @@ def summarised(
         costs,
         left,
         by_cause(parts, columns.causes),
-        float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0,
+        noise,
     )
 
 
