@@ -79,11 +79,9 @@ def summarised(
     together = parts.sum(axis=1)
     size = rms(together)
     # Known effects and the meter's gain are free: what they take, the discrepancy gives back.
-    places = columns.places_of(knplaces)
-    absorbed = np.concatenate([columns.effects[:, places], columns.nuisance[:, :1]], axis=1)[
-        meter.used
-    ]
-    left = rms(less(together[:, None], absorbed, np.ones(len(parts), dtype=bool)))
+    free = columns.effects[:, columns.places_of(known)]
+    free = np.concatenate([free, columns.nuisance[:, :1]], axis=1)[meter.used]
+    left = rms(less(together[:, None], free, np.ones(len(parts), dtype=bool)))
     noise = float(np.sqrt(meter.noise.variance)) if meter.noise else 0.0
     of_meter = float(meter.prepared.noise[0])
     if of_meter < noise:  # what is not smooth either, such as a fan that is switched
