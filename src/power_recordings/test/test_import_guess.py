@@ -315,3 +315,10 @@ def test_an_efficiency_is_taken_where_no_power_is_there(tmp_path, capsys):
     assert "from: 'Efficiency [%]', unit: '%'" in lines['efficiency']
     power = recording.drive_supply().power[:, 0]
     np.testing.assert_allclose(power, torque * speed * np.pi / 30 / (0.7 + torque / 100), 1e-5)
+
+
+def test_a_map_over_two_quantities_is_recognised_by_its_head(tmp_path, capsys):
+    rows = np.c_[np.arange(1, 9), 80 + np.arange(32).reshape(8, 4)]
+    log = csv(tmp_path / 'map.csv', rows, 'Torque,1000,2000,3000,4000')
+    assert main([str(log), '--list']) == 0
+    assert 'its head holds numbers' in capsys.readouterr().out

@@ -203,3 +203,18 @@ def test_a_signal_in_the_interpreters_own_end_makes_no_traceback():
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=30)[1] == ''
     assert process.returncode == -signal.SIGINT
+
+
+def test_a_reader_that_leaves_early_ends_a_command_without_a_traceback():
+    code = (
+        'import sys\nfrom wattwalk_core.command import command\n\n\n'
+        '@command\ndef speak(args):\n'
+        '    for i in range(100_000):\n        print(i)\n\n\nsys.exit(speak())\n'
+    )
+    with subprocess.Popen(
+        [sys.executable, '-c', code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as speaker:
+        assert speaker.stdout.readline() == '0\n'
+        speaker.stdout.close()
+        assert speaker.stderr.read() == ''
+        assert speaker.wait() == 128 + signal.SIGPIPE

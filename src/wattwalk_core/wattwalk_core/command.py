@@ -1,6 +1,8 @@
 """Entry points of commands: one line on stderr for bad input and for signals."""
 
 import argparse
+import os
+import select
 import signal
 import sys
 import threading
@@ -38,7 +40,13 @@ def command(body: Callable[[Sequence[str] | None], int | None]) -> Entry:
         early.install()
         with RaisedSignals() as signals:
             try:
-                return body(args) or 0
+                code = body(args) or 0
+                sys.stdout.flush()
+                return code
+            except BrokenPipeError:
+                if not _is_stdout_closed():
+                    raise
+                return 128 + signal.SIGPIPE
             except InputError as error:
                 _say(error)
                 return 2
@@ -93,6 +101,17 @@ def entry_point(
         return command(main)
 
     return decorate
+
+
+def _is_stdout_closed() -> bool:
+    """Tell whether the reader of a pipe has left, as `head` does; what is left goes nowhere."""
+    poll = select.poll()
+    poll.register(sys.stdout.fileno(), 0)
+    if not any(event & select.POLLERR for _, event in poll.poll(0)):
+        return False
+    with open(os.devnull, 'w') as nowhere:
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
+    return True
 
 
 def _end_at_once_by_signals() -> None:

@@ -17,6 +17,7 @@ from power_recordings.importing.listing import list_columns
 from power_recordings.importing.map_file import ImportMap, load_map
 from power_recordings.importing.plan import fitting_maps
 from power_recordings.importing.sources import open_source
+from power_recordings.importing.sources.heads import is_number
 from power_recordings.importing.sources.source import LogSource
 from power_recordings.index.kept_quality import Checked
 from power_recordings.reading.reader import Recording
@@ -103,6 +104,8 @@ def _list(source: LogSource) -> None:
             f'{item.changes:7.0%} {rate:>9}'
         )
     lines += [f'# the ready map {name} fits: --map {name}' for name in fitting_maps(source)]
+    if sum(is_number(item.column.address) for item in listed) > 0.5 * len(listed):
+        lines.append('# its head holds numbers (a map over two quantities?): give one row a point')
     lines.append('# guessed map: edit, save as FILE.yaml, then import with --map FILE.yaml')
     robot = ''.join(c if c.isalnum() else '_' for c in source.path.stem)[:40] or 'robot'
     sys.stdout.write('\n'.join(lines) + '\n')

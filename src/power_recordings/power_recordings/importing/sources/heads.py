@@ -93,6 +93,10 @@ def find_head(
     trailing = all(not row[-1].strip() for row in rows[first:] if len(row) == width)
     above = [fitted for row in rows[:first] if (fitted := _fitted(row, width, trailing))]
     above = above or [fitted for row in commented if (fitted := _fitted(row, width, trailing))]
+    if not above and first == 0 and len(full) > 1:  # names may be numbers but for one
+        pairs = zip(rows[0], rows[full[1]], strict=True)
+        if any(_is_name(name) and is_number(value) for name, value in pairs):
+            above, first = [list(rows[0])], full[1]
     units = [''] * width
     while len(above) > 1 and ((own := _all_units(above[-1])) or not any(map(_is_name, above[-1]))):
         row = above.pop()
