@@ -67,25 +67,25 @@ def test_an_effect_that_the_model_lacks_is_named_by_diagnosis_and_tracked(tmp_pa
     for index in range(12):
         effects = dict.fromkeys((*KNOWN, 'rotor_inertia'), 1.0)
         if index >= 6:
-            effects['stribeck_friction'] = np.array([0.0, 0.0, 1.0])
+            effects['load_friction'] = np.array([0.0, 0.0, 2.0])
         bag = write(tmp_path / f'walk{index:02d}', record(Truth(effects, 'walk', 20.0, index, 3)))
         (bag / 'card.yaml').write_text(f"robot: leg\ncreated: '2026-03-{index + 1:02d}'\n")
         bags.append(bag)
     page = tmp_path / 't.html'
     content = tracked_json(bags, base, tmp_path / 'a.json', '--report', str(page))
     (missed,) = content['unmodelled']
-    assert (missed['drive'], missed['added']) == ('LF_KFE', ['stribeck_friction'])
-    assert missed['after']['effects'] == ['stribeck_friction']
+    assert (missed['drive'], missed['added']) == ('LF_KFE', ['load_friction'])
+    assert missed['after']['effects'] == ['load_friction']
     assert missed['before']['effects'] == []
     changed = {
         (one['drive'], one['effect']): one['change']
         for one in content['series']
         if one['change']['verdict'] != 'steady'
     }
-    assert list(changed) == [('LF_KFE', 'stribeck_friction')]
-    change = changed['LF_KFE', 'stribeck_friction']
+    assert list(changed) == [('LF_KFE', 'load_friction')]
+    change = changed['LF_KFE', 'load_friction']
     assert change['at'] == 'walk06'
-    assert change['to'] - change['from'] == pytest.approx(3.0, rel=0.25)  # N·m
+    assert change['to'] - change['from'] == pytest.approx(0.2, rel=0.25)  # of the load
     assert change['percent'] is None  # nothing was there before
     assert 'The model lacks it' in content['alarms'][0]
     assert 'The model lacks it' in page.read_text()

@@ -43,14 +43,18 @@ def of_unit(hidden, motion, seed, faults, seconds=60.0):
     return record(Truth(effects, motion, seconds, seed, 51, faults))
 
 
-def test_delays_are_each_recordings_own_and_nothing_is_named_for_them():
+def test_gain_offset_and_delay_are_each_recordings_own():
     data = joined(of_unit({}, 'walk', 1, FIRST), of_unit({}, 'ladder', 2, SECOND))
     found = diagnose(data.drives(['LF_KFE']))
-    assert found.delays[1] - found.delays[0] == pytest.approx(0.008, abs=0.0005)  # s, as simulated
     assert (found.verdict, found.effects) == ('no_evidence', ())
-    term = measurement_terms(found.found, found.prepared, 0.3, found.delays)['time_offset']
-    late = term.json()['recordings']
-    assert late['ladder_2'] - late['walk_1'] == pytest.approx(0.008, abs=0.0005)  # s
+    terms = measurement_terms(found.found, found.prepared, 0.3, found.apart)
+    gain, offset, late = (
+        terms[name].json()['recordings']
+        for name in ('power_gain', 'current_offset', 'time_offset')
+    )
+    assert gain['walk_1'] - gain['ladder_2'] == pytest.approx(0.04, abs=0.01)
+    assert offset['walk_1'] - offset['ladder_2'] == pytest.approx(0.03, abs=0.008)  # A
+    assert late['ladder_2'] - late['walk_1'] == pytest.approx(0.008, abs=0.0005)  # s, as simulated
 
 
 def test_an_effect_is_named_across_recordings_with_one_coefficient():
@@ -62,9 +66,9 @@ def test_an_effect_is_named_across_recordings_with_one_coefficient():
     assert one.coefficients['LF_KFE'] == [pytest.approx(one.coefficient, rel=1e-4)]
 
 
-def test_one_recording_has_no_delay_of_its_own():
+def test_one_recording_has_no_errors_beside_those_of_all():
     data = of_unit({}, 'walk', 1, FIRST, 30.0)
-    assert not diagnose(data.drives(['LF_KFE'])).delays.any()
+    assert diagnose(data.drives(['LF_KFE'])).apart == {}
 
 
 def test_power_of_a_late_recording_is_put_in_step_with_the_others():

@@ -7,11 +7,14 @@ import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.fit.candidate_screener import shaped
 from power_estimator.effects.fit.design import Active, Structure
-from power_estimator.effects.fit.per_recording import has_own_terms
+from power_estimator.effects.fit.fitter import Fit
+from power_estimator.effects.fit.per_recording import OWN_TERMS, has_own_terms
+from power_estimator.effects.signals.prepared import Prepared
 from power_estimator.effects.training import Material
 from power_estimator.judge.estimator import together
 from power_estimator.judge.evidence import Evidence, Examiner
 from power_estimator.posterior.judged import JudgedEffect, JudgedEffects, judged_effects
+from wattwalk_core.arrays import Floats
 
 from power_lab.diagnose.findings import Candidate, Diagnosis, short
 from power_lab.diagnose.residual import missed_w2, residual
@@ -48,17 +51,45 @@ def diagnosed(
     fits = AddedEffects(own, structure.plus(*terms), seed)
     physics = [active for active in fits.structure.actives if active.effect.kind == 'physics']
     found = judged_effects(own.prepared, physics, catalogue, own.base_power)
+    apart = {}
+    if has_own_terms(fits.structure):
+        fit = fits.added(found.added).fit
+        apart = _apart(fit)
+        found = judged_effects(
+            _alike(own.prepared, fit, apart), physics, catalogue, own.base_power
+        )
+    if delays.any():
+        apart['time_offset'] = np.tile(delays, (len(own.prepared.names), 1))
     best = fits.added(found.named, 3) if found.named else fits.base
     return Diagnosis(
         found=found,
         prepared=own.prepared,
-        delays=delays,
+        apart=apart,
         base=fits.base,
         best=best,
         candidates=_candidates(found, fits),
         residual=residual(found, fits.base, best, own.prepared),
         raising=_raising(found.named, best, fits),
     )
+
+
+def _apart(fit: Fit) -> dict[str, Floats]:
+    """Terms of the measurement of each recording less their mean over all [M, R]."""
+    own = {name: fit.coefficients[:, fit.structure.columns_of(name)] for name in OWN_TERMS}
+    return {
+        name: values - values.mean(axis=1, keepdims=True)
+        for name, values in own.items()
+        if values.shape[1] > 1
+    }
+
+
+def _alike(prepared: Prepared, fit: Fit, apart: Mapping[str, Floats]) -> Prepared:
+    """Signals with the power as if all recordings had the same errors of the meter."""
+    excess = sum(
+        np.einsum('nmr,mr->nm', fit.design.columns[..., fit.structure.columns_of(name)], values)
+        for name, values in apart.items()
+    )
+    return replace(prepared, power=(prepared.power - excess).astype(prepared.power.dtype))
 
 
 def _raising(named: Sequence[Active], best: Evidence, fits: AddedEffects) -> tuple[str, ...]:

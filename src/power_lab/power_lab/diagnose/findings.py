@@ -1,5 +1,6 @@
 """Findings of a diagnosis: candidates, what is left, and the verdict that follows."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -16,6 +17,7 @@ from wattwalk_core.arrays import Floats
 Verdict = Literal['named', 'ambiguous', 'none_of_the_above', 'no_evidence']
 UNLIKELY = 0.05
 """Probability below which an effect is no candidate of a set that may be missing."""
+_MUCH = 0.1  # of the held-out error
 _LIKELY = 0.5  # of all effects of such a set together
 _OF_BEST, _LEAST_FALL = 0.1, 0.01  # of the largest fall of the error, and of the error
 
@@ -98,7 +100,7 @@ class Diagnosis:
 
     found: JudgedEffects
     prepared: Prepared
-    delays: Floats  # s [R], of each recording beside that of all
+    apart: Mapping[str, Floats]  # errors of the meter in each recording less the mean [M, R]
     base: Evidence
     best: Evidence
     candidates: tuple[Candidate, ...]  # the most probable first
@@ -137,6 +139,15 @@ class Diagnosis:
         likely = sum(one.probability for one in shown)
         sure = self.found.any_missing >= NAMED and likely >= _LIKELY
         return tuple(one.name for one in shown) if sure else ()
+
+    @property
+    def uncertain(self) -> Candidate | None:
+        """Where no effect may be named, that which lowers the held-out error most, if by much."""
+        if self.verdict != 'none_of_the_above':
+            return None
+        error = float(np.sqrt(self.base.mean_mse.mean()))
+        best = max(self.candidates, key=lambda one: one.delta_rmse_w, default=None)
+        return best if best is not None and best.delta_rmse_w >= _MUCH * error else None
 
     @cached_property
     def open(self) -> tuple[Candidate, ...]:

@@ -58,13 +58,13 @@ class MeasurementTerm:
 
 
 def measurement_terms(
-    found: JudgedEffects, prepared: Prepared, rms_w: float, delays: Floats
+    found: JudgedEffects, prepared: Prepared, rms_w: float, apart: Mapping[str, Floats]
 ) -> dict[str, MeasurementTerm]:
     """
     Errors of the sensors by name, with 95 % intervals.
 
-    rms_w: the model's error, that those which matter are large against; delays: of each recording
-    beside that of all, s [R].
+    rms_w: the model's error, that those which matter are large against; apart: of each recording
+    less the mean of all [M, R].
     """
     usual, names = spreads(prepared.signals), prepared.names
     lag = prepared.lag.mean(keepdims=True) if prepared.whole else prepared.lag
@@ -98,8 +98,8 @@ def measurement_terms(
                 drive: short(float(np.mean(own)) + float(known[i]))
                 for i, (drive, own) in enumerate(zip(names, drawn, strict=True))
             },
-            recordings=_by_recording(prepared, middle + delays)
-            if name == 'time_offset' and delays.any()
+            recordings=_by_recording(prepared, middle + apart[name][worst])
+            if name in apart
             else {},
         )
     return out

@@ -173,7 +173,7 @@ def diagnose(
         catalogue=catalogue,
         diagnosis=diagnosis,
         measurement=measurement_terms(
-            diagnosis.found, prepared, judged.before.rms_w, diagnosis.delays
+            diagnosis.found, prepared, judged.before.rms_w, diagnosis.apart
         ),
         judged=judged,
         motion=_motion(diagnosis, catalogue, prepared.signals),
@@ -191,6 +191,9 @@ def _motion(diagnosis: Diagnosis, catalogue: Catalogue, signals: Signals) -> Mot
         return motion(diagnosis.effects, reason)
     if diagnosis.verdict == 'ambiguous':
         return motion(diagnosis.effects, f'to tell {" from ".join(diagnosis.effects)}')
+    if diagnosis.uncertain is not None:
+        name = diagnosis.uncertain.name
+        return motion([name], f'to see whether {name} is missing')
     if diagnosis.verdict == 'none_of_the_above':
         reason = 'to see the unknown at rest, over position at slow speed, and over speed and load'
         return motion(['idle', 'cogging', 'viscous_friction', 'inverter_loss'], reason)

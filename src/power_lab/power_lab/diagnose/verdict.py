@@ -27,7 +27,8 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
             diagnosis.effects, 'and', f'{{names}} {{are}} missing: with {{them}} {end}'
         )
     if diagnosis.verdict == 'named':
-        way = f'rises from {before:.2f} to' if after > before else 'stays at'
+        rises = round(after, 2) > round(before, 2)
+        way = f'rises from {before:.2f} to' if rises else 'stays at'
         end = f'with {{them}} the held-out error {way} {after:.2f} W.'
         begin = f'{{names}} {{are}} missing with probability {sure:.2f}, but'
         return _fitting(diagnosis.effects, 'and', f'{begin} {end}')
@@ -38,6 +39,14 @@ def sentence(diagnosis: Diagnosis, before: float, after: float) -> str:
         fall = f'the held-out error falls by {shown[0].delta_rmse_w:.2f} of {before:.2f} W.'
         begin = f'{{names}} {{are}} missing with probability {sure:.2f}'
         return _fitting(diagnosis.effects, 'or', f'{begin}: with {{them}} {fall}')
+    best = diagnosis.uncertain
+    if best is not None:
+        return _fitting(
+            [best.name],
+            'or',
+            f'No effect is certain: of {before:.2f} W of held-out error, {{names}} takes off '
+            f'{best.delta_rmse_w:.2f} W, with a probability of {best.probability:.2f}.',
+        )
     if diagnosis.residual is not None:
         return (
             f'None of the known effects explains {diagnosis.residual.rms_w:.2f} W of the error of '
@@ -63,15 +72,15 @@ def _fitting(effects: Sequence[str], word: str, template: str) -> str:
 
 
 def remainder(diagnosis: Diagnosis) -> str:
-    """Return a line on what no known effect explains, '' where that is too little."""
+    """Return a line on what stays unexplained, '' where that is too little."""
     left = diagnosis.residual
     if left is None:
         return ''
     over = f', most of it over {left.over[0]}' if left.over else ''
     noise = f"; the meter's noise is {left.noise_w:.2f} W" if np.isfinite(left.noise_w) else ''
     return (
-        f'{left.rms_w:.2f} W stays that no known effect explains, {left.share:.0%} of what the '
-        f'model misses{over}{noise}.'
+        f'{left.rms_w:.2f} W stays unexplained, {100 * left.share:.0f} % of what the model misses'
+        f'{over}{noise}.'
     )
 
 
@@ -84,6 +93,8 @@ def to_do(diagnosis: Diagnosis, before: float, after: float) -> str:
         return f'Next: {record} before adding it; this recording does not bear it out.'
     if diagnosis.verdict == 'ambiguous':
         return f'Next: {record}, which tells them apart.'
+    if diagnosis.uncertain is not None:
+        return f'Next: {record}, which shows whether it is {in_words(diagnosis.uncertain.name)}.'
     if diagnosis.verdict == 'none_of_the_above':
         return 'Next: `power_lab discover` learns the shape of it.'
     return f'To see more: {record}.'
