@@ -51,7 +51,7 @@ def diagnosed(
     fits = AddedEffects(own, structure.plus(*terms), seed)
     physics = [active for active in fits.structure.actives if active.effect.kind == 'physics']
     found = judged_effects(own.prepared, physics, catalogue, own.base_power)
-    apart = {}
+    apart: dict[str, Floats] = {}
     if has_own_terms(fits.structure):
         fit = fits.added(found.added).fit
         apart = _apart(fit)
