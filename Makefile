@@ -1,4 +1,4 @@
-# make setup | demo | test | test-fast | coverage | test-ros | lint | docs | wheels | bench | bench-lab | bench-real
+# make setup | demo | demo QUICK=1 | test | test-fast | coverage | test-ros | lint | docs | wheels | bench | bench-lab | bench-real
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -25,7 +25,7 @@ $(STAMP): requirements.txt requirements-dev.txt requirements-docs.txt $(PACKAGES
 	touch $@
 
 demo: setup
-	$(BIN)/python demo.py
+	$(BIN)/python demo.py $(if $(QUICK),--quick)
 
 # Live tests may miss a deadline beside others on two cores: what fails runs once more, alone.
 AGAIN := --last-failed --last-failed-no-failures none -m 'not alone'

@@ -1,8 +1,9 @@
 """
-The whole loop in about ten minutes, from walking to hidden effects that are found.
+The whole loop in about ten minutes, from a robot's energy budget to hidden effects that are found.
 
-The robot walks and is measured, a network learns and estimates live while a policy that was
-trained to save power walks, both policies are compared, a model of effects is completed by
+Two policies walk, and a budget says where the watts go and which of them one policy saves: the
+first result, after a minute or two, with which --quick ends. Then the robot is measured live, a
+network learns and estimates, policies that save are compared, a model of effects is completed by
 the one that it misses, and an effect that no catalogue has is learned and written down.
 
 Everything runs as a user would run it: by `ros2 run`, each node in a process of its own.
@@ -16,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
@@ -27,6 +28,8 @@ from wattwalk_core.processes import PATIENCE, ChildProcess, ProcessError, find_p
 
 ROOT = Path(__file__).resolve().parent
 DOMAIN = '83'
+SAVING = ('baseline', 'economy')  # policies, before and after
+BAR = 40  # characters, of the largest error
 PROXIES = (
     'torque_squared',
     'torque_abs',
@@ -120,9 +123,11 @@ class Demo:
                 time.sleep(0.5)
                 progress.update(task, advance=0.5)
 
-    def offline(self, policies: Sequence[str], seconds: float, seed: int) -> list[Path]:
+    def offline(
+        self, name: str, policies: Sequence[str], seconds: float, seeds: Sequence[int]
+    ) -> list[Path]:
         """Simulate a recording of each policy side by side, faster than real time."""
-        bags = [self.output / f'offline_{policy}' for policy in policies]
+        bags = [self.output / f'{name}_{policy}' for policy in policies]
         with ExitStack() as stack, self.console.status('simulating'):
             nodes = [
                 stack.enter_context(
@@ -135,14 +140,14 @@ class Demo:
                         '--controller',
                         policy,
                         '--seed',
-                        str(100 * seed + index),
+                        str(seed),
                         '--duration',
                         str(seconds),
                         '-o',
                         str(bag),
                     )
                 )
-                for index, (policy, bag) in enumerate(zip(policies, bags, strict=True))
+                for policy, bag, seed in zip(policies, bags, seeds, strict=True)
             ]
             for node in nodes:
                 node.succeed(60 * PATIENCE)
@@ -155,23 +160,26 @@ def _short(part: str) -> str:
 
 
 def run(demo: Demo, options: argparse.Namespace) -> None:
-    """Record live, add offline recordings, train, then estimate live and compare."""
+    """Account for the power of two policies, record live, train, estimate, compare, find."""
     live, seed = options.live, options.seed
+    energy_budget(demo, options.walk, seed)
+    if options.quick:
+        return
     demo.title(
-        f'1/7  ANYmal walks for {live:.0f} s, simulated; its 12 drives are metered at 1 kHz'
+        f'2/8  ANYmal walks for {live:.0f} s, simulated; its 12 drives are metered at 1 kHz'
     )
     first = demo.live('live_1', 'baseline', live, seed)
 
-    demo.title('2/7  More walking, faster than real time')
-    offline = demo.offline(['trot', 'baseline'], options.offline, seed)
+    demo.title('3/8  More walking, faster than real time')
+    offline = demo.offline(
+        'offline', ['trot', 'baseline'], options.offline, [100 * seed, 100 * seed + 1]
+    )
 
-    demo.title('3/7  A network per drive type learns watts from position error, torque and speed')
+    demo.title('4/8  A network per drive type learns watts from position error, torque and speed')
     network = demo.output / 'ppn'
     demo.run('power_estimator', 'train', first, *offline, '-o', network, '--folds', '1')
 
-    demo.title(
-        f'4/7  The network estimates live; a policy with power in its reward walks {live:.0f} s'
-    )
+    demo.title(f'5/8  The network estimates live while another policy walks {live:.0f} s')
     second = demo.live('live_2', 'pmp', live, seed + 1, network)
     picture = demo.output / 'live.png'
     demo.run(
@@ -186,20 +194,21 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
         ),
         *('--picture', picture),
     )
-    demo.title('5/7  Both policies at the same speeds: what do they draw, and where?')
+    demo.title('6/8  Policies that save, at the same speeds: how much, and where?')
     page = demo.output / 'policies.html'
     demo.run(
-        *('policy_training', 'evaluate', '--policies', 'baseline', 'pmp'),
+        *('policy_training', 'evaluate', '--policies', *SAVING, 'economy_clockless'),
         *('--tasks', 'forward', 'turn', '--trials', '0', '--models', f'ppn:{network}'),
         *('--report', page),
     )
-    better = hidden_effect(demo, options.challenge)
+    better, errors = hidden_effect(demo, options.challenge)
     unnamed = unnamed_effect(demo, options.unnamed)
     demo.title('Done')
     demo.console.print(f'recordings  {_short(str(first))}, {_short(str(second))}')
     demo.console.print(f'network     {_short(str(network))}')
     demo.console.print(f'picture     {_short(str(picture))}')
-    demo.console.print(f'reports     {_short(str(page))}; why.html and compare.html beside it')
+    pages = 'budget.html, why.html and compare.html beside it'
+    demo.console.print(f'reports     {_short(str(page))}; {pages}')
     if better is not None:
         demo.console.print(f'model       {_short(str(better))}')
     if unnamed is not None:
@@ -212,11 +221,35 @@ def run(demo: Demo, options: argparse.Namespace) -> None:
         f'--model ppn:{_short(str(network))} -o runs/replayed',
         soft_wrap=True,
     )
+    if errors:
+        demo.console.print('\nerror of the model of step 7 on another walk, W rms')
+        demo.console.print(falling(errors))
 
 
-def hidden_effect(demo: Demo, seed: int) -> Path | None:
-    """Hide an effect in the drives, find it, add it, and judge both models on another walk."""
-    demo.title('6/7  An effect is hidden in the drives of another robot: which one?')
+def energy_budget(demo: Demo, seconds: float, seed: int) -> None:
+    """Walk by two policies on the same commands, and say where the watts go and what is saved."""
+    demo.title(f'1/8  Where do the watts go? Two policies walk {seconds:.0f} s, simulated')
+    bags = demo.offline('walk', SAVING, seconds, [seed] * len(SAVING))
+    page = demo.output / 'budget.html'
+    demo.run('power_lab', 'budget', *bags, '--battery', '907Wh', '--report', page)
+
+
+def falling(errors: Mapping[str, float]) -> str:
+    """Errors by step as bars of characters, W."""
+    width, most = max(map(len, errors)), max(errors.values())
+    return '\n'.join(
+        f'  {step:<{width}}  {error:6.2f}  {"█" * max(1, round(BAR * error / most))}'
+        for step, error in errors.items()
+    )
+
+
+def hidden_effect(demo: Demo, seed: int) -> tuple[Path | None, dict[str, float]]:
+    """
+    Hide an effect in the drives, find it, add it, and judge all models on another walk.
+
+    Returns the better model, and the error in W rms after each step.
+    """
+    demo.title('7/8  An effect is hidden in the drives of another robot: which one?')
     riddle, other = demo.output / 'riddle', demo.output / 'riddle_again'
     base, why = demo.output / 'base.yaml', demo.output / 'why.json'
     may_know = demo.output / 'riddle.json'
@@ -227,21 +260,27 @@ def hidden_effect(demo: Demo, seed: int) -> Path | None:
     pages = ('--json', why, '--report', demo.output / 'why.html')
     demo.run('power_lab', 'diagnose', riddle, '--model', base, *pages)
     found = json.loads(why.read_text(encoding='utf-8'))
-    better = base
+    models = {'known effects': base}
     for number, effect in enumerate(found['effects'] if found['verdict'] == 'named' else []):
         grown = demo.output / f'better_{number + 1}.yaml'
-        demo.run('power_lab', 'add', effect, '--to', better, '--bag', riddle, '-o', grown)
-        better = grown
-    if better is not base:
-        page = ('--report', demo.output / 'compare.html')
-        demo.run('power_lab', 'compare', other, '--models', base, better, *page)
+        before = [*models.values()][-1]
+        demo.run('power_lab', 'add', effect, '--to', before, '--bag', riddle, '-o', grown)
+        models[f'+ {effect.replace("_", " ")}'] = grown
+    errors: dict[str, float] = {}
+    if len(models) > 1:
+        told = demo.output / 'compare.json'
+        page = ('--json', told, '--report', demo.output / 'compare.html')
+        demo.run('power_lab', 'compare', other, '--models', *models.values(), *page)
+        judged = json.loads(told.read_text(encoding='utf-8'))['models']
+        rms = [one['total']['rmse_w'] for one in judged[: len(models)]]
+        errors = dict(zip(models, rms, strict=True))
     demo.run('power_lab', 'reveal', riddle, '--diagnosis', why)
-    return better if better is not base else None
+    return ([*models.values()][-1] if len(models) > 1 else None), errors
 
 
 def unnamed_effect(demo: Demo, seed: int) -> Path | None:
     """Learn an effect that no catalogue has, write it down, add it, and judge another walk."""
-    demo.title('7/7  Something that no catalogue has is hidden in a third robot: what is it?')
+    demo.title('8/8  Something that no catalogue has is hidden in a third robot: what is it?')
     strange, other = demo.output / 'strange', demo.output / 'strange_again'
     base, effect = demo.output / 'strange_base.yaml', demo.output / 'effect.py'
     may_know, told = demo.output / 'strange.json', demo.output / 'unnamed.json'
@@ -267,6 +306,8 @@ def parse(args: Sequence[str] | None = None) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, epilog='example: make demo')
     parser.add_argument('--output', type=Path, help='new folder for all results (runs/demo_…)')
+    parser.add_argument('--quick', action='store_true', help='end with the first result')
+    parser.add_argument('--walk', type=float, default=60.0, help='s of the walks of the budget')
     parser.add_argument('--live', type=float, default=35.0, help='s of live walking, twice')
     parser.add_argument('--offline', type=float, default=150.0, help='s of each offline run')
     parser.add_argument('--seed', type=int, default=1)

@@ -17,7 +17,7 @@ from policy_training.evaluation.measured_walk import (
     measure_walk,
     recorded_walk,
 )
-from policy_training.evaluation.report import falls_front
+from policy_training.evaluation.report import falls_front, pareto_front
 from policy_training.evaluation.robustness import RobustnessConfig, _judge
 from policy_training.evaluation.tasks import TASKS, Task, parse_tasks
 from power_estimator.proxies import Proxy
@@ -172,6 +172,29 @@ def test_the_verdict_compares_with_the_first_policy():
     assert 'misses' not in sentence
 
 
+def test_a_change_has_the_interval_that_both_walks_give_it():
+    """800 ± 8 W against 600 ± 8 W: 100 · √(8² + (8 · 0.75)²) / 800 = 1.25 %."""
+    first, other = entry('baseline', 800.0, 200.0), entry('pmp', 600.0, 100.0)
+    first['power_interval_w'] = {'supply': [792.0, 808.0]}
+    other['power_interval_w'] = {'supply': [592.0, 608.0]}
+    (sentence,) = verdict([first, other], {})
+    assert '-25 % (-26 … -24) at the supply' in sentence
+
+
+def test_power_is_drawn_against_errors_of_one_unit_and_a_policy_keeps_its_colour():
+    """Errors 0.3 and 0.4 m/s make 0.5 m/s; the yaw rate has an axis of its own."""
+    one, two = entry('a', 400.0, 50.0), {**entry('b', 300.0, 50.0), 'task': 'turn'}
+    one['tracking'] = {'vx': 0.3, 'vy': 0.4, 'yaw': -0.2}
+    figure = pareto_front([one, two], {'a': '#111111', 'b': '#222222'})
+    speed, yaw = figure['data'][:2]
+    assert (speed['x'], yaw['x']) == ([0.5], [0.2])
+    titles = [figure['layout'][axis]['title']['text'] for axis in ('xaxis', 'xaxis2')]
+    assert [title.rsplit(' ')[-1] for title in titles] == ['m/s', 'rad/s']
+    assert [trace['marker']['color'] for trace in figure['data'][:4]] == [
+        *(['#111111'], ['#111111'], ['#222222'], ['#222222'])
+    ]
+
+
 def test_power_saved_by_not_walking_is_called_so():
     (sentence,) = verdict([entry('a', 800.0, 200.0), entry('b', 300.0, 50.0, away=0.5)], {})
     assert 'misses the command in vx' in sentence
@@ -180,7 +203,9 @@ def test_power_saved_by_not_walking_is_called_so():
 def test_the_falls_front_has_mean_power_and_the_share_that_fell_of_each_policy():
     entries = [entry('a', 400.0, 50.0), entry('a', 600.0, 50.0), entry('b', 300.0, 50.0)]
     figure = falls_front(
-        entries, {'a': {'falls': 1, 'robots': 64}, 'c': {'falls': 0, 'robots': 8}}
+        entries,
+        {'a': {'falls': 1, 'robots': 64}, 'c': {'falls': 0, 'robots': 8}},
+        {'a': '#111111', 'c': '#222222'},
     )
     points = [(p['text'][0], p['x'][0], p['y'][0]) for p in figure['data']]
     assert points == [('a', 1.562, 500.0), ('c', 0.0, None)]

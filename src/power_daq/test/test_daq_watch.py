@@ -135,6 +135,23 @@ def test_estimates_stand_beside_the_measurement_by_name():
     assert (view.estimate, view.estimate_status, view.model) == (30.0, 'ok', 'ppn:x')
 
 
+def test_the_budget_of_ten_seconds_and_the_hours_left_stand_below_the_energy():
+    """Drives 24 W, of which the model explains 20 W, supply 200 W: 10 Wh less 200 J last 3 min."""
+    state = a_second()
+    state.battery = 10.0
+    figures = {'copper_loss [W]': '15.0', 'shaft [W]': '5.0'}
+    state.report('power_estimator: budget', 0, '20.0 W', figures, 1.0)
+    view = state.view(1.0)
+    assert view.budget.parts == pytest.approx(
+        {'electronics': 176.0, 'copper_loss': 15.0, 'shaft': 5.0, 'unexplained': 4.0}
+    )
+    assert view.hours == pytest.approx((10.0 - 200.0 / 3600.0) / 200.0)
+    text = line(view, '12:00:00')
+    assert 'in 10 s: electronics 176.0 W 88%, copper loss 15.0 W 8%' in text
+    assert 'battery 0.05 h left' in text
+    assert 'copper loss' not in line(state.view(4.0), '12:00:03'), 'the report is old'
+
+
 def test_damaged_messages_are_told_and_do_no_harm():
     state = a_second()
     feed(state, 'drive_supply', [b'', b'\0\1\0\0junk', b'\xff' * 40], 1.0)

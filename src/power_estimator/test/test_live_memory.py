@@ -186,3 +186,24 @@ def test_an_effect_that_cannot_be_carried_is_refused_by_name():
 def test_a_proxy_that_has_to_be_scaled_is_refused_by_what_it_needs():
     with pytest.raises(InputError, match='torque_squared: its factor to watts needs power'):
         LiveEstimator(Proxy('torque_squared'), NAMES)
+
+
+def test_parts_of_each_block_sum_to_the_power_and_are_those_of_the_whole():
+    friction = ('coulomb_friction', {}, 3.0), ('regeneration_efficiency', {}, 0.3)
+    given, data = model(*heating(5.0), *friction), walk(4.0)
+    stream = stream_of(given, NAMES, RATE)
+    whole = given.by_part(data)
+    assert np.abs(sum(whole.values()) - given.predict(data)).max() < 1e-3
+    for row in range(0, len(data.time), 8):
+        power = stream.advance(data.rows(slice(row, row + 8))).mean(axis=0)
+        assert sum(stream.parts.values()) == pytest.approx(power, rel=1e-5, abs=1e-3)
+    last = {name: values[-8:].mean(axis=0) for name, values in whole.items()}
+    for name, values in stream.parts.items():
+        assert values == pytest.approx(last[name], rel=0.01, abs=0.05), name
+
+
+def test_a_model_that_names_no_losses_has_the_shaft_and_the_rest():
+    live = LiveEstimator(Proxy('mechanical_power'), NAMES)
+    found = play(live, walk(1.0))[-1]
+    assert {*found.parts} == {'shaft', 'losses'}
+    assert sum(found.parts.values()) == pytest.approx(found.power, rel=1e-5)

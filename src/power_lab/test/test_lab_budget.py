@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from power_estimator.effects import builtin_catalogue
 from power_estimator.effects.fit.design import Active, Structure, evaluate
+from power_estimator.effects.split import split
 from power_lab.budget.levers import parse_changes
-from power_lab.budget.parts import split
 from power_lab.budget.tally import Tally, block_sums, blocks_of, interval, phase_masks
 from power_lab.commands.arguments import budget as budget_command
 from wattwalk_core.errors import InputError

@@ -7,7 +7,11 @@ from power_estimator.network.checkpoint import FILE, Checkpoint, Network, Networ
 from power_estimator.network.features import Scaling
 from power_estimator.network.lstm import Weights
 from power_recordings.card import Card
-from power_recordings.messages.cdr import encode_joint_states
+from power_recordings.messages.cdr import (
+    encode_batteries,
+    encode_drive_supply,
+    encode_joint_states,
+)
 from power_workbench.live.follower import LiveFollower
 from power_workbench.live.notes import keep_note
 from power_workbench.live.rolling import PERIOD, RollingPower
@@ -106,6 +110,25 @@ def test_silence_is_said_with_its_length_and_what_to_start():
     said = follower.news(104.2)['said']
     assert said[0] == 'no drive_supply heard for 4 s: start `ros2 run wattwalk_bringup live`'
     assert any('no model' in text for text in said)
+
+
+def test_the_budget_joins_the_meters_and_what_the_estimator_reports():
+    """48 V · 1 A at the drive, of which 40 W are explained; 50 V · 2 A at the supply."""
+    follower, stamps = LiveFollower(0.0), MS * np.arange(100)
+    drives = encode_drive_supply(
+        stamps, 0, stamps, ['A'], 48.0, np.ones((100, 1)), [40.0], np.zeros((100, 1))
+    )
+    supply = encode_batteries(10 * stamps, [50.0] * 100, [-2.0] * 100)
+    for topic, messages in (('drive_supply', drives), ('supply', supply)):
+        for message in messages:
+            follower.buffers[topic].take(message, 1.0)
+    assert follower.news(1.0)['budget']['parts'] == {'electronics': 52.0, 'drives': 48.0}
+    follower.report({'copper_loss [W]': '40.0'}, 1.0)
+    assert follower.news(1.5)['budget'] == {
+        'parts': {'electronics': 52.0, 'copper_loss': 40.0, 'unexplained': 8.0},
+        'metered_w': 100.0,
+    }
+    assert follower.news(9.0)['budget'] == {'parts': {}, 'metered_w': None}
 
 
 def test_a_model_that_cannot_be_read_is_said_and_the_measurement_goes_on(tmp_path):

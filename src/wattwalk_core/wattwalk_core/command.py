@@ -151,3 +151,15 @@ def node_options(
     """Parse a node's arguments without those of ROS; `ros_args` of the options holds all."""
     given = sys.argv[1:] if args is None else list(args)
     return parser.parse_args(own_arguments(given), argparse.Namespace(ros_args=given))
+
+
+def watt_hours(text: str) -> float:
+    """Parse the energy of a battery, `907Wh` or `0.9kWh`, as an argument's type."""
+    value, unit = text.rstrip('Whk '), text.lstrip('0123456789.').strip()
+    try:
+        hours = float(value) * {'Wh': 1.0, 'kWh': 1e3, '': 1.0}[unit]
+    except (KeyError, ValueError):
+        raise argparse.ArgumentTypeError(f'{text!r}: give watt hours, as 907Wh') from None
+    if not 0.0 < hours < 1e6:
+        raise argparse.ArgumentTypeError(f'{text!r} lies outside 0..1000 kWh')
+    return hours

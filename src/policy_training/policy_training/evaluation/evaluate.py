@@ -67,12 +67,12 @@ def _compare(entry: Mapping[str, Any], first: Mapping[str, Any]) -> str:
     ]
     here, there = entry['power_w'], first['power_w']
     parts = [
-        f'{kind} {_change(here[kind], there[kind])}'
+        f'{kind} {_change(kind, entry, first)}'
         for kind in ('KFE', 'HFE', 'HAA')
         if there[kind] > 1.0
     ]
     text = (
-        f'{who} draws {_change(here["supply"], there["supply"])} at the supply '
+        f'{who} draws {_change("supply", entry, first)} at the supply '
         f'({here["supply"]:.0f} W against {there["supply"]:.0f} W of {first["name"]}; '
         f'{", ".join(parts)}).'
     )
@@ -81,11 +81,22 @@ def _compare(entry: Mapping[str, Any], first: Mapping[str, Any]) -> str:
     return text
 
 
-def _change(value: float, reference: float) -> str:
-    return f'{100.0 * (value - reference) / np.abs(reference):+.0f} %'
+def _change(part: str, entry: Mapping[str, Any], first: Mapping[str, Any]) -> str:
+    """Change of a part in per cent, with the 90 % interval where the walks have one."""
+    value, reference = entry['power_w'][part], first['power_w'][part]
+    change = 100.0 * (value - reference) / np.abs(reference)
+    ends = [one.get('power_interval_w', {}).get(part) for one in (entry, first)]
+    if None in ends:
+        return f'{change:+.0f} %'
+    own, other = (0.5 * (high - low) for low, high in ends)
+    half = 100.0 * float(np.hypot(own, other * value / reference)) / np.abs(reference)
+    return f'{change:+.0f} % ({change - half:+.0f} … {change + half:+.0f})'
 
 
 _WALKING: Final = 0.05  # m/s, slower has no cost of transport
+_BLOCK: Final = 1.0  # s, a stride or two: means of these are taken to be independent
+_FEWEST: Final = 4  # blocks, of which a spread is said
+_NORMAL_90: Final = 1.645
 
 
 def score_walk(
@@ -96,8 +107,9 @@ def score_walk(
 
     power_w: `supply` is the power of the bench supply, `electronics` the part that does not reach
     the drives' meters, `idle` the drives at rest, and each joint type that of its four drives
-    beyond that. estimated_w: by the first model, for the drives with the electronics measured;
-    estimates has all models by joint type. None where nothing was steady.
+    beyond that. power_interval_w: 90 % of the means over this walk. estimated_w: by the first
+    model, for the drives with the electronics measured; estimates has all models by joint type.
+    None where nothing was steady.
     """
     steady = walk.steady
     tracking = _tracking(walk)
@@ -108,6 +120,7 @@ def score_walk(
         'falls': walk.falls,
         'steady_s': round(float(steady.sum() / walk.data.rate), 2),
         'power_w': None,
+        'power_interval_w': {},
         'estimated_w': None,
         'tracking': tracking,
         'cost_of_transport': None,
@@ -122,6 +135,15 @@ def score_walk(
         'electronics': electronics,
         'idle': idle,
         **{kind: watts - idle / len(JOINT_TYPES) for kind, watts in drawn.items()},
+    }
+    halves = {'supply': _half_width(walk, walk.data.supply)} | {
+        kind: _half_width(walk, walk.data.power[:, _columns(walk, kind)].sum(axis=1))
+        for kind in JOINT_TYPES
+    }
+    entry['power_interval_w'] = {
+        part: [entry['power_w'][part] - half, entry['power_w'][part] + half]
+        for part, half in halves.items()
+        if half is not None
     }
     entry['estimates'] = {}
     for name, model in models.items():
@@ -162,9 +184,24 @@ def _smoothness(walk: MeasuredWalk) -> dict[str, float]:
     }
 
 
+def _columns(walk: MeasuredWalk, kind: str) -> list[int]:
+    return [i for i, name in enumerate(walk.data.names) if name.endswith(kind)]
+
+
 def _of_type(walk: MeasuredWalk, power: NDArray[np.floating], kind: str) -> float:
-    columns = [i for i, name in enumerate(walk.data.names) if name.endswith(kind)]
-    return float(np.nanmean(power[:, columns], axis=0).sum())
+    return float(np.nanmean(power[:, _columns(walk, kind)], axis=0).sum())
+
+
+def _half_width(walk: MeasuredWalk, power: NDArray[np.floating]) -> float | None:
+    """Half of the 90 % interval of a mean power [T] over steady walking, by seconds."""
+    rows = np.flatnonzero(walk.steady & np.isfinite(power))
+    length = round(_BLOCK * walk.data.rate)
+    counts = np.bincount(rows // length)
+    sums = np.bincount(rows // length, power[rows].astype(np.float64))
+    means = sums[counts >= length // 2] / counts[counts >= length // 2]
+    if len(means) < _FEWEST:
+        return None
+    return _NORMAL_90 * float(means.std(ddof=1)) / len(means) ** 0.5
 
 
 def _clean(value: Any) -> Any:

@@ -16,8 +16,12 @@ from wattwalk_core.pages.plot_style import COLORS, Figure, finished, short
 from policy_training.evaluation.gait_cycle import Cycle
 
 PARTS: Final = ('electronics', 'idle', *JOINT_TYPES)
-_PART_COLORS: Final = ('#8a949e', '#bcc4cc', '#56b4e9', '#009e73', '#d55e00')
-_LINES: Final = (COLORS['base'], COLORS['better'], COLORS['third'], '#cc79a7', '#e69f00')
+_PART_COLORS: Final = ('#8a949e', '#bcc4cc', '#c9b8e8', '#9a7fd1', '#6a4caf')
+_POLICY_COLORS: Final = (
+    *(COLORS['base'], COLORS['better'], COLORS['third'], '#cc79a7'),
+    *('#e69f00', '#56b4e9', '#aa4455', '#999933'),
+)
+_SYMBOLS: Final = ('circle', 'square', 'diamond', 'triangle-up', 'cross', 'star')
 _SIGNALS: Final = {
     'torque': 'torque N·m',
     'velocity': 'speed rad/s',
@@ -30,6 +34,11 @@ _CURVES: Final = {
     'error/yaw': 'yaw rate error rad/s',
     'power/watts': 'predicted W',
 }
+
+
+def _color_of(policies: Iterable[str]) -> dict[str, str]:
+    """Colour of each policy, the same in all figures of the page."""
+    return dict(zip(dict.fromkeys(policies), repeat(_POLICY_COLORS)))
 
 
 def power_bars(entries: Sequence[Mapping[str, Any]]) -> Figure:
@@ -56,7 +65,7 @@ def power_bars(entries: Sequence[Mapping[str, Any]]) -> Figure:
     return plain
 
 
-def gait_cycles(cycles: Mapping[str, Cycle]) -> Figure:
+def gait_cycles(cycles: Mapping[str, Cycle], color_of: Mapping[str, str]) -> Figure:
     """Mean gait cycle of one drive for each policy; stance is shaded."""
     figure = make_subplots(
         rows=len(_SIGNALS),
@@ -67,7 +76,8 @@ def gait_cycles(cycles: Mapping[str, Cycle]) -> Figure:
         vertical_spacing=0.02,
         horizontal_spacing=0.03,
     )
-    for column, (cycle, color) in enumerate(zip(cycles.values(), repeat(_LINES)), start=1):
+    for column, (name, cycle) in enumerate(cycles.items(), start=1):
+        color = color_of[name]
         phase = cycle.phase.tolist()
         for row, key in enumerate(_SIGNALS, start=1):
             band = go.Scatter(
@@ -98,42 +108,77 @@ def gait_cycles(cycles: Mapping[str, Cycle]) -> Figure:
     return plain
 
 
-def pareto_front(entries: Sequence[Mapping[str, Any]]) -> Figure:
-    """Supply power against tracking error, a point for each policy and task."""
-    figure = go.Figure()
+def pareto_front(entries: Sequence[Mapping[str, Any]], color_of: Mapping[str, str]) -> Figure:
+    """Supply power against errors of speed and of yaw rate: a policy a colour, a task a symbol."""
+    figure = make_subplots(rows=1, cols=2, shared_yaxes=True, horizontal_spacing=0.04)
     tasks = list(dict.fromkeys(entry['task'] for entry in entries))
-    for task, color in zip(tasks, repeat(_LINES)):
+    for task, symbol in zip(tasks, repeat(_SYMBOLS)):
         rows = [entry for entry in entries if entry['task'] == task and entry['power_w']]
-        errors = [hypot(*entry['tracking'].values()) for entry in rows]
-        watts = [entry['power_w']['supply'] for entry in rows]
-        figure.add_trace(_points(errors, watts, [entry['name'] for entry in rows], task, color))
-    figure.update_xaxes(title_text='tracking error in m/s and rad/s', rangemode='tozero')
-    figure.update_yaxes(title_text='supply power in W')
+        off = [entry['tracking'] for entry in rows]
+        errors = [hypot(one['vx'], one['vy']) for one in off], [abs(one['yaw']) for one in off]
+        for column, values in enumerate(errors, start=1):
+            points = go.Scatter(
+                x=_numbers(values),
+                y=_numbers(entry['power_w']['supply'] for entry in rows),
+                error_y={'type': 'data', 'array': [_half(entry) for entry in rows], 'width': 3},
+                text=[entry['name'] for entry in rows],
+                name=task,
+                legendgroup=task,
+                showlegend=column == 1,
+                mode='markers',
+                marker={
+                    'size': 11,
+                    'symbol': symbol,
+                    'color': [color_of[entry['name']] for entry in rows],
+                },
+                hovertemplate='%{text}: %{y:.0f} W<extra>' + task + '</extra>',
+            )
+            figure.add_trace(points, row=1, col=column)
+    for name, color in color_of.items():
+        figure.add_scatter(x=[None], y=[None], name=name, mode='lines', line={'color': color})
+    figure.update_xaxes(title_text='error of the speed in m/s', rangemode='tozero', row=1, col=1)
+    figure.update_xaxes(title_text='error of the yaw rate in rad/s', rangemode='tozero', col=2)
+    figure.update_yaxes(title_text='supply power in W', col=1)
     return finished(figure, legend=True)
 
 
+def _half(entry: Mapping[str, Any]) -> float:
+    low, high = entry.get('power_interval_w', {}).get('supply', (0.0, 0.0))
+    return round(0.5 * (high - low), 2)
+
+
 def falls_front(
-    entries: Sequence[Mapping[str, Any]], trials: Mapping[str, Mapping[str, Any]]
+    entries: Sequence[Mapping[str, Any]],
+    trials: Mapping[str, Mapping[str, Any]],
+    color_of: Mapping[str, str],
 ) -> Figure:
     """Mean supply power over the tasks against the share of robots that fell, by policy."""
     figure = go.Figure()
-    for (name, trial), color in zip(trials.items(), repeat(_LINES)):
+    for name, trial in trials.items():
         own = (entry['power_w'] for entry in entries if entry['name'] == name)
         watts = [power['supply'] for power in own if power]
-        mean = float(np.mean(watts)) if watts else None
-        fallen = 100.0 * trial['falls'] / trial['robots']
-        point = _points([fallen], [mean], [name], name, color)
-        figure.add_trace(point.update(textposition='middle right', cliponaxis=False))
+        figure.add_scatter(
+            x=_numbers([100.0 * trial['falls'] / trial['robots']]),
+            y=_numbers([float(np.mean(watts)) if watts else None]),
+            text=[name],
+            name=name,
+            mode='markers+text',
+            textposition='middle right',
+            cliponaxis=False,
+            marker={'size': 10, 'color': color_of[name]},
+        )
     most = max((100.0 * t['falls'] / t['robots'] for t in trials.values()), default=0.0)
     figure.update_xaxes(title_text='robots that fell in %', range=[0.0, 1.25 * most or 1.0])
     figure.update_yaxes(title_text='mean supply power in W')
     return finished(figure)
 
 
-def learning_curves(runs: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
+def learning_curves(
+    runs: Mapping[str, Sequence[Mapping[str, float]]], color_of: Mapping[str, str]
+) -> Figure:
     """Tracking errors and predicted power over training, a line for each run."""
     figure = make_subplots(rows=len(_CURVES), cols=1, shared_xaxes=True, vertical_spacing=0.04)
-    for (name, rows), color in zip(runs.items(), repeat(_LINES)):
+    for name, rows in runs.items():
         for index, (key, title) in enumerate(_CURVES.items(), start=1):
             found = [row for row in rows if key in row]
             line = go.Scatter(
@@ -142,26 +187,12 @@ def learning_curves(runs: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure
                 name=name,
                 legendgroup=name,
                 showlegend=index == 1,
-                line={'color': color, 'width': 1.8},
+                line={'color': color_of[name], 'width': 1.8},
             )
             figure.add_trace(line, row=index, col=1)
             figure.update_yaxes(title_text=title, row=index, col=1)
     figure.update_xaxes(title_text='million policy steps', row=len(_CURVES), col=1)
     return finished(figure, legend=True)
-
-
-def _points(
-    x: Sequence[float], y: Sequence[float | None], labels: Sequence[str], name: str, color: str
-) -> go.Scatter:
-    return go.Scatter(
-        x=_numbers(x),
-        y=_numbers(y),
-        text=labels,
-        name=name,
-        mode='markers+text',
-        textposition='top center',
-        marker={'size': 10, 'color': color},
-    )
 
 
 def _numbers(values: Iterable[float | None]) -> Any:
@@ -190,6 +221,7 @@ def write_report(
     result: as in its JSON. cycles: by task, then by policy. curves: of training, by policy.
     """
     entries = result['policies']
+    color_of = _color_of([*(entry['name'] for entry in entries), *result['trials'], *curves])
     title = 'Power and gait of the policies'
     page = Page(title, [f'<h1>{escape(title)}</h1>'])
     for sentence in result['verdict']:
@@ -199,7 +231,8 @@ def write_report(
         'Mean over steady walking. Supply is measured at the battery terminals. Electronics is '
         'the part of it that does not reach the drives, idle the power of the drives at rest, '
         'and each joint type the power of its four drives beyond that. The mark across a bar is '
-        'the estimate.'
+        'the estimate. Intervals hold nine of ten, and are of the mean over this walk: another '
+        'seed of the training differs more.'
     )
     page.add(page.figure(power_bars(entries), 'power of each policy and task, by parts'))
     _table(
@@ -221,8 +254,8 @@ def write_report(
         ('policy', 'task', *_AXES.values(), 'steady s'),
         [(e['name'], e['task'], *map(e['tracking'].get, _AXES), e['steady_s']) for e in entries],
     )
-    front = pareto_front(entries)
-    page.add(page.figure(front, 'supply power against tracking error'))
+    front = pareto_front(entries, color_of)
+    page.add(page.figure(front, 'supply power against errors of speed and of yaw rate'))
     if result['trials']:
         page.heading('Robustness on rough ground, with pushes and changing commands')
         _table(
@@ -236,7 +269,7 @@ def write_report(
                 for name, t in result['trials'].items()
             ],
         )
-        falls = falls_front(entries, result['trials'])
+        falls = falls_front(entries, result['trials'], color_of)
         page.add(page.figure(falls, 'mean supply power against robots that fell'))
     page.heading('Gait')
     _table(
@@ -250,10 +283,10 @@ def write_report(
     for task, found in cycles.items():
         page.text(f'Mean gait cycle of LF_KFE on {task}; stance is shaded.')
         label = f'gait cycle of LF_KFE on {task}'
-        page.add(page.figure(gait_cycles(found), label, size='large'))
+        page.add(page.figure(gait_cycles(found, color_of), label, size='large'))
     if any(curves.values()):
         page.heading('Training')
-        page.add(page.figure(learning_curves(curves), 'learning curves', size='tall'))
+        page.add(page.figure(learning_curves(curves, color_of), 'learning curves', size='tall'))
     page.write(path)
 
 

@@ -1,9 +1,10 @@
 """Arguments of the commands."""
 
 from argparse import ArgumentParser, Namespace
+from math import nan
 from pathlib import Path
 
-from wattwalk_core.command import Arguments, entry_point, node_options
+from wattwalk_core.command import Arguments, entry_point, node_options, watt_hours
 from wattwalk_core.errors import InputError, quoted
 
 _RECORD = """
@@ -74,6 +75,7 @@ line a second. It only listens, so it can be started and ended at any time.
 
 examples:
   ros2 run power_daq watch
+  ros2 run power_daq watch --battery 650Wh
   ros2 run power_daq watch --duration 10 --save now.svg
   ros2 run power_daq watch > watch.log
 """
@@ -82,13 +84,21 @@ examples:
 @entry_point(
     'power_daq.commands.watch:run',
     'Shows what a running measurement measures: watts of each drive, the '
-    'supply, energy, estimates, losses, clocks, the bus and the recorder.',
+    'supply, energy, where the watts of the last ten seconds went, losses, clocks, the bus and '
+    'the recorder.',
     _WATCH,
 )
 def watch(parser: ArgumentParser, args: Arguments) -> Namespace:
     parser.add_argument('--duration', type=float, default=0.0, metavar='S', help='end after that')
     parser.add_argument(
         '--save', type=Path, metavar='F.svg', help='at the end, write the last view as a picture'
+    )
+    parser.add_argument(
+        '--battery',
+        type=watt_hours,
+        default=nan,
+        metavar='907Wh',
+        help='energy that the battery holds now: give the hours that are left',
     )
     options = node_options(parser, args)
     if not options.duration >= 0:

@@ -13,7 +13,7 @@ def run(options: argparse.Namespace) -> None:
     terminal = Terminal()
 
     def make() -> WatchNode:
-        node = WatchNode(terminal.show, terminal.period, options.duration)
+        node = WatchNode(terminal.show, terminal.period, options.duration, options.battery)
         terminal.start()
         return node
 

@@ -12,11 +12,13 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 from wattwalk_core.files import write_whole
+from wattwalk_core.recent_power import SECONDS
 
 from power_daq.monitor.state import DriveView, StatusReport, View
 
 _EIGHTHS = ' ▏▎▍▌▋▊▉'
-_LEAST_BAR, _SIDE = 6, 34
+_LEAST_BAR, _SIDE, _LINE = 6, 34, 200
+_BUDGET = f'{SECONDS:.0f} s    '
 _BLUE, _ORANGE, _FAINT = 'blue', 'dark_orange', 'dim'
 
 
@@ -43,7 +45,7 @@ class Screen:
         width = options.max_width
         yield _title(view, self.clock, width)
         yield self._drives(view, width, plain)
-        yield from _sums(view)
+        yield from _sums(view, width)
         yield _sides(view, width)
         for warning in _fitting(view.warnings):
             yield Text('! ' + warning, style='bold ' + _ORANGE, no_wrap=True, overflow='ellipsis')
@@ -86,6 +88,9 @@ def line(view: View, clock: str) -> str:
     ]
     if view.model:
         parts.append(f'estimate {_watts(view.estimate)} ({view.estimate_status})')
+    if budget := view.budget.words(_LINE):
+        parts.append(f'in {SECONDS:.0f} s: {budget}')
+    parts += filter(None, [_hours(view)])
     supply = topics['drive_supply']
     parts.append(
         f'drive_supply {supply.rate:.0f} Hz, age {_age(supply.age)}, {view.missed} missed here'
@@ -97,11 +102,11 @@ def line(view: View, clock: str) -> str:
 
 
 def _fitting(warnings: Sequence[str]) -> Sequence[str]:
-    """Return at most two lines: of more, all but the first by name alone."""
-    if len(warnings) <= 2:
+    """Return at most one line: of several, all but the first by name alone."""
+    if len(warnings) <= 1:
         return warnings
     names = ', '.join(warning.split(':', 1)[0] for warning in warnings[1:])
-    return (warnings[0], f'and {len(warnings) - 1} more: {names}')
+    return (f'{warnings[0]}, and {len(warnings) - 1} more: {names}',)
 
 
 def _title(view: View, clock: str, width: int) -> Text:
@@ -109,7 +114,7 @@ def _title(view: View, clock: str, width: int) -> Text:
     return Text(f'{"wattwalk":<{max(9, width - len(watched))}}{watched}', style='bold')
 
 
-def _sums(view: View) -> RenderResult:
+def _sums(view: View, width: int) -> RenderResult:
     estimate = ''
     if view.model:
         estimate = f'  estimate {_watts(view.estimate)}, {view.estimate_status}  {view.model}'
@@ -133,7 +138,16 @@ def _sums(view: View) -> RenderResult:
         ('energy  ', 'bold'),
         f'{_joules(view.drive_energy):>9} drives  {_joules(view.supply_energy)} supply',
         (f'  since {_duration(view.seconds)}', _FAINT),
+        f'  {_hours(view)}' if _hours(view) else '',
+        no_wrap=True,
+        overflow='ellipsis',
     )
+    words = view.budget.words(width - len(_BUDGET)) or 'nothing is metered'
+    yield Text.assemble((_BUDGET, 'bold'), words, no_wrap=True, overflow='ellipsis')
+
+
+def _hours(view: View) -> str:
+    return f'battery {view.hours:.2f} h left' if isfinite(view.hours) else ''
 
 
 def _sides(view: View, width: int) -> Table:

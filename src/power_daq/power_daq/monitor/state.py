@@ -3,13 +3,14 @@
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import nan
+from math import isfinite, nan
 
 import numpy as np
 from numpy.typing import NDArray
 from power_recordings.messages.samples import DriveSamples, EstimateSamples, SupplySamples
 from power_recordings.reading.topic_buffers import TopicBuffer, TopicCounter
 from power_recordings.writing.background import SequenceCheck
+from wattwalk_core.recent_power import REPORT, RecentBudget, RecentMean, parts_of
 
 from power_daq.supply.energy_counters import EnergyCounter
 
@@ -18,6 +19,7 @@ TOPICS = ('drive_supply', 'joint_states', 'supply', 'power_estimate', 'diagnosti
 FRESH = 2.0  # s, after which a figure no longer counts as of now
 _SLOWEST = 1.0  # s between samples of the slowest stream
 _STEPS = 1000
+_WH = 3600.0  # J
 _FLAGS = {1: 'under range', 2: 'over range', 4: 'device error', 8: 'stale'}
 _ESTIMATE = ('ok', 'warming up', 'input stale', 'outside its training data')
 
@@ -67,6 +69,8 @@ class View:
     current: float
     drive_energy: float
     supply_energy: float
+    budget: RecentBudget
+    hours: float  # that the battery lasts
     missed: int
     topics: tuple[TopicView, ...]
     reports: Mapping[str, StatusReport]
@@ -109,10 +113,11 @@ class MonitorState:
     """
     Takes messages at any rate; `view` summarises those since the last view.
 
-    Times are in s on a steady clock.
+    Times are in s on a steady clock; battery is what it holds at the start, Wh.
     """
 
     started: float
+    battery: float = nan
     reports: dict[str, StatusReport] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -122,6 +127,7 @@ class MonitorState:
         self.counters = {name: TopicCounter() for name in ('joint_states', 'diagnostics')}
         self._sequence = SequenceCheck()
         self._drive_energy, self._supply_energy = _StreamEnergy(), _StreamEnergy()
+        self._drive_mean, self._supply_mean = RecentMean(), RecentMean()
         self._last_view = self.started
         self._before = dict.fromkeys(TOPICS, 0)
         self._drives: DriveSamples | None = None
@@ -159,10 +165,13 @@ class MonitorState:
         if isinstance(drives, DriveSamples) and len(drives):
             total = drives.power.astype(np.float64).sum(axis=1)
             self._drive_energy.add(drives.stamp_ns, total)
+            self._drive_mean.add(drives.stamp_ns, total)
             self._drives = drives
         _, supply = self.buffers['supply'].drain()
         if isinstance(supply, SupplySamples) and len(supply):
-            self._supply_energy.add(supply.stamp_ns, supply.power.astype(np.float64))
+            drawn = supply.power.astype(np.float64)
+            self._supply_energy.add(supply.stamp_ns, drawn)
+            self._supply_mean.add(supply.stamp_ns, drawn)
             self._supply = supply
         _, estimates = self.buffers['power_estimate'].drain()
         if isinstance(estimates, EstimateSamples) and len(estimates):
@@ -181,6 +190,9 @@ class MonitorState:
         celsius = {} if drives is None else _by_name(drives.names, drives.temperature)
         flags = {} if drives is None else dict(zip(drives.names, _words(drives), strict=True))
         names = dict.fromkeys([*power, *guess])
+        budget = self._budget(now)
+        energies = (self._supply_energy.joule, self._drive_energy.joule)
+        drawn = next((joule for joule in energies if isfinite(joule)), nan)
         return View(
             seconds=now - self.started,
             drives=tuple(
@@ -202,11 +214,25 @@ class MonitorState:
             current=nan if supply is None else _mean(supply.current),
             drive_energy=self._drive_energy.joule,
             supply_energy=self._supply_energy.joule,
+            budget=budget,
+            hours=budget.hours(self.battery - drawn / _WH),
             missed=self._sequence.lost,
             topics=topics,
             reports=dict(self.reports),
             warnings=tuple(self._warnings(now)),
         )
+
+    def _budget(self, now: float) -> RecentBudget:
+        drives, supply = (
+            mean.value if self._fresh(topic, now) else nan
+            for topic, mean in (('drive_supply', self._drive_mean), ('supply', self._supply_mean))
+        )
+        found = [
+            parts_of(report.figures)
+            for name, report in self.reports.items()
+            if name.endswith(REPORT) and now - report.time <= FRESH
+        ]
+        return RecentBudget.of(found[-1] if found else {}, drives, supply)
 
     def _warnings(self, now: float) -> list[str]:
         found = []

@@ -21,12 +21,15 @@ _LOOK: Final = 0.05  # s between looks at the topics
 class WatchNode(Node):
     """Keeps the bytes of messages and shows a view of them periodically."""
 
-    def __init__(self, show: Callable[[View], None], period: float, duration: float) -> None:
+    def __init__(
+        self, show: Callable[[View], None], period: float, duration: float, battery: float
+    ) -> None:
+        """battery: energy in it at the start, Wh, NaN where it is not known."""
         super().__init__('watch')
         self.done: Future = Future()
         self._show = show
         self._duration = duration
-        self._state = MonitorState(time.monotonic())
+        self._state = MonitorState(time.monotonic(), battery)
         self._topics = {
             topic: PolledTopic[bytes](self, message_class(TYPES[topic]), topic, _QOS, raw=True)
             for topic in TOPICS

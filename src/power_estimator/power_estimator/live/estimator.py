@@ -2,8 +2,8 @@
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from typing import Annotated, Any, Final
 
@@ -15,11 +15,14 @@ from wattwalk_core.schema import Quantity, check_quantities
 
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.state import Carried
+from power_estimator.effects.split import SHAFT
 from power_estimator.model import Needs, PowerModel
 from power_estimator.network.features import features
 from power_estimator.network.ppn import PowerPredictionNetwork
 
 _BESIDE_CARRIED: Final = 0.1  # s, more than derivatives and springs look back
+LOSSES: Final = 'losses'
+"""Part of a model that does not say which: its power less that of the shaft."""
 _SETTLED: Final = 0.05  # share of a carried state that may stem from before the first sample
 
 
@@ -39,6 +42,7 @@ class NetworkStream:
         self._bank = model.stream(drives)
         self._low, self._high = model.range_of(drives)
         self._guard = model.guard(drives)
+        self.parts: Mapping[str, Floats] = {}
         self._segment = -1
         self._seen: Singles = np.zeros((0, len(drives), 3), np.float32)
 
@@ -65,7 +69,11 @@ class NetworkStream:
 
 
 class WindowStream:
-    """A power model that is run on each block and the samples before it that it needs."""
+    """
+    A power model that is run on each block and the samples before it that it needs.
+
+    parts: mean power of the last block by effect, W [D], of models that are made of effects.
+    """
 
     settled = True
 
@@ -77,6 +85,7 @@ class WindowStream:
             )
         memory = _BESIDE_CARRIED if math.isinf(needs.memory) else needs.memory
         self.warm_up = self._rows = max(1, math.ceil(memory * rate))
+        self.parts: Mapping[str, Floats] = {}
         self._model = model
         self._window: AlignedDataset | None = None
 
@@ -114,14 +123,17 @@ class EffectStream(WindowStream):
         return self._carried.unknown < _SETTLED
 
     def advance(self, block: AlignedDataset) -> Singles:
-        """Return the power in W [n, D]."""
+        """Return the power in W [n, D]; keep its mean by part."""
         if self._base is not None:
             block = replace(block, extras={'base': self._base.advance(block)})
-        window = self._with_past(block)
-        power = self._effects.predict(
-            window, base=window.extras.get('base'), carried=self._carried
-        )
-        return power[-len(block.time) :]
+        window, count = self._with_past(block), len(block.time)
+        base = window.extras.get('base')
+        found = self._effects.by_part(window, base=base, carried=self._carried)
+        power = np.full(block.torque.shape, np.nan, np.float32)
+        if found:
+            power[:] = sum(values[-count:] for values in found.values())
+        self.parts = {name: values[-count:].mean(axis=0) for name, values in found.items()}
+        return power
 
     def outside(self, margin: float) -> bool:
         """Return whether the base model finds the last block outside its training data."""
@@ -253,6 +265,7 @@ class Estimate:
     stamp: int  # ns, of the newest joint state in it
     power: Singles  # W [D]
     status: Status
+    parts: Mapping[str, Floats] = field(default_factory=dict)  # of the power, W [D]
 
     @property
     def total(self) -> float:
@@ -336,9 +349,14 @@ class LiveEstimator:
         self._since_fresh += 1
         if len(self._block) < self._block_size:
             return None
-        power = self._stream.advance(self._dataset()).mean(axis=0)
+        block = self._dataset()
+        power = self._stream.advance(block).mean(axis=0)
+        parts = self._stream.parts
+        if not parts and {'torque', 'velocity'} <= {*self._signals}:
+            shaft = (block.torque * block.velocity).mean(axis=0, dtype=np.float64)
+            parts = {SHAFT: shaft, LOSSES: power - shaft}
         self._block = []
-        return Estimate(sample.stamp, power, self._status(sample.stamp))
+        return Estimate(sample.stamp, power, self._status(sample.stamp), parts)
 
     def _begin(self, stamp: int) -> None:
         if not self._segment or stamp < self._newest:

@@ -73,6 +73,7 @@ class PowerEstimator(Node):
             PowerEstimate, 'power_estimate', QoSProfile(depth=10, reliability=_RELIABLE)
         )
         self._reporter = Reporter(self, 'estimate')
+        self._budget_reporter = Reporter(self, 'budget')
         self._faults = FaultLog(self.get_logger())
         self._watch_reporter = Reporter(self, 'watch') if watch else self._reporter
         topics = self._session.topics
@@ -171,6 +172,7 @@ class PowerEstimator(Node):
             self._said = sentence
         level = Level.OK if well else Level.WARN
         self._reporter.publish(Report(level, sentence, figures))
+        self._budget_reporter.publish(Report(Level.OK, *self._session.budget.report()))
         self._watch()
 
     def _watch(self) -> None:

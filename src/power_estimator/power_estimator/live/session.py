@@ -9,6 +9,7 @@ from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_estimator.drive_types import assign
+from power_estimator.live.budget import LiveBudget
 from power_estimator.live.change_watch import ChangeWatch, Shift, WatchConfig
 from power_estimator.live.estimator import Estimate, LiveConfig, LiveEstimator, Status
 from power_estimator.live.score import LiveScore
@@ -178,6 +179,7 @@ class LiveSession:
         self._counts = dict.fromkeys((*self._arrived, 'power_estimate'), 0)
         self._ages: deque[float] = deque(maxlen=1000)
         self._score = LiveScore(self._config.period)
+        self.budget = LiveBudget()
         self._estimated = -np.inf
         self._last: Estimate | None = None
         self._unknown = 0
@@ -360,5 +362,6 @@ class LiveSession:
     def _say(self, estimate: Estimate) -> Estimate:
         self._counts['power_estimate'] += 1
         self._last = estimate
+        self.budget.take(estimate)
         self._score.estimated(estimate.stamp, estimate.total)
         return estimate

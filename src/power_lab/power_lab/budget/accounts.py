@@ -17,13 +17,13 @@ from power_estimator.effects.model_file.model import DriveGroup, EffectModel
 from power_estimator.effects.signals.prepared import WHOLE
 from power_estimator.effects.signals.reducer import REDUCED_RATE
 from power_estimator.effects.signals.scale import DriveScale
+from power_estimator.effects.split import SHAFT, Split, reduced, split
 from power_estimator.judge.held_out import power_under
 from power_estimator.judge.judge import Judge
 from wattwalk_core.arrays import Bools, Floats, Singles
 from wattwalk_core.errors import InputError
 
 from power_lab.budget.draws import Draws, coefficient_draws
-from power_lab.budget.parts import SHAFT, Split, reduced, split
 from power_lab.budget.tally import ELECTRONICS, Tally, block_sums, blocks_of, phase_masks
 from power_lab.compare.comparison import describe_state
 

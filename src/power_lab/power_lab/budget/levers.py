@@ -9,11 +9,11 @@ from power_estimator.effects import Signals
 from power_estimator.effects.effect import LEVERS
 from power_estimator.effects.model_file.model import EffectModel
 from power_estimator.effects.signals.pieces import pieces
+from power_estimator.effects.split import split
 from wattwalk_core.arrays import Floats
 from wattwalk_core.errors import InputError
 
 from power_lab.budget.accounts import DRAWS, Accounts
-from power_lab.budget.parts import split
 from power_lab.budget.tally import interval
 
 _SECONDS: Final = 40.0  # that a change is computed on, in pieces spread over the recordings

@@ -1,10 +1,10 @@
 """Arguments of the commands."""
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from power_recordings.commands.arguments import add_doubts
-from wattwalk_core.command import Arguments, entry_point
+from wattwalk_core.command import Arguments, entry_point, watt_hours
 from wattwalk_core.console import ending
 from wattwalk_core.engine.options import add_workplace
 from wattwalk_core.errors import InputError
@@ -124,7 +124,7 @@ def budget(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_bags(parser)
     add = parser.add_argument
     add('--model', metavar='MODEL.yaml', help='model of effects (default: one is chosen)')
-    add('--battery', type=_watt_hours, metavar='907Wh', help='give the hours that it lasts')
+    add('--battery', type=watt_hours, metavar='907Wh', help='give the hours that it lasts')
     add(
         '--change',
         default='',
@@ -138,17 +138,6 @@ def budget(parser: ArgumentParser, args: Arguments) -> Namespace:
     add_workplace(parser, 'recordings read')
     add_outputs(parser)
     return parser.parse_args(args)
-
-
-def _watt_hours(text: str) -> float:
-    value, unit = text.rstrip('Whk '), text.lstrip('0123456789.').strip()
-    try:
-        hours = float(value) * {'Wh': 1.0, 'kWh': 1e3, '': 1.0}[unit]
-    except (KeyError, ValueError):
-        raise ArgumentTypeError(f'{text!r}: give watt hours, as 907Wh') from None
-    if not 0.0 < hours < 1e6:
-        raise ArgumentTypeError(f'{text!r} lies outside 0..1000 kWh')
-    return hours
 
 
 @entry_point(

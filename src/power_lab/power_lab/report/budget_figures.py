@@ -1,6 +1,6 @@
 """Pictures of an energy budget: bars, flows, efficiency over torque and speed, gait cycle."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -17,45 +17,16 @@ from wattwalk_core.figures import save_figure, style
 
 from power_lab.budget.account import Account
 from power_lab.budget.budget import Budget
+from power_lab.budget.families import FAMILIES, family_of
 
 Floats = NDArray[np.float64]
 
-FAMILIES: Final[Mapping[str, tuple[str, str, tuple[str, ...]]]] = {
-    'shaft': ('work on the joints', '#0072B2', ('shaft',)),
-    'regeneration': ('given back by the joints', '#56B4E9', ('regeneration',)),
-    'copper': (
-        'copper and cables',
-        '#D55E00',
-        ('copper_loss', 'winding_heating', 'line_resistance'),
-    ),
-    'gear': (
-        'friction, spring and rotor',
-        '#E69F00',
-        (
-            *('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'load_friction'),
-            *('cogging', 'rotor_inertia', 'spring'),
-        ),
-    ),
-    'iron': ('iron', '#F0E442', ('iron_loss', 'field_weakening')),
-    'inverter': ('inverter', '#CC79A7', ('inverter_loss',)),
-    'burnt': ('braking power burnt', '#882255', ('regeneration_efficiency', 'regeneration_limit')),
-    'idle': ('idle', '#009E73', ('idle',)),
-    'electronics': ('electronics', '#A6A6A6', ('electronics',)),
-    'other': ('other effects and meter', '#44AA99', ()),
-    'unexplained': ('unexplained', 'none', ('unexplained',)),
-}
-"""Words, colour for the colour-blind, and effects of each; `other` has all that no family has."""
 _METERED: Final = '#4D4D4D'
 _BINS: Final = 24  # of a gait cycle: strides of half a second have 25 rows
 _CYCLES: Final = (0.2, 3.0)  # s, that a stride lasts
 _LEAST_CYCLES: Final = 5
 _GRID: Final = 60
 _STATES: Final = 1500  # visited states that are drawn
-
-
-def family_of(effect: str) -> str:
-    """The family of a part."""
-    return next((name for name, (_, _, own) in FAMILIES.items() if effect in own), 'other')
 
 
 def drawn(budget: Budget) -> Iterator[tuple[str, str, Figure]]:

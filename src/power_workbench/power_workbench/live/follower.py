@@ -1,6 +1,7 @@
 """Messages of the topics, decoded in blocks, beside the estimate of a model; without ROS."""
 
 from collections.abc import Mapping, Sequence
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +10,19 @@ from power_estimator.effects import load_catalogue
 from power_estimator.live.estimator import Status
 from power_estimator.live.session import MESSAGES, LiveSession, Vector
 from power_estimator.loader import load_model
-from power_recordings.messages.samples import DriveSamples, EstimateSamples, JointSamples
+from power_recordings.messages.samples import (
+    DriveSamples,
+    EstimateSamples,
+    JointSamples,
+    SupplySamples,
+)
 from power_recordings.reading.topic_buffers import TopicBuffer
 from wattwalk_core.errors import InputError
+from wattwalk_core.recent_power import RecentBudget, RecentMean, parts_of
 
 from power_workbench.live.rolling import PowerRows, RollingPower
 
-TOPICS = ('drive_supply', 'joint_states', 'joint_commands', 'power_estimate')
+TOPICS = ('drive_supply', 'supply', 'joint_states', 'joint_commands', 'power_estimate')
 """Topics that are followed."""
 _SILENT = 3.0  # s without a message, after which it is said
 _SPAN = 1.0  # s over which a rate is counted
@@ -34,6 +41,8 @@ class LiveFollower:
         self.stamp = 0
         self._started = started
         self._rolling = RollingPower()
+        self._drives, self._supply = RecentMean(), RecentMean()
+        self._reported: tuple[float, Mapping[str, float]] = (-np.inf, {})
         self._spec = self._fault = ''
         self._session: LiveSession | None = None
         self._status = Status.WARMING_UP
@@ -57,6 +66,10 @@ class LiveFollower:
             return
         self._session = LiveSession(model)
 
+    def report(self, figures: Mapping[str, str], now: float) -> None:
+        """Take the budget that the estimator of `power_estimate` reports."""
+        self._reported = now, parts_of(figures)
+
     def news(self, now: float) -> dict[str, Any]:
         """Decode what has come, and return the rows and the state of the topics."""
         drained = {topic: buffer.drain()[1] for topic, buffer in self.buffers.items()}
@@ -65,6 +78,10 @@ class LiveFollower:
             self.stamp = int(measured.stamp_ns[-1])
             power = np.where(measured.good, measured.power, np.nan).astype(np.float64)
             self._rolling.measured(measured.names, measured.stamp_ns, power)
+            self._drives.add(measured.stamp_ns, power.sum(axis=1))
+        supply = drained['supply']
+        if isinstance(supply, SupplySamples) and len(supply):
+            self._supply.add(supply.stamp_ns, supply.power)
         if self._session is not None:
             try:
                 self._estimate(measured, drained['joint_commands'], drained['joint_states'], now)
@@ -72,7 +89,7 @@ class LiveFollower:
                 self._session, self._fault = None, str(error)
         elif not self._spec and isinstance(published, EstimateSamples):
             self._take_published(published, now)
-        return {**_content(self._rolling.rows()), **self._state(now)}
+        return {**_content(self._rolling.rows()), **self._state(now), 'budget': self._budget(now)}
 
     def _estimate(self, supply: Any, commands: Any, states: Any, now: float) -> None:
         session = self._session
@@ -100,6 +117,21 @@ class LiveFollower:
         if len(published):
             self._model_on_topic, self._estimated = published.model[-1], now
             self._status = Status(min(int(published.status[-1]), 3))
+
+    def _budget(self, now: float) -> dict[str, Any]:
+        """Parts of the power of the last ten seconds, W, and what was metered."""
+        at, model = self._reported
+        if self._spec:
+            model = {} if self._session is None else self._session.budget.parts
+        elif now - at > _SILENT:
+            model = {}
+        metered = (
+            nan if self._silence(topic, now) else mean.value
+            for topic, mean in (('drive_supply', self._drives), ('supply', self._supply))
+        )
+        found = RecentBudget.of(model, *metered)
+        watts = round(found.metered, 3) if isfinite(found.metered) else None
+        return {'parts': {n: round(w, 3) for n, w in found.parts.items()}, 'metered_w': watts}
 
     def _state(self, now: float) -> dict[str, Any]:
         span = now - self._counted_at

@@ -13,6 +13,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from wattwalk_core.nodes.diagnostics import Level, Report, Reporter
 from wattwalk_core.nodes.polled_topic import PolledTopic
+from wattwalk_core.recent_power import REPORT
 
 from power_workbench.live.follower import TOPICS, LiveFollower
 
@@ -40,7 +41,7 @@ class LiveViewNode(Node):
             topic: PolledTopic[bytes](self, message_class(TYPES[topic]), topic, _QOS, raw=True)
             for topic in TOPICS
         }
-        self.create_subscription(DiagnosticArray, 'diagnostics', self._note_recorder, 10)
+        self.create_subscription(DiagnosticArray, 'diagnostics', self._note_status, 10)
         self._recorder: tuple[float, str] = (-_FORGOTTEN, '')
         self._reporter = Reporter(self, 'live')
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -75,8 +76,10 @@ class LiveViewNode(Node):
     def _report(self, figures: dict[str, str] | None = None) -> None:
         self._reporter.publish(Report(Level.OK, 'following', figures or {}))
 
-    def _note_recorder(self, message: DiagnosticArray) -> None:
+    def _note_status(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            figures = {pair.key: pair.value for pair in status.values}
             if status.name == _RECORDER:
-                bag = next((pair.value for pair in status.values if pair.key == 'bag'), '')
-                self._recorder = (time.monotonic(), bag)
+                self._recorder = (time.monotonic(), figures.get('bag', ''))
+            elif status.name.endswith(REPORT):
+                self._follower.report(figures, time.monotonic())

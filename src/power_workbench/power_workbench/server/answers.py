@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from power_estimator.effects import Catalogue
 from power_estimator.effects.signals.reducer import REDUCED_RATE
+from power_lab.budget.families import FAMILIES
 from power_lab.structure.words import in_words
 from wattwalk_core.errors import InputError
 from wattwalk_core.yaml_file import read_yaml
@@ -40,6 +41,14 @@ def catalogue_content(catalogue: Catalogue) -> list[dict[str, Any]]:
             'excitation': effect.excitation.text,
         }
         for effect in catalogue.physics()
+    ]
+
+
+def families_content() -> list[dict[str, Any]]:
+    """Families of the parts of a budget, with their words and colours."""
+    return [
+        {'name': name, 'words': words, 'color': color, 'effects': effects}
+        for name, (words, color, effects) in FAMILIES.items()
     ]
 
 

@@ -129,6 +129,7 @@ def application(manager: SessionManager) -> Starlette:
                     'logs': manager.folders.logs(),
                     'models': manager.folders.models(),
                     'catalogue': answers.catalogue_content(load_catalogue()),
+                    'families': answers.families_content(),
                     'folders': [str(root) for root in manager.folders.roots],
                 }
             )

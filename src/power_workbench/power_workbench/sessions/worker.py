@@ -147,8 +147,6 @@ class SessionWorker:
 
         Runs in a thread of its own beside the other requests.
         """
-        from power_lab.report.budget_figures import FAMILIES  # slow to import: plots
-
         key = {'source': source, 'spec': spec}
         try:
             lab = Session(Judge(self._load(lambda *_: None, source), source.catalogue()))
@@ -159,11 +157,7 @@ class SessionWorker:
         except Exception as error:
             traceback.print_exc()
             return {**key, 'content': {'error': f'{type(error).__name__}: {error}'}}
-        families = [
-            {'name': name, 'words': words, 'color': color, 'effects': effects}
-            for name, (words, color, effects) in FAMILIES.items()
-        ]
-        more = {'headline': headline(found.account), 'origin': found.origin, 'families': families}
+        more = {'headline': headline(found.account), 'origin': found.origin}
         content = {**found.json(), **more, 'robot': found.account.first, 'refused': found.refused}
         return {**key, 'content': content}
 

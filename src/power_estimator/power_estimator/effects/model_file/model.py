@@ -18,6 +18,7 @@ from power_estimator.effects.signals.prepared import signals_of
 from power_estimator.effects.signals.scale import REFERENCE, DriveScale
 from power_estimator.effects.signals.sizing import with_torque
 from power_estimator.effects.signals.state import Carried, Signals
+from power_estimator.effects.split import split
 from power_estimator.model import Needs, PowerModel
 
 RATE: Final = 400.0  # Hz of the samples that effects multiply, not smoothed
@@ -173,6 +174,38 @@ class EffectModel:
         holds the memory of effects, of data that come block by block. InputError for a model that
         is not fitted.
         """
+        result = np.full(data.torque.shape, np.nan, np.float32)
+        seen = self._seen(data, base, carried)
+        if seen is not None:
+            order, coefficients, signals, layer = seen
+            result[:, order] = evaluate(self.structure, coefficients, signals, layer)
+        return result
+
+    def by_part(
+        self,
+        data: AlignedDataset,
+        *,
+        base: Floats | Singles | None = None,
+        carried: Carried | None = None,
+    ) -> dict[str, Floats]:
+        """Return the power by effect, and of the base model as `base`, W [T, D]; as `predict`."""
+        seen = self._seen(data, base, carried)
+        if seen is None:
+            return {}
+        order, coefficients, signals, layer = seen
+        parts = split(self.structure, coefficients, signals, layer, slopes=False).parts
+        found = {name: np.full(data.torque.shape, np.nan) for name in parts}
+        for name, values in parts.items():
+            found[name][:, order] = values
+        return found
+
+    def _seen(
+        self,
+        data: AlignedDataset,
+        base: Floats | Singles | None,
+        carried: Carried | None,
+    ) -> tuple[list[int], Floats, Signals, BasePower | None] | None:
+        """Columns of the drives that it knows, their coefficients, signals and base power."""
         if not self.fitted:
             raise InputError(
                 f'{self.name}: the model has no coefficients yet; fit it first (ros2 run '
@@ -182,12 +215,11 @@ class EffectModel:
             if self.base_model is None:
                 raise InputError(f'{self.name}: its base model {self.base} is not loaded')
             base = self.base_model.predict(data)
-        result = np.full(data.torque.shape, np.nan, np.float32)
         found = owners(data.names, self.groups)
         order = [column for column, group in enumerate(found) if group is not None]
         members = [group for group in found if group is not None]
         if not members:
-            return result
+            return None
         used = _with_voltage(data.drives([data.names[i] for i in order]), members)
         used = with_torque(
             used,
@@ -204,8 +236,7 @@ class EffectModel:
         if base is not None:
             copper = np.array([group.copper for group in members])
             layer = BasePower(np.asarray(base[:, order], dtype=np.float64), copper)
-        result[:, order] = evaluate(self.structure, self.coefficients(members), signals, layer)
-        return result
+        return order, self.coefficients(members), signals, layer
 
     def value(self, group: DriveGroup, effect: str) -> tuple[FittedValue, ...]:
         """Return the coefficients of an effect; fixed ones have an interval of width 0."""

@@ -61,11 +61,11 @@ function groups() {
   return { every, lists, whole: own(member) };
 }
 
-const family = (effect) => found.families.find((one) => one.effects.includes(effect)) || found.families.find((one) => one.name === 'other');
+const family = (effect) => bench.known.families.find((one) => one.effects.includes(effect)) || bench.known.families.find((one) => one.name === 'other');
 
 /** W by family. */
 function summed(rows) {
-  const out = new Map(found.families.map((one) => [one, 0]));
+  const out = new Map(bench.known.families.map((one) => [one, 0]));
   for (const row of rows) out.set(family(row.effect), out.get(family(row.effect)) + row.mean_w);
   return [...out].filter(([, value]) => value);
 }
@@ -79,7 +79,7 @@ function render() {
   fill(parts.ways,
     by ? choices('Bars by', 'budget-by', Object.keys(lists).map((way) => ({ value: way, label: way })), by, (way) => { by = way; render(); }) : null,
     names.length > 1 ? h('label', {}, 'flows and parts of ', h('select', { onchange: (event) => { member = event.target.value; render(); } }, names.map((name) => h('option', { value: name, selected: name === member }, name)))) : null);
-  bars(by ? lists[by] : [[member, whole]]);
+  stacked(parts.bars, parts.legend, `Mean power by ${by || 'part'}`, by ? lists[by] : [[member, whole]]);
   flow(whole);
   levers();
   table(whole);
@@ -88,14 +88,15 @@ function render() {
   fill(parts.more, pictures(parts.bars, 'budget', 'Bars', () => ({ showlegend: true })), pictures(parts.flow, 'flow', 'Flows'), h('button', { type: 'button', onclick: csv }, 'CSV'), command(bench.state.commands.budget));
 }
 
-function bars(list) {
+/** Stacked bars of names with their parts { effect, mean_w }; legend says what is what. */
+export function stacked(node, legend, title, list) {
   const labels = list.map(([name]) => name);
   const sums = list.map(([, rows]) => new Map(summed(rows)));
   const metered = list.map(([, rows]) => rows.reduce((sum, row) => sum + row.mean_w, 0));
-  const seen = found.families.filter((one) => sums.some((own) => Math.abs(own.get(one) || 0) > 1e-3));
-  fill(parts.legend, seen.map((one) => { const key = h('i'); key.style.background = one.name === 'unexplained' ? 'var(--faint)' : one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
-  parts.bars.style.height = `${5.5 + 2.1 * list.length}rem`;
-  draw(parts.bars, `Mean power by ${by || 'part'}: ${labels.map((name, index) => `${name} ${watts(metered[index])}`).join(', ')}.`, () => [[
+  const seen = bench.known.families.filter((one) => sums.some((own) => Math.abs(own.get(one) || 0) > 1e-3));
+  fill(legend, seen.map((one) => { const key = h('i'); key.style.background = one.name === 'unexplained' ? 'var(--faint)' : one.color; return h('li', {}, key, one.words); }), h('li', {}, h('b', {}), 'metered'));
+  node.style.height = `${5.5 + 2.1 * list.length}rem`;
+  draw(node, `${title}: ${labels.map((name, index) => `${name} ${watts(metered[index])}`).join(', ')}.`, () => [[
     ...seen.map((one) => ({
       type: 'bar', orientation: 'h', y: labels, x: sums.map((own) => own.get(one) || 0), name: one.words,
       marker: { color: unlike(one.name) || one.color, pattern: one.name === 'unexplained' ? { shape: '/', size: 6 } : undefined }, hovertemplate: `%{y}: %{x:.3~g} W<extra>${one.words}</extra>`,

@@ -1,6 +1,7 @@
-// Live: measured power, the model's estimate and their difference while nodes run; notes.
+// Live: measured power, the model's estimate and their difference, the budget of the last seconds; notes.
 
-import { attempt, bench, choices, fill, find, h, number, post, watts } from './dom.js';
+import { stacked } from './budget.js';
+import { attempt, bench, choices, fill, find, h, number, post, quantity, watts } from './dom.js';
 import { modelFiles, shortened } from './model.js';
 import { color, draw } from './plot.js';
 
@@ -15,6 +16,7 @@ let model = '';
 let picked = false;
 let wanted = false;
 let due = 0;
+let battery = null; // Wh that are left, and when
 
 export function start() {
   const follow = h('button', { type: 'button', class: 'main', 'aria-pressed': 'false', onclick: () => { wanted = !wanted; connect(); } }, 'Follow the running robot');
@@ -24,13 +26,19 @@ export function start() {
   const drives = h('div', { id: 'live-drives' });
   const now = h('p', { class: 'verdict', id: 'live-now' });
   const plot = h('div', { class: 'plot traces', id: 'plot-live' });
+  const goes = h('div', { class: 'plot', id: 'plot-live-budget' });
+  const legend = h('ul', { class: 'legend' });
+  const hours = h('span', { id: 'live-hours' });
+  const charge = h('input', { type: 'number', min: 0, step: 'any', 'aria-label': 'Energy in the battery now, in Wh', oninput: (event) => { battery = event.target.value === '' ? null : { left: Number(event.target.value), at: performance.now() }; lasting(); } });
+  const budget = h('div', {}, h('h3', {}, 'Where the power goes'), h('p', { class: 'faint' }, 'Means of the last ten seconds.'), legend, goes,
+    h('div', { class: 'row' }, h('label', {}, 'In the battery now ', charge, ' Wh'), hours));
   const bars = h('div', { class: 'plot', id: 'plot-live-bars' });
   const heard = h('p', { class: 'faint', id: 'live-heard' });
   const text = h('input', { type: 'text', id: 'live-note', maxlength: 500, 'aria-label': 'Note', placeholder: 'left foot slipped' });
   const kept = h('p', { class: 'faint', id: 'live-kept', role: 'status' });
   const mark = h('form', { class: 'row', onsubmit: note }, text, h('button', { type: 'submit' }, 'Put a note with its time'));
-  parts = { follow, pick, said, body, drives, now, plot, bars, heard, text, kept };
-  fill(body, drives, now, plot, h('h3', {}, 'Drives'), h('p', { class: 'faint' }, 'Means of the last second.'), bars, h('h3', {}, 'Note'), mark, kept, heard);
+  parts = { follow, pick, said, body, drives, now, plot, budget, goes, legend, hours, bars, heard, text, kept };
+  fill(body, drives, now, plot, budget, h('h3', {}, 'Drives'), h('p', { class: 'faint' }, 'Means of the last second.'), bars, h('h3', {}, 'Note'), mark, kept, heard);
   fill(find('live-body'), h('div', { class: 'row' }, follow, h('label', {}, 'beside ', pick)), said, body);
   document.addEventListener('visibilitychange', connect);
   update();
@@ -117,6 +125,7 @@ function render() {
   if (said.map(plain).join('\n') !== shown.map(plain).join('\n')) fill(parts.said, said.map((text) => h('p', {}, text)));
   changed(parts.heard, `Heard: ${Object.entries(state.heard).filter(([, one]) => one.age != null).map(([topic, one]) => `${topic} ${number(one.rate)} Hz`).join(', ') || 'nothing yet'}.`
     + (state.recorder ? ` Recording to ${state.recorder}.` : ' Nothing is recorded.'));
+  goes();
   const none = !rows.t.length;
   for (const node of [parts.drives, parts.now, parts.plot, parts.bars]) node.hidden = none;
   if (none) return;
@@ -130,6 +139,24 @@ function render() {
   changed(parts.now, `${drive}: measured ${watts(measured)}${estimate == null ? '' : `, model ${watts(estimate)}, error ${watts(estimate - measured)}`}`);
   traces(index, estimate != null || rows.estimate[index].some((value) => value != null));
   levels();
+}
+
+/** Parts of the power of the last ten seconds, and how long the battery lasts at it. */
+function goes() {
+  const found = Object.entries(state.budget.parts).map(([effect, mean_w]) => ({ effect, mean_w }));
+  parts.budget.hidden = !found.length;
+  if (!found.length) return;
+  stacked(parts.goes, parts.legend, 'Mean power of the last ten seconds', [['', found]]);
+  lasting();
+}
+
+function lasting() {
+  const metered = state && state.budget.metered_w;
+  if (battery && metered != null) {
+    const now = performance.now();
+    battery = { left: Math.max(battery.left - (metered * (now - battery.at)) / 3.6e6, 0), at: now };
+  }
+  changed(parts.hours, battery && metered > 0 ? `${quantity(battery.left / metered, 'h')} left at ${watts(metered)}` : '');
 }
 
 function traces(index, two) {

@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from wattwalk_core.arrays import Floats
+
 from power_estimator.effects import Signals
 from power_estimator.effects.fit.design import (
     Active,
@@ -13,7 +15,6 @@ from power_estimator.effects.fit.design import (
     estimates,
     weighted,
 )
-from wattwalk_core.arrays import Floats
 
 SHAFT, BASE = 'shaft', 'base'
 
@@ -50,12 +51,26 @@ def split(
     *,
     slopes: bool = True,
 ) -> Split:
-    """Split the power of a model with coefficients [D, m] by effect."""
-    done = estimates(structure, coefficients, signals, base)
+    """
+    Split the power of a model with coefficients [D, m] by effect.
+
+    Regressors that its power is made of are computed once; without slopes it costs what
+    `evaluate` does.
+    """
+    kept: dict[str, Floats] = {}
+
+    def keep(active: Active, seen: Signals) -> Floats:
+        kept[active.name] = active.columns(seen)
+        return kept[active.name]
+
+    def columns_of(active: Active, seen: Signals) -> Floats:
+        return kept[active.name] if active.name in kept else active.columns(seen)
+
+    done = estimates(structure, coefficients, signals, base, keep)
     found = _Collected(structure, slopes)
     for active in structure.actives:
         if active.effect.fixed is not None:
-            found.parts[active.name] = active.effect.fixed * active.columns(signals)[..., 0]
+            found.parts[active.name] = active.effect.fixed * kept[active.name][..., 0]
     pairs = by_effect(structure, coefficients)
     slope_of = {
         active.name: slope
@@ -74,16 +89,16 @@ def split(
             if active.effect.acts_on != 'torque':
                 continue
             if ('motor_torque' in active.effect.follows) is follows:
-                columns = active.columns(before)
+                columns = columns_of(active, before)
                 torque += weighted(columns, own)
                 found.put(active, own, columns * done.motor_velocity[..., None])
                 found.add_slopes(active, columns, slope_of)
         before = replace(done, motor_torque=done.torque + torque)
     for active, own in pairs:
         if active.effect.acts_on == 'speed':
-            found.put(active, own, active.columns(signals) * signals.torque[..., None])
+            found.put(active, own, columns_of(active, signals) * signals.torque[..., None])
         elif active.effect.acts_on == 'power':
-            found.put(active, own, active.columns(done))
+            found.put(active, own, columns_of(active, done))
     return Split(found.parts, found.slopes)
 
 

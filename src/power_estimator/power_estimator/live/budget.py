@@ -1,0 +1,75 @@
+"""Energy budget of the last seconds of a live estimate."""
+
+from collections import deque
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from wattwalk_core.arrays import Floats
+from wattwalk_core.recent_power import SECONDS, budget_figures
+
+from power_estimator.effects.split import SHAFT
+from power_estimator.live.estimator import Estimate, Status
+
+REGENERATION: Final = 'regeneration'
+_SECOND: Final = 1_000_000_000  # ns
+
+
+class LiveBudget:
+    """
+    Mean power of all drives by part, over the last ten seconds of estimates.
+
+    What a drive's shaft gave back is regeneration, negative. Estimates that cannot be relied on
+    are left out; it begins anew where they stop or go back in time.
+    """
+
+    def __init__(self) -> None:
+        self._names: tuple[str, ...] = ()
+        self._rows: deque[tuple[int, Floats]] = deque()
+        self._sum: Floats = np.zeros(0)
+
+    def take(self, estimate: Estimate) -> None:
+        """Take an estimate that follows the others."""
+        if estimate.status is Status.INPUT_STALE:
+            self._rows.clear()
+        if estimate.status is not Status.OK or not estimate.parts:
+            return
+        names = (*estimate.parts, *([REGENERATION] if SHAFT in estimate.parts else []))
+        watts = [float(np.nansum(power)) for power in estimate.parts.values()]
+        if SHAFT in estimate.parts:
+            back = float(np.minimum(np.nan_to_num(estimate.parts[SHAFT]), 0.0).sum())
+            watts[names.index(SHAFT)] -= back
+            watts.append(back)
+        row = np.array(watts, np.float64)
+        if names != self._names or (self._rows and estimate.stamp < self._rows[-1][0]):
+            self._names = names
+            self._rows.clear()
+        if not self._rows:
+            self._sum = np.zeros(len(names))
+        self._rows.append((estimate.stamp, row))
+        self._sum += row
+        while estimate.stamp - self._rows[0][0] >= SECONDS * _SECOND:
+            self._sum -= self._rows.popleft()[1]
+
+    @property
+    def seconds(self) -> float:
+        """Time from the first to the last estimate that counts, s."""
+        return (self._rows[-1][0] - self._rows[0][0]) / _SECOND if self._rows else 0.0
+
+    @property
+    def parts(self) -> Mapping[str, float]:
+        """W by part, the largest first; empty before the first estimate."""
+        if not self._rows:
+            return {}
+        means = dict(zip(self._names, (self._sum / len(self._rows)).tolist(), strict=True))
+        return dict(sorted(means.items(), key=lambda item: -item[1]))
+
+    def report(self) -> tuple[str, dict[str, str]]:
+        """Return a sentence, and the mean power by part as figures."""
+        parts = self.parts
+        if not parts:
+            return 'no estimates yet', {}
+        total = sum(parts.values())
+        largest = [f'{name.replace("_", " ")} {watts:.1f} W' for name, watts in parts.items()]
+        sentence = f'{total:.1f} W in the last {self.seconds:.0f} s: {", ".join(largest[:3])}'
+        return sentence, budget_figures(parts)

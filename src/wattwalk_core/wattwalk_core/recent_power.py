@@ -1,0 +1,105 @@
+"""Power of the last seconds: means of what is metered, and its parts with what is left over."""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite, nan
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+SECONDS: Final = 10.0
+"""s that a budget covers."""
+REPORT: Final = ': budget'
+"""End of the name under which an estimator reports its budget on `diagnostics`."""
+_UNIT: Final = ' [W]'
+_SHOWN: Final = 0.05  # W, of a part at least
+_SECOND: Final = 1_000_000_000  # ns
+
+
+class RecentMean:
+    """
+    Mean of the samples of the last seconds by their stamps, NaN before the first.
+
+    Samples come in blocks, and leave as such. A block that goes back in time begins anew.
+    """
+
+    def __init__(self, seconds: float = SECONDS) -> None:
+        self.seconds = seconds
+        self._blocks: deque[tuple[int, float, int]] = deque()  # last stamp, sum, count
+
+    def add(self, stamp_ns: NDArray[np.int64], values: NDArray[np.floating]) -> None:
+        """Add samples [N] in the order of their stamps; those that are not finite do not count."""
+        known = np.isfinite(values)
+        if not known.any():
+            return
+        last = int(stamp_ns[-1])
+        if self._blocks and last < self._blocks[-1][0]:
+            self._blocks.clear()
+        self._blocks.append((last, float(values[known].sum(dtype=np.float64)), int(known.sum())))
+        while last - self._blocks[0][0] >= self.seconds * _SECOND:
+            self._blocks.popleft()
+
+    @property
+    def value(self) -> float:
+        """The mean, in the unit of the samples."""
+        count = sum(count for *_, count in self._blocks)
+        return sum(total for _, total, _ in self._blocks) / count if count else nan
+
+
+def budget_figures(parts: Mapping[str, float]) -> dict[str, str]:
+    """Parts in W as figures of a report, `PART [W]`."""
+    return {f'{name}{_UNIT}': f'{watts:.3f}' for name, watts in parts.items()}
+
+
+def parts_of(figures: Mapping[str, str]) -> dict[str, float]:
+    """Parts in W from the figures of a report; what is no number is left out."""
+    found = {}
+    for name, value in figures.items():
+        if name.endswith(_UNIT):
+            try:
+                found[name.removesuffix(_UNIT)] = float(value)
+            except ValueError:
+                continue
+    return found
+
+
+@dataclass(frozen=True)
+class RecentBudget:
+    """Mean power by part, W, the largest first, and what they are parts of."""
+
+    parts: Mapping[str, float]
+    metered: float  # W of the supply, of the drives where no supply is metered
+
+    @classmethod
+    def of(cls, model: Mapping[str, float], drives: float, supply: float) -> 'RecentBudget':
+        """
+        Parts of a model with what it leaves unexplained and the electronics.
+
+        model: W by part, empty without one; drives and supply: metered, W, NaN where not known.
+        """
+        metered = supply if isfinite(supply) else drives
+        of_drives = drives if isfinite(drives) else supply
+        rest = {
+            'unexplained' if model else 'drives': of_drives - sum(model.values()),
+            'electronics': supply - drives,
+        }
+        parts = dict(model) | {name: watts for name, watts in rest.items() if isfinite(watts)}
+        return cls(dict(sorted(parts.items(), key=lambda item: -item[1])), metered)
+
+    def hours(self, battery: float) -> float:
+        """Time in h that a battery lasts that holds so many Wh; NaN where it is not known."""
+        return max(battery, 0.0) / self.metered if self.metered > 0.0 else nan
+
+    def words(self, width: int) -> str:
+        """As many parts as fit into a width, with their share of what is metered."""
+        items = [
+            f'{name.replace("_", " ")} {watts:.1f} W'
+            + (f' {watts / self.metered:.0%}' if self.metered > 0.0 else '')
+            for name, watts in self.parts.items()
+            if abs(watts) >= _SHOWN
+        ]
+        while len(items) > 1 and len(', '.join(items)) > width:
+            items.pop()
+        return ', '.join(items)
