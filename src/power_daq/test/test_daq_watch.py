@@ -147,7 +147,7 @@ def test_the_budget_of_ten_seconds_and_the_hours_left_stand_below_the_energy():
     )
     assert view.hours == pytest.approx((10.0 - 200.0 / 3600.0) / 200.0)
     text = line(view, '12:00:00')
-    assert 'in 10 s: electronics 176.0 W 88%, copper loss 15.0 W 8%' in text
+    assert 'in 10 s: electronics 176.0 W 88 %, copper loss 15.0 W 8 %' in text
     assert 'battery 0.05 h left' in text
     assert 'copper loss' not in line(state.view(4.0), '12:00:03'), 'the report is old'
 

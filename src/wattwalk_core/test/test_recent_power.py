@@ -34,8 +34,9 @@ def test_what_the_model_leaves_is_unexplained_and_what_the_drives_leave_is_elect
     ]
     assert budget.metered == sum(budget.parts.values()) == 100.0
     assert budget.hours(200.0) == 2.0
-    assert budget.words(50) == 'electronics 40.0 W 40%, copper loss 30.0 W 30%'
-    assert budget.words(40) == 'electronics 40.0 W 40%'
+    left = 'unexplained 10.0 W 10 %'
+    assert budget.words(80) == f'electronics 40.0 W 40 %, copper loss 30.0 W 30 %, {left}'
+    assert budget.words(60) == f'electronics 40.0 W 40 %, {left}'
 
 
 def test_without_a_model_drives_and_electronics_are_the_parts():

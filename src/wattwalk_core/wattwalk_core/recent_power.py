@@ -13,6 +13,7 @@ SECONDS: Final = 10.0
 """s that a budget covers."""
 REPORT: Final = ': budget'
 """End of the name under which an estimator reports its budget on `diagnostics`."""
+UNEXPLAINED: Final = 'unexplained'
 _UNIT: Final = ' [W]'
 _SHOWN: Final = 0.05  # W, of a part at least
 _SECOND: Final = 1_000_000_000  # ns
@@ -82,7 +83,7 @@ class RecentBudget:
         metered = supply if isfinite(supply) else drives
         of_drives = drives if isfinite(drives) else supply
         rest = {
-            'unexplained' if model else 'drives': of_drives - sum(model.values()),
+            UNEXPLAINED if model else 'drives': of_drives - sum(model.values()),
             'electronics': supply - drives,
         }
         parts = dict(model) | {name: watts for name, watts in rest.items() if isfinite(watts)}
@@ -93,13 +94,16 @@ class RecentBudget:
         return max(battery, 0.0) / self.metered if self.metered > 0.0 else nan
 
     def words(self, width: int) -> str:
-        """As many parts as fit into a width, with their share of what is metered."""
-        items = [
-            f'{name.replace("_", " ")} {watts:.1f} W'
-            + (f' {watts / self.metered:.0%}' if self.metered > 0.0 else '')
-            for name, watts in self.parts.items()
-            if abs(watts) >= _SHOWN
-        ]
-        while len(items) > 1 and len(', '.join(items)) > width:
+        """As many parts as fit into a width, with their shares; what is unexplained is the last."""
+        seen = {name: watts for name, watts in self.parts.items() if abs(watts) >= _SHOWN}
+        last = [self._part(UNEXPLAINED)] if UNEXPLAINED in seen else []
+        items = [self._part(name) for name in seen if name != UNEXPLAINED]
+        while len(items) > 1 and len(', '.join([*items, *last])) > width:
             items.pop()
-        return ', '.join(items)
+        return ', '.join([*items, *last])
+
+    def _part(self, name: str) -> str:
+        words = f'{name.replace("_", " ")} {self.parts[name]:.1f} W'
+        if self.metered > 0.0:
+            words += f' {100.0 * self.parts[name] / self.metered:.0f} %'
+        return words
