@@ -94,7 +94,7 @@ class RecentBudget:
         return max(battery, 0.0) / self.metered if self.metered > 0.0 else nan
 
     def words(self, width: int) -> str:
-        """As many parts as fit into a width, with their shares; what is unexplained is the last."""
+        """As many parts as fit into a width, with shares; what is unexplained is the last."""
         seen = {name: watts for name, watts in self.parts.items() if abs(watts) >= _SHOWN}
         last = [self._part(UNEXPLAINED)] if UNEXPLAINED in seen else []
         items = [self._part(name) for name in seen if name != UNEXPLAINED]
