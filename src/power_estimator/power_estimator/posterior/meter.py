@@ -286,12 +286,17 @@ class MeterProblem:
 
 
 def apart(
-    columns: EffectColumns, used: NDArray[np.bool_], places: slice, names: Sequence[str]
+    columns: EffectColumns,
+    used: NDArray[np.bool_],
+    places: slice,
+    names: Sequence[str],
+    *,
+    gain: bool = True,
 ) -> Floats:
-    """Columns of an effect less what others by name and the meter's gain can take over [N, n]."""
+    """Columns of an effect less what others by name, and the meter's gain, take over [N, n]."""
     taken = columns.places_of(names)
     taken = taken[(taken < places.start) | (taken >= places.stop)]
-    base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, :1]], axis=1)
+    base = np.concatenate([columns.effects[:, taken], columns.nuisance[:, : int(gain)]], axis=1)
     return less(columns.effects[:, places], base, used)
 
 

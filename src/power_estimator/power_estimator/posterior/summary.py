@@ -105,15 +105,17 @@ def summarised(
         ratio = min(size / max(own_w, 1e-12), _MOST_MISFIT)
         return 1.0 + MISFIT * ratio * random.standard_t(_TAILS, size=(len(drawn), 1))
 
+    # A gain has a narrow prior: it cannot take over all of the copper loss of a stall.
+    of_effects = _explains(columns, meter, drawn[:, :count], known, gain=False)
     coefficients = {}
     for active in actives:
         own = values[:, columns.places(active)]
-        own = own * misfit(float(np.median(explains[active.name])))
+        own = own * misfit(float(np.median(of_effects[active.name])))
         lower = np.array([term.lower for term in active.effect.terms])
         coefficients[active.name] = np.where(lower >= 0, np.maximum(own, 0.0), own)
     friction = None
     if columns.friction[:count].any():
-        together = [float(np.median(v)) for name, v in explains.items() if name in FRICTIONS]
+        together = [float(np.median(v)) for name, v in of_effects.items() if name in FRICTIONS]
         friction = (drawn @ columns.friction) * misfit(float(np.hypot.reduce(together)))[:, 0]
     return MeterSummary(
         coefficients,
@@ -137,13 +139,18 @@ def by_cause(parts: Floats, causes: Sequence[str]) -> Mapping[str, float]:
 
 
 def _explains(
-    columns: EffectColumns, meter: MeterProblem, drawn: Floats, known: Sequence[str]
+    columns: EffectColumns,
+    meter: MeterProblem,
+    drawn: Floats,
+    known: Sequence[str],
+    *,
+    gain: bool = True,
 ) -> Mapping[str, Floats]:
-    """W rms [s] of each effect that known effects and a meter's scale cannot take over."""
+    """W rms [s] of each effect that known effects, and the meter's gain, cannot take over."""
     out = {}
     for active in columns.actives:
         places = columns.places(active)
-        own = apart(columns, meter.used, places, known)[meter.used]
+        own = apart(columns, meter.used, places, known, gain=gain)[meter.used]
         gram = own.T @ own / len(own)
         weights = drawn[:, places]
         out[active.name] = np.sqrt(np.maximum(np.einsum('si,ij,sj->s', weights, gram, weights), 0))
