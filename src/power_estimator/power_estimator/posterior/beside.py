@@ -1,4 +1,4 @@
-"""What each effect that is not in the most probable set would explain beside it."""
+"""Watts that each effect outside the most probable set would explain beside it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

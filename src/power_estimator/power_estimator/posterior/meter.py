@@ -94,7 +94,7 @@ class MeterProblem:
         self.rms = float(np.sqrt(np.mean(np.square(shown)))) if shown.size else 1.0
 
     def drawn(self, point: Point) -> Floats:
-        """What the drive draws by the effects of a point, W [T, D]."""
+        """Power that the drive draws by the effects of a point, W [T, D]."""
         structure = Structure((*self.fixed, *(active for active, _ in point.values())))
         values = np.concatenate([own for _, own in point.values()] or [np.empty(0)])
         return self.builder.point(structure, values[None]).signals.drawn

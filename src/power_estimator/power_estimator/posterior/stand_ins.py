@@ -95,7 +95,7 @@ def judged_set(
 
 
 def ratio_of(own: Floats, left: Floats) -> float:
-    """What an effect explains over the discrepancy, both W rms by meter [M]: rms over meters."""
+    """Watts of an effect over the discrepancy, both W rms by meter [M]: rms over meters."""
     return rms(np.minimum(own / left, _MOST_RATIO))
 
 

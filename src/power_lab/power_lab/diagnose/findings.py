@@ -96,7 +96,7 @@ class Residual:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the posterior finds, and held-out errors without it and with what it names."""
+    """Findings of the posterior, and held-out errors without and with what it names."""
 
     found: JudgedEffects
     prepared: Prepared
@@ -142,7 +142,7 @@ class Diagnosis:
 
     @property
     def uncertain(self) -> Candidate | None:
-        """Where no effect may be named, that which lowers the held-out error most, if by much."""
+        """Return, where no effect may be named, that which lowers the held-out error most, if by much."""
         if self.verdict != 'none_of_the_above':
             return None
         error = float(np.sqrt(self.base.mean_mse.mean()))

@@ -66,7 +66,7 @@ class Past:
 
 @dataclass(frozen=True)
 class OtherDrives:
-    """What the other drives of a robot return to the bus together, and draw, W [T, 1]."""
+    """Power that the other drives of a robot return to the bus together, and draw, W [T, 1]."""
 
     returned: Floats
     drawn: Floats
