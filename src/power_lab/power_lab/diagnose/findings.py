@@ -142,7 +142,7 @@ class Diagnosis:
 
     @property
     def uncertain(self) -> Candidate | None:
-        """Return, where no effect may be named, that which lowers the held-out error most, if by much."""
+        """Return the effect that lowers the held-out error most and much, where none is named."""
         if self.verdict != 'none_of_the_above':
             return None
         error = float(np.sqrt(self.base.mean_mse.mean()))

@@ -32,7 +32,7 @@ def residual(
     found: JudgedEffects, base: Evidence, best: Evidence, prepared: Prepared
 ) -> Residual | None:
     """
-    What the model with its names misses.
+    Error that stays with the names.
 
     None below what a good sensor's scale is off by, of the rms power: on average over the meters,
     or twice that on one alone.
