@@ -136,7 +136,7 @@ class OfLog:
         hidden += [f'{self.left_out} left out'] if self.left_out else []
         return {
             'family': f'log {self.log}',
-            'developed': False,
+            'developed': True,  # some were in view when the procedure was made
             'motion': self.log,
             'seconds': round(len(data.time) / data.rate),
             'drives': len(data.names),
