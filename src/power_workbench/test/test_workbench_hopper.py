@@ -70,9 +70,9 @@ def hopped(tmp_path_factory):
     }
 
 
-def test_the_page_names_the_loss_of_the_hoppers_inverters_beside_what_nothing_explains(hopped):
+def test_the_page_names_the_loss_of_the_hoppers_inverters_and_what_it_is_worth(hopped):
     assert 'inverter loss is missing' in hopped['verdict'].lower()
-    assert 'no known effect explains' in hopped['verdict']
+    assert 'falls from' in hopped['verdict']
     assert 'rms inside against' in hopped['box']
     assert hopped['complaints'] == []
 

@@ -101,8 +101,10 @@ def test_a_log_is_looked_into_corrected_previewed_imported_and_opened(
         page.get_by_label('Name of DRIVE').fill('KNEE')
         page.get_by_label('Name of DRIVE').press('Tab')
         page.get_by_label('KNEE torque: at').select_option(label='of the motor')
-        page.get_by_role('button', name='Preview in SI units').click()
         voltage = page.get_by_label('KNEE voltage: column')
+        assert voltage.input_value() == 'bus_voltage_V', 'a constant voltage is a voltage'
+        voltage.fill('')
+        page.get_by_role('button', name='Preview in SI units').click()
         page.locator('#log-error', has_text='current without voltage').wait_for()
         assert voltage.get_attribute('aria-invalid') == 'true'
         voltage.fill('= 24')
