@@ -16,6 +16,7 @@ let model = '';
 let picked = false;
 let wanted = false;
 let due = 0;
+let accounted = 0;
 let battery = null; // Wh that are left, and when
 
 export function start() {
@@ -125,7 +126,7 @@ function render() {
   if (said.map(plain).join('\n') !== shown.map(plain).join('\n')) fill(parts.said, said.map((text) => h('p', {}, text)));
   changed(parts.heard, `Heard: ${Object.entries(state.heard).filter(([, one]) => one.age != null).map(([topic, one]) => `${topic} ${number(one.rate)} Hz`).join(', ') || 'nothing yet'}.`
     + (state.recorder ? ` Recording to ${state.recorder}.` : ' Nothing is recorded.'));
-  goes();
+  if (performance.now() > accounted + 1000) goes();
   const none = !rows.t.length;
   for (const node of [parts.drives, parts.now, parts.plot, parts.bars]) node.hidden = none;
   if (none) return;
@@ -143,10 +144,11 @@ function render() {
 
 /** Parts of the power of the last ten seconds, and how long the battery lasts at it. */
 function goes() {
+  accounted = performance.now();
   const found = Object.entries(state.budget.parts).map(([effect, mean_w]) => ({ effect, mean_w }));
   parts.budget.hidden = !found.length;
   if (!found.length) return;
-  stacked(parts.goes, parts.legend, 'Mean power of the last ten seconds', [['', found]]);
+  stacked(parts.goes, parts.legend, 'Mean power of the last ten seconds', [['power', found]]);
   lasting();
 }
 
